@@ -6,7 +6,7 @@ from typing import Any
 
 
 def __getattr__(name: str) -> Any:
-    """Load `fit` when it is asked for: it takes seconds, the package must not."""
+    """Import `fit` on first access, because its import takes seconds."""
     if name == "fit":
         from starling.calibration.fit_sensor import fit
 

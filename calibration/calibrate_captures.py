@@ -1,4 +1,4 @@
-"""The work of `starling calibrate`: captures and a sensor in, a calibrated sensor file out."""
+"""Run `starling calibrate`: fit a sensor to captures, write the sensor file and its report."""
 
 from __future__ import annotations
 
@@ -35,48 +35,48 @@ def calibrate_captures(
     free: Sequence[str],
     heldout: Sequence[str] | None = None,
     force: bool = False,
-    asked: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Calibrate a sensor and write it, with its pattern and report in a folder beside it.
+    """Calibrate a sensor; write its file, and its pattern and report to a folder of that name.
 
     Args:
-        captures: capture set or one scene in it.
-        sensor: to start from, with the captures' geometry (see `starling.sim.sensor.resolve`).
-        out: sensor file to write, NAME.toml; NAME/ beside it holds the pattern's images, the dots,
-            report.html, report.json and how they were made.
+        captures: capture set or one of its scenes.
+        sensor: initial sensor, with the captures' geometry (see `starling.sim.sensor.resolve`).
+        out: sensor file to write, NAME.toml. The folder NAME/ next to it gets the pattern's
+            images, the dots, report.html, report.json and a record of the run.
         free: groups to fit (see `starling.calibration.fit_sensor.GROUPS`).
-        heldout: rooms to keep out of the fit; None chooses.
-        force: replace what was written before.
-        asked: more arguments for the record.
-        track: wraps loops that take long.
+        heldout: rooms to exclude from the fit; None selects every fourth room.
+        force: overwrite existing output.
+        options: further command-line options to record, as typed.
+        track: progress callback around long loops.
 
     Returns:
         `{"parameters", "undetermined", "heldout", "seconds", "out", ...}` (see
         `starling.calibration.report.figures.figures`).
 
     Raises:
-        InputError: whatever is wrong with captures, groups or output; nothing is left.
+        InputError: if captures, groups or output are invalid. Partial output is removed.
     """
-    begun = time.perf_counter()
+    start_s = time.perf_counter()
     if out.suffix != ".toml":
         raise errors.refuse("out", "must be a sensor file, NAME.toml", out, "End it in .toml.")
     refuse_taken(out, force=force)
     opened = capture.open_set(captures)
-    beside = out.with_suffix("")
-    refuse_own_input(beside, opened.path)
-    with OutputFolder(beside, force=force) as folder:
+    output_folder = out.with_suffix("")
+    refuse_own_input(output_folder, opened.path)
+    with OutputFolder(output_folder, force=force) as folder:
         patterns_folder = folder.partial
-        found = fit_sensor.fit(
+        calibration = fit_sensor.fit(
             opened.scenes, sensor, free=free, folder=patterns_folder, heldout=heldout, track=track
         )
-        figures = report.figures(found)
+        figures = report.figures(calibration)
         for name in patterns_folder.glob("mirrored-*.png"):
             name.unlink()
-        if found.recovered is not None:
-            folder.write("dots.csv", dots.table(found.recovered, sensor))
+        if calibration.recovered is not None:
+            folder.write("dots.csv", dots.table(calibration.recovered, sensor))
         folder.write("report.json", record.dumps(figures))
-        folder.write("report.html", page.page(found))
+        folder.write("report.html", page.page(calibration))
         folder.write(
             RECORD,
             record.dumps(
@@ -86,7 +86,7 @@ def calibrate_captures(
                         "captures": captures,
                         "free": list(free),
                         "heldout": heldout,
-                        **(asked or {}),
+                        **(options or {}),
                     },
                     "versions": record.versions(),
                     "renderer": backend.renderer(),
@@ -94,26 +94,31 @@ def calibrate_captures(
                 }
             ),
         )
-        calibrated = _relative(found.sensor, patterns_folder, beside.name)
-        folder.write("sensor.toml", presets.dumps(_relative(found.sensor, patterns_folder, "")))
+        calibrated = _relative(calibration.sensor, patterns_folder, output_folder.name)
+        folder.write(
+            "sensor.toml", presets.dumps(_relative(calibration.sensor, patterns_folder, ""))
+        )
     write_file(out, presets.dumps(calibrated).encode(), force=force)
     return {
         **figures,
         "out": str(out),
         "report": str(folder.path / "report.html"),
-        "seconds": round(time.perf_counter() - begun, 3),
+        "seconds": round(time.perf_counter() - start_s, 3),
     }
 
 
 def _relative(sensor: Sensor, folder: Path, prefix: str) -> Sensor:
-    """Name the patterns that lie in `folder` from where the sensor file will be."""
+    """Make the names of patterns in `folder` relative to the sensor file's final location."""
 
-    def near(name: str) -> str:
+    def relative_name(name: str) -> str:
         path = Path(name)
         inside = path.is_absolute() and path.parent == folder.resolve()
         return "/".join(filter(None, (prefix, path.name))) if inside else name
 
     light = sensor.projector
-    emitters = tuple(dataclasses.replace(one, pattern=near(one.pattern)) for one in light.emitters)
-    light = dataclasses.replace(light, pattern=near(light.pattern), emitters=emitters)
+    emitters = tuple(
+        dataclasses.replace(emitter, pattern=relative_name(emitter.pattern))
+        for emitter in light.emitters
+    )
+    light = dataclasses.replace(light, pattern=relative_name(light.pattern), emitters=emitters)
     return dataclasses.replace(sensor, projector=light)

@@ -1,4 +1,4 @@
-"""How much two infrared images agree locally, whatever their brightness: dots and texture."""
+"""Local normalised cross-correlation of infrared images, independent of brightness."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ from starling.patterns.errors import refuse
 
 Array = NDArray[np.float32]
 
-WINDOW_PX = 31  # Side of a window; holds some 25 of a D415's dots, 5 of a D435's.
+WINDOW_PX = 31  # Side of a window; holds about 25 dots of a D415, 5 of a D435.
 STRIDE_PX = 16
-_FAINTEST = 1e-4  # Of the image's largest value: a deviation below is rounding, not contrast.
+# Deviation over the image's largest value; a smaller deviation is rounding.
+_FAINTEST = 1e-4
 
 
 def high_passed(image: NDArray) -> Array:
-    """Subtract the local mean and divide by the local deviation (see `starling.calibration.detail`).
+    """Subtract the local mean and divide by the local deviation.
 
-    Gain and slow shading drop out, and to 1e-3 an offset; where nothing varies the result is 0.
+    `starling.calibration.detail` defines both. The result does not depend on gain, on slow shading
+    and, within 1e-3, on an offset. It is 0 where the image is constant.
 
     Args:
         image: (h, w), any scale, finite.
 
     Returns:
-        (h, w), local mean about 0 and local mean square about 1.
+        (h, w) with local mean about 0 and local mean square about 1.
 
     Raises:
         InputError: if a value is not finite.
@@ -36,7 +38,7 @@ def high_passed(image: NDArray) -> Array:
             "image",
             "must be finite",
             f"{np.count_nonzero(~np.isfinite(image))} pixels that are not",
-            "Fill them and leave them out of `usable`.",
+            "Fill them and exclude them from `usable`.",
         )
     varying = detail.high_passed(image)
     energy = detail.variance(varying)
@@ -47,17 +49,17 @@ def high_passed(image: NDArray) -> Array:
 def local_ncc(first: NDArray, second: NDArray, usable: NDArray[np.bool_]) -> Array:
     """Normalised cross-correlation of two images in windows of 31 x 31 px every 16 px.
 
-    The windows are those whose pixels are all usable: pass pixels away from depth edges
-    (`starling.sim.metrics.depth_edges`), inside both images. In each the means are subtracted, so any
-    gain and offset drop out. A window in which either image is constant scores 0.
+    All pixels of a window must be usable. Pass pixels inside both images and away from depth
+    edges (`starling.sim.metrics.depth_edges`). The score does not depend on gain and offset. A
+    window in which either image is constant scores 0.
 
     Args:
         first: (h, w), usually `high_passed`.
-        second: (h, w), likewise.
-        usable: (h, w) mask; what it leaves out may hold any value, NaN included.
+        second: (h, w), usually `high_passed`.
+        usable: (h, w) mask; images may hold any value outside it, including NaN.
 
     Returns:
-        (n,) in [-1, 1], row by row; n = 0 where no window is usable.
+        (n,) in [-1, 1], row by row; n = 0 if no window is usable.
 
     Raises:
         InputError: if the arrays differ in shape.
@@ -71,16 +73,16 @@ def local_ncc(first: NDArray, second: NDArray, usable: NDArray[np.bool_]) -> Arr
         )
     if min(first.shape) < WINDOW_PX:
         return np.empty(0, np.float32)
-    one = np.where(usable, first, 0).astype(np.float64)
-    other = np.where(usable, second, 0).astype(np.float64)
+    left = np.where(usable, first, 0).astype(np.float64)
+    right = np.where(usable, second, 0).astype(np.float64)
     whole = _means(usable.astype(np.float64)) > 1 - 0.5 / WINDOW_PX**2
-    mean_one, mean_other = _means(one)[whole], _means(other)[whole]
-    square_one, square_other = _means(one * one)[whole], _means(other * other)[whole]
-    variance_one, variance_other = square_one - mean_one**2, square_other - mean_other**2
-    covariance = _means(one * other)[whole] - mean_one * mean_other
-    # Variances this far below the mean square are rounding.
-    varies = (variance_one > 1e-10 * square_one) & (variance_other > 1e-10 * square_other)
-    product = np.where(varies, variance_one * variance_other, 1.0)
+    mean_left, mean_right = _means(left)[whole], _means(right)[whole]
+    square_left, square_right = _means(left * left)[whole], _means(right * right)[whole]
+    variance_left, variance_right = square_left - mean_left**2, square_right - mean_right**2
+    covariance = _means(left * right)[whole] - mean_left * mean_right
+    # A smaller variance is rounding of the mean square.
+    varies = (variance_left > 1e-10 * square_left) & (variance_right > 1e-10 * square_right)
+    product = np.where(varies, variance_left * variance_right, 1.0)
     return np.where(varies, np.clip(covariance / np.sqrt(product), -1, 1), 0).astype(np.float32)
 
 
@@ -92,18 +94,18 @@ def right_in_left(right: NDArray, disparity_px: NDArray) -> tuple[Array, NDArray
         disparity_px: (h, w) x_left - x_right [px] of the left view, NaN where unknown.
 
     Returns:
-        The image (h, w), and the mask (h, w) of pixels whose disparity is known and points into
-        the right image; elsewhere the image repeats the right one's border.
+        The warped image (h, w), and the mask (h, w) of pixels whose disparity is known and points
+        into the right image. Outside the mask the image repeats the border.
     """
     height, width = disparity_px.shape
     known = np.isfinite(disparity_px)
     x = np.arange(width, dtype=np.float32) - np.where(known, disparity_px, 0)
     y = np.broadcast_to(np.arange(height, dtype=np.float32)[:, None], x.shape)
-    # Beyond the border by millions of pixels, remap's own integers overflow.
-    place = np.clip(x, -2 * width, 3 * width).astype(np.float32)
+    # The integers in cv2.remap overflow for coordinates of millions of pixels.
+    map_x = np.clip(x, -2 * width, 3 * width).astype(np.float32)
     warped = cv2.remap(
         np.asarray(right, np.float32),
-        place,
+        map_x,
         np.ascontiguousarray(y),
         cv2.INTER_CUBIC,
         borderMode=cv2.BORDER_REPLICATE,
@@ -112,7 +114,7 @@ def right_in_left(right: NDArray, disparity_px: NDArray) -> tuple[Array, NDArray
 
 
 def _means(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean over every window that lies in the image, (rows, columns) of windows."""
+    """Return the mean over each window inside the image, (rows, columns) of windows."""
     margin = WINDOW_PX // 2
     mean = cv2.boxFilter(image, cv2.CV_64F, (WINDOW_PX, WINDOW_PX))
     return np.asarray(mean, np.float64)[margin:-margin:STRIDE_PX, margin:-margin:STRIDE_PX]

@@ -1,4 +1,4 @@
-"""Fit a sensor to captures: what `starling calibrate` does, without files but the pattern's."""
+"""Fit a sensor to captures. Only a recovered pattern is written to disk."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 
 from starling.calibration import heldout as held
 from starling.calibration import observation, parameters
-from starling.calibration.heldout import Scored
+from starling.calibration.heldout import SceneScore
 from starling.calibration.observation import Observation
 from starling.calibration.pattern import pattern_sensor, pattern_solution, recovery
 from starling.calibration.pattern import views as seeing
-from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.pattern.recovery import RecoveredPattern
 from starling.calibration.plausibility import checks
 from starling.calibration.result import Calibration
 from starling.calibration.solution import Solution
@@ -29,21 +29,21 @@ PHOTOMETRY = "photometry"
 NOISE = "noise"
 WARP = "warp"
 GROUPS = (*parameters.GEOMETRY, PATTERN, PHOTOMETRY, NOISE, WARP)
-WITH_PATTERN = ("baseline", "alignment", "projector", "scale")  # What the pattern's fit frees too.
-_ONE_IN = 4  # Rooms held out where none are named: every fourth, from the last.
+WITH_PATTERN = ("baseline", "alignment", "projector", "scale")  # Free in the pattern fit as well.
+_ONE_IN = 4  # Default: every fourth room is held out.
 
 
 class _Clock:
-    """Seconds of each stage."""
+    """Wall time of each stage [s]."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        begun = time.perf_counter()
+        start_s = time.perf_counter()
         yield
-        self.seconds[name] = round(time.perf_counter() - begun, 2)
+        self.seconds[name] = round(time.perf_counter() - start_s, 2)
 
 
 def fit(
@@ -55,19 +55,21 @@ def fit(
     heldout: Sequence[str] | None = None,
     track: progress.Progress = progress.silent,
 ) -> Calibration:
-    """Fit what is asked for, and score it on rooms that the fit has not seen.
+    """Fit groups of parameters and score the fit on held-out rooms.
 
     Args:
-        scenes: captured by one camera.
-        sensor: to start from, with the captures' intrinsics.
-        free: of `GROUPS`; without infrared, of `starling.calibration.depth.depth_only.GROUPS`.
-        folder: where a recovered pattern's images go.
-        heldout: rooms left out of the fit; every fourth where None, none of one or two rooms.
-        track: wraps loops that take long.
+        scenes: scenes captured by one camera.
+        sensor: initial sensor, with the captures' intrinsics.
+        free: names in `GROUPS`; without infrared, in
+            `starling.calibration.depth.depth_only.GROUPS`.
+        folder: folder for a recovered pattern's images.
+        heldout: rooms to exclude from the fit. None selects every fourth room, the third of three
+            rooms, and no room of one or two.
+        track: progress callback around long loops.
 
     Raises:
-        InputError: captures that cannot be what they claim, unknown groups or rooms, nothing left
-            to fit.
+        InputError: if the captures contradict their metadata, a group or room is unknown, or no
+            room remains to fit.
     """
     clock = _Clock()
     _check_groups(free)
@@ -75,13 +77,15 @@ def fit(
     inside = [scene for scene in scenes if scene.room not in outside]
     rooms = tuple(dict.fromkeys(scene.room for scene in inside))
     with clock.stage("load"):
-        seen = observation.read_all(track(inside, "read"))
-        warnings = checks.check(seen, sensor)  # Before the surfaces, which take longer.
+        read_observations = observation.read_all(track(inside, "read"))
+        warnings = checks.check(
+            read_observations, sensor
+        )  # Checked first: loading surfaces takes longer.
         observations = tuple(
-            observation.with_surface(one, scene, sensor)
-            for one, scene in zip(seen, track(inside, "surfaces"), strict=True)
+            observation.with_surface(item, scene, sensor)
+            for item, scene in zip(read_observations, track(inside, "surfaces"), strict=True)
         )
-    if all(one.left is None for one in observations):
+    if all(item.left is None for item in observations):
         return _from_depth(observations, sensor, free, warnings, rooms, clock, track)
     for group in free:
         errors.one_of("free", group, GROUPS)
@@ -89,7 +93,7 @@ def fit(
     if PATTERN in free:
         with clock.stage(PATTERN):
             recovered = _recovered(observations, sensor, track)
-            metric = all(one.metric for one in observations)
+            metric = all(item.metric for item in observations)
             solutions[PATTERN] = pattern_solution.solution(recovered, sensor, metric=metric)
             fitted = pattern_sensor.with_pattern(sensor, recovered, folder)
     geometry = [
@@ -112,8 +116,8 @@ def fit(
 
         with clock.stage(WARP):
             smooth = [
-                observation.with_surface(one, scene, fitted, smoothing_px=held.SMOOTHING_PX)
-                for one, scene in zip(seen, track(inside, "warp"), strict=True)
+                observation.with_surface(item, scene, fitted, smoothing_px=held.SMOOTHING_PX)
+                for item, scene in zip(read_observations, track(inside, "warp"), strict=True)
             ]
             solutions[WARP] = fit_warp(smooth, fitted)
             fitted = solutions[WARP].sensor
@@ -132,38 +136,42 @@ def fit(
 
 
 def _check_groups(free: Sequence[str]) -> None:
-    """Refuse what no captures have, before they are loaded."""
-    from starling.calibration.depth.depth_only import GROUPS as OF_DEPTH
+    """Refuse an unknown group before the captures are loaded."""
+    from starling.calibration.depth.depth_only import GROUPS as DEPTH_GROUPS
 
     if not free:
         raise errors.refuse("free", "must name a group", "none", f"There are: {', '.join(GROUPS)}.")
     for group in free:
-        if group not in OF_DEPTH:
+        if group not in DEPTH_GROUPS:
             errors.one_of("free", group, GROUPS)
 
 
 def _recovered(
     observations: Sequence[Observation], sensor: Sensor, track: progress.Progress
-) -> Recovered:
-    """Recover the pattern, and once more as its own alignment has the images."""
-    views = [view for one in track(observations, "views") for view in seeing.of(one, sensor)]
+) -> RecoveredPattern:
+    """Recover the pattern, then repeat with the images aligned by the first estimate."""
+    views = [
+        view for item in track(observations, "views") for view in seeing.make_views(item, sensor)
+    ]
     recovered = recovery.recover(views, sensor, track=track)
-    aligned = pattern_sensor.aligned(sensor, recovered.model)
-    views = [view for one in track(observations, "views") for view in seeing.of(one, aligned)]
-    return recovery.again(recovered, views, aligned)
+    aligned = pattern_sensor.with_alignment(sensor, recovered.model)
+    views = [
+        view for item in track(observations, "views") for view in seeing.make_views(item, aligned)
+    ]
+    return recovery.refine(recovered, views, aligned)
 
 
-def _held_out(scenes: Sequence[CapturedScene], asked: Sequence[str] | None) -> tuple[str, ...]:
+def _held_out(scenes: Sequence[CapturedScene], requested: Sequence[str] | None) -> tuple[str, ...]:
     rooms = tuple(dict.fromkeys(scene.room for scene in scenes))
-    if asked is None:
+    if requested is None:
         return rooms[_ONE_IN - 1 :: _ONE_IN] or rooms[2:]
-    for room in asked:
+    for room in requested:
         errors.one_of("heldout", room, rooms)
-    if set(asked) == set(rooms):
+    if set(requested) == set(rooms):
         raise errors.refuse(
-            "heldout", "must leave a room to fit", ", ".join(asked), "Name fewer rooms."
+            "heldout", "must leave a room to fit", ", ".join(requested), "Name fewer rooms."
         )
-    return tuple(asked)
+    return tuple(requested)
 
 
 def _from_depth(
@@ -194,56 +202,60 @@ def _from_depth(
 def _levels(
     observations: Sequence[Observation],
     sensor: Sensor,
-    recovered: Recovered | None,
+    recovered: RecoveredPattern | None,
     free: Sequence[str],
 ) -> dict[str, Solution]:
-    """Fit levels and noise, each scene lit at its own pattern scale."""
+    """Fit image levels and noise; each scene is rendered with its own pattern scale."""
     from starling.calibration.photometry.exposure_level import fit_exposure_level
     from starling.calibration.photometry.noise import fit_noise
     from starling.calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
 
-    asked = PARAMETERS if PHOTOMETRY in free else ()
-    if asked:  # Levels that are held are the start's, as the map is.
-        observations = [_evenly_lit(one) for one in observations]
+    parameters_to_fit = PARAMETERS if PHOTOMETRY in free else ()
+    if parameters_to_fit:  # Held levels come from the initial sensor, and so does the map.
+        observations = [_evenly_lit(item) for item in observations]
     layers = _layers(observations, sensor, recovered)
-    exposures = {one.name: one.exposure for one in observations if one.exposure is not None}
-    levels = fit_photometry(observations, sensor, layers=layers, exposures=exposures, free=asked)
-    out = {PHOTOMETRY: levels.solution} if asked else {}
+    exposures = {item.name: item.exposure for item in observations if item.exposure is not None}
+    levels = fit_photometry(
+        observations, sensor, layers=layers, exposures=exposures, free=parameters_to_fit
+    )
+    solutions = {PHOTOMETRY: levels.solution} if parameters_to_fit else {}
     fitted = levels.solution.sensor
-    exposure = fit_exposure_level(observations, fitted) if asked else None
+    exposure = fit_exposure_level(observations, fitted) if parameters_to_fit else None
     if exposure is not None:
-        out["exposure"], fitted = exposure, exposure.sensor
+        solutions["exposure"], fitted = exposure, exposure.sensor
     if NOISE in free:
-        out[NOISE] = fit_noise(observations, levels.predictions, fitted)
-    return out
+        solutions[NOISE] = fit_noise(observations, levels.predictions, fitted)
+    return solutions
 
 
-def _evenly_lit(one: Observation) -> Observation:
-    """Drop the map of ambient light by place.
+def _evenly_lit(seen: Observation) -> Observation:
+    """Drop the ambient-light map.
 
-    It was told by the same dots under the start's haze, which would fit best whatever it is.
+    The map was estimated with the initial haze; keeping it would bias haze towards its start.
     """
-    if one.scene is None or all(body.ambient_share is None for body in one.scene.bodies):
-        return one
-    bodies = tuple(dataclasses.replace(body, ambient_share=None) for body in one.scene.bodies)
-    return dataclasses.replace(one, scene=dataclasses.replace(one.scene, bodies=bodies))
+    if seen.scene is None or all(body.ambient_share is None for body in seen.scene.bodies):
+        return seen
+    bodies = tuple(dataclasses.replace(body, ambient_share=None) for body in seen.scene.bodies)
+    return dataclasses.replace(seen, scene=dataclasses.replace(seen.scene, bodies=bodies))
 
 
 def _layers(
-    observations: Sequence[Observation], sensor: Sensor, recovered: Recovered | None
+    observations: Sequence[Observation], sensor: Sensor, recovered: RecoveredPattern | None
 ) -> Mapping[str, Layers]:
     if recovered is None:
         return {}
     from starling.sim.render import direct
 
-    out = {}
-    for one in observations:
-        if one.scene is None:
+    layers_by_scene = {}
+    for item in observations:
+        if item.scene is None:
             continue
-        scale = recovered.fitted.model.scales[one.name]
+        scale = recovered.fitted.model.scales[item.name]
         light = dataclasses.replace(sensor.projector, pattern_scale=scale)
-        out[one.name] = direct.layers(one.stage, dataclasses.replace(sensor, projector=light))
-    return out
+        layers_by_scene[item.name] = direct.layers(
+            item.stage, dataclasses.replace(sensor, projector=light)
+        )
+    return layers_by_scene
 
 
 def _scored(
@@ -251,21 +263,21 @@ def _scored(
     rooms: Sequence[str],
     start: Sensor,
     fitted: Sensor,
-    recovered: Recovered | None,
+    recovered: RecoveredPattern | None,
     folder: Path,
     track: progress.Progress,
-) -> tuple[tuple[Scored, ...], tuple[Scored, ...]]:
-    """Score the held-out scenes by the sensor that the fit began from, and by the fitted one."""
+) -> tuple[tuple[SceneScore, ...], tuple[SceneScore, ...]]:
+    """Score the held-out scenes with the initial and with the fitted sensor."""
     before, after = [], []
-    control = pattern_sensor.mirrored(fitted, folder) if recovered else None
+    control = pattern_sensor.with_mirrored_pattern(fitted, folder) if recovered else None
     for scene in track([scene for scene in scenes if scene.room in rooms], "held out"):
-        one = observation.load(scene, start, smoothing_px=held.SMOOTHING_PX)
-        if one.left is None or one.scene is None:
+        item = observation.load(scene, start, smoothing_px=held.SMOOTHING_PX)
+        if item.left is None or item.scene is None:
             continue
         scale = fitted.projector.pattern_scale
         if recovered is not None:
-            views = seeing.of(one, start)
+            views = seeing.make_views(item, start)
             scale = recovery.scene_scale(views, start, recovered.fitted.model)
-        before.append(held.score(one, start, scale=start.projector.pattern_scale))
-        after.append(held.score(one, fitted, scale=scale, mirrored=control))
+        before.append(held.score(item, start, scale=start.projector.pattern_scale))
+        after.append(held.score(item, fitted, scale=scale, mirrored=control))
     return tuple(before), tuple(after)

@@ -1,10 +1,10 @@
-"""How like a held-out scene's real infrared its re-simulation is.
+"""Score the simulation of a held-out scene against its real infrared images.
 
-The scene's surface is its reference. Its own left image tells its reflectance, smoothed until no
-dot is left in it, the level of its ambient light and, where dots are the sensor's, how that varies
-by place: all three with the sensor that the fit began from. The right image has no say in these.
-Both images tell one number, the scene's pattern scale, as the laser's wavelength drifts with
-temperature and nobody measured that. Everything else comes from the calibrated sensor.
+The scene's surface comes from its reference. The left image gives the reflectance, smoothed until
+no dot remains, and the level of ambient light. If it shows the sensor's own dots, it also gives a
+map of ambient light. All three use the initial sensor. Both images give the scene's
+pattern scale, because the laser's wavelength drifts with temperature. All other parameters come
+from the calibrated sensor.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import disparity_from_depth
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
-    from starling.sim.render.mitsuba_scene import Stage
+    from starling.sim.render.mitsuba_scene import MitsubaScene
 
 Array = NDArray[np.float32]
 Side = Literal["left", "right"]
 
-SMOOTHING_PX = 12.0  # Of the image that a held-out scene's reflectance is made of, and no narrower.
+SMOOTHING_PX = 12.0  # Sigma of the smoothing of reflectance; a smaller one would keep dots.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Scored:
+class SceneScore:
     """One held-out scene."""
 
     scene: str
@@ -42,20 +42,20 @@ class Scored:
     real: dict[Side, Array]  # (h, w) [DN]
     simulated: dict[Side, Array]  # (h, w) [DN above black], without noise.
     ncc: dict[Side, Array]  # (n,) of the windows, simulated against real.
-    mirrored: dict[Side, Array]  # Likewise with the pattern turned over: chance.
-    ceiling: Array  # (n,) of the windows: real right image in the left view against the left.
+    mirrored: dict[Side, Array]  # (n,) of the windows, with the mirrored pattern: chance level.
+    ceiling: Array  # (n,) of the windows: real right image warped to the left view against left.
 
 
 def score(
     observation: Observation, sensor: Sensor, *, scale: float = 1.0, mirrored: Sensor | None = None
-) -> Scored:
-    """Simulate a held-out scene and compare it with what the camera saw.
+) -> SceneScore:
+    """Simulate a held-out scene and compare it with the camera's images.
 
     Args:
         observation: loaded with `smoothing_px=SMOOTHING_PX`, with infrared and a surface.
         sensor: calibrated on other scenes.
         scale: the scene's pattern scale.
-        mirrored: the same sensor with its patterns turned over, for the control.
+        mirrored: the same sensor with mirrored patterns, for the control.
 
     Raises:
         InputError: if images or surface are missing.
@@ -65,7 +65,7 @@ def score(
             f"held-out scene {observation.name}",
             "must have infrared images and a surface",
             "less",
-            "Hold out another one.",
+            "Hold out another scene.",
         )
     real: dict[Side, Array] = {"left": observation.left}
     if observation.right is not None:
@@ -84,7 +84,7 @@ def score(
             if side in images
         }
 
-    return Scored(
+    return SceneScore(
         scene=observation.name,
         room=observation.room,
         scale=scale,
@@ -97,12 +97,9 @@ def score(
 
 
 def simulate(
-    stage: Stage, sensor: Sensor, scale: float
+    stage: MitsubaScene, sensor: Sensor, scale: float
 ) -> tuple[dict[Side, Array], dict[Side, Array]]:
-    """Infrared images without noise [DN above black], and depths that each imager sees [m].
-
-    All are (h, w).
-    """
+    """Simulate noiseless infrared images [DN above black] and depths [m] of each imager, (h, w)."""
     from starling.sim.imaging.noiseless import noiseless
     from starling.sim.render import direct
 
@@ -116,11 +113,11 @@ def simulate(
 
 
 def away_from_edges(depth_m: Array, sensor: Sensor) -> NDArray[np.bool_]:
-    """Pixels (h, w) of a view that see a surface away from depth edges.
+    """Select pixels (h, w) of a view that show a surface away from depth edges.
 
     Args:
-        depth_m: (h, w) that the view sees; NaN where it sees nothing.
-        sensor: whose disparity tells what an edge is.
+        depth_m: (h, w) depth in the view; NaN where there is no surface.
+        sensor: sensor whose disparity defines the edges.
     """
     disparity = disparity_from_depth(depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
     return np.isfinite(disparity) & ~metrics.depth_edges(disparity)
@@ -136,7 +133,7 @@ def _usable(
 
 
 def _ceiling(observation: Observation, left: Array) -> Array:
-    """How like the left image its own camera's right one is, warped by the reference."""
+    """Correlate the left image with the real right image, warped by the reference depth."""
     disparity = truth_px(observation)
     if observation.right is None or disparity is None:
         return np.empty(0, np.float32)

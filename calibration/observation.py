@@ -1,4 +1,4 @@
-"""What a fit looks at: the images of one captured scene and the surface they show."""
+"""The input of a fit: the images of one captured scene and its surface."""
 
 from __future__ import annotations
 
@@ -14,45 +14,44 @@ from numpy.typing import NDArray
 from starling.patterns import errors
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.captures.info import CaptureInfo
-from starling.sim.imaging.imager.exposure import Exposure, recorded
+from starling.sim.imaging.imager.exposure import Exposure, read_exposure
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
-    from starling.sim.render.mitsuba_scene import Stage
+    from starling.sim.render.mitsuba_scene import MitsubaScene
 
 Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """One captured scene: the first frame's images, each (h, w), None where there is none."""
+    """One captured scene: the first frame's images, each (h, w), or None if missing."""
 
     name: str
-    room: str  # Scenes of one room share it; what is held out is held out by room.
-    info: CaptureInfo  # Geometry that the captures claim.
-    left: Array | None = None  # [DN], black level included.
+    room: str  # Rooms, not single scenes, are held out.
+    info: CaptureInfo  # Camera geometry from capture.toml.
+    left: Array | None = None  # [DN], including the black level.
     right: Array | None = None
     left_off: Array | None = None  # Projector off.
     right_off: Array | None = None
-    depth_m: Array | None = None  # The device's own, NaN = no depth.
+    depth_m: Array | None = None  # Depth from the device, NaN = no depth.
     truth_m: Array | None = None  # Reference depth in the left view, NaN = unknown.
-    scene: Scene | None = None  # Surface, where a mesh or reference depth is known.
-    metric: bool = (
-        False  # Whether the surface is known without the imager's intrinsics (a posed mesh).
-    )
-    exposure: Exposure | None = None  # That the camera recorded for the first frame.
-    # The left images (n, h, w) of a scene at rest, n >= 2.
+    scene: Scene | None = None  # Surface, from a posed mesh or from reference depth.
+    # Whether the surface is independent of the imager's intrinsics (a posed mesh).
+    metric: bool = False
+    exposure: Exposure | None = None  # Recorded by the camera for the first frame.
+    # Left images (n, h, w) of a static scene, n >= 2.
     repeats: NDArray[np.uint8] | NDArray[np.uint16] | None = None
 
     @cached_property
-    def stage(self) -> Stage:
-        """The surface set up in Mitsuba: once, for that takes as long as an image of it.
+    def stage(self) -> MitsubaScene:
+        """The surface as a Mitsuba scene. It is cached, because it costs as much as an image.
 
         Raises:
             InputError: if there is no surface.
         """
-        from starling.sim.render.mitsuba_scene import Stage
+        from starling.sim.render.mitsuba_scene import MitsubaScene
 
         if self.scene is None:
             raise errors.refuse(
@@ -61,14 +60,14 @@ class Observation:
                 "none",
                 "Capture reference depth, or name its posed mesh in scene.toml.",
             )
-        return Stage(self.scene)
+        return MitsubaScene(self.scene)
 
 
 def read(scene: CapturedScene) -> Observation:
     """Read one scene of a capture set, without its surface.
 
     Raises:
-        InputError: whatever is wrong with the files.
+        InputError: if a file is invalid.
     """
     frames = [scene.frame(number) for number in scene.frames]
     first = frames[0]
@@ -86,7 +85,7 @@ def read(scene: CapturedScene) -> Observation:
         right_off=_float(first.ir_right_off),
         depth_m=first.depth_m,
         truth_m=scene.truth_m(),
-        exposure=recorded(first.record),
+        exposure=read_exposure(first.record),
         repeats=np.stack(rows) if len(rows) > 1 else None,
     )
 
@@ -104,48 +103,49 @@ def read_all(scenes: Iterable[CapturedScene]) -> tuple[Observation, ...]:
 
 
 def with_surface(
-    seen: Observation, scene: CapturedScene, sensor: Sensor, *, smoothing_px: float = 0.0
+    observation: Observation, scene: CapturedScene, sensor: Sensor, *, smoothing_px: float = 0.0
 ) -> Observation:
-    """Add to what was read of a scene what its surface is.
+    """Add the surface to an observation.
 
-    A posed mesh (`scene.toml`) is taken before reference depth: it alone tells focal length and
-    baseline apart.
+    A posed mesh (`scene.toml`) takes precedence over reference depth, because only a mesh
+    separates focal length from baseline.
 
     Args:
-        seen: of the scene, as `read` has it.
-        scene: of a capture set.
-        sensor: that the captures are of, as far as its geometry and lens go.
-        smoothing_px: see `starling.sim.scene.captured.captured_scene.load`; posed meshes have reflectance of their own.
+        observation: of the scene, as `read` has it.
+        scene: scene of a capture set.
+        sensor: sensor with the geometry and lens of the captures.
+        smoothing_px: see `starling.sim.scene.captured.captured_scene.load`. Posed meshes do not
+            use it, because they define their reflectance.
 
     Raises:
-        InputError: whatever is wrong with the files.
+        InputError: if a file is invalid.
     """
     from starling.sim.scene.captured import captured_scene, known_geometry
 
     surface = known_geometry.load(scene, sensor)
     if surface is not None:
-        return dataclasses.replace(seen, scene=surface, metric=True)
-    if seen.truth_m is None or seen.left is None:
-        return seen
+        return dataclasses.replace(observation, scene=surface, metric=True)
+    if observation.truth_m is None or observation.left is None:
+        return observation
     surface = captured_scene.load(scene.path, sensor, smoothing_px=smoothing_px)
-    return dataclasses.replace(seen, scene=surface)
+    return dataclasses.replace(observation, scene=surface)
 
 
 def load(scene: CapturedScene, sensor: Sensor, *, smoothing_px: float = 0.0) -> Observation:
-    """Read one scene and what its surface is (see `read` and `with_surface`)."""
+    """Read one scene and its surface (see `read` and `with_surface`)."""
     return with_surface(read(scene), scene, sensor, smoothing_px=smoothing_px)
 
 
 def load_all(scenes: Sequence[CapturedScene], sensor: Sensor) -> tuple[Observation, ...]:
-    """Read several scenes and what their surfaces are (see `read_all` and `with_surface`)."""
-    read = zip(read_all(scenes), scenes, strict=True)
-    return tuple(with_surface(seen, scene, sensor) for seen, scene in read)
+    """Read several scenes and their surfaces (see `read_all` and `with_surface`)."""
+    pairs = zip(read_all(scenes), scenes, strict=True)
+    return tuple(with_surface(observation, scene, sensor) for observation, scene in pairs)
 
 
 def truth_px(observation: Observation) -> Array | None:
-    """Disparity (h, w) [px] that the reference depth means, NaN where unknown."""
-    truth_m = observation.truth_m
-    return None if truth_m is None else observation.info.disparity_px(truth_m)
+    """Convert the reference depth to disparity (h, w) [px], NaN where unknown."""
+    reference_m = observation.truth_m
+    return None if reference_m is None else observation.info.disparity_px(reference_m)
 
 
 def _float(image: NDArray | None) -> Array | None:

@@ -1,4 +1,4 @@
-"""The numbers of a sensor that a fit may free, in groups that are asked for by name."""
+"""The sensor parameters that a fit may free, in named groups."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ DOT_BLUR = "projector.dot_blur_mrad"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Parameter:
-    """One number that a fit may free."""
+class CalibrationParameter:
+    """One parameter that a fit may free."""
 
-    name: str  # A dotted path in the sensor, but for `projector.field` and `scene.` paths.
-    group: str  # What `--free` takes.
+    name: str  # A dotted path in the sensor, except `projector.field` and `scene.` paths.
+    group: str  # Name of the group on the command line (`--free`).
     unit: str
-    tolerance: float  # Deviation of a unit from its data sheet, one sigma, before any capture.
+    tolerance: float  # Prior standard deviation of a device from its data sheet.
 
 
-def _row(name: str, group: str, unit: str, tolerance: float) -> Parameter:
-    return Parameter(name=name, group=group, unit=unit, tolerance=tolerance)
+def _row(name: str, group: str, unit: str, tolerance: float) -> CalibrationParameter:
+    return CalibrationParameter(name=name, group=group, unit=unit, tolerance=tolerance)
 
 
-# Tolerances are assumed where no source is given. They weigh what the captures leave open, and
-# tell what is open; where captures determine a number they do not count.
+# Tolerances without a source are assumptions. They regularise parameters that the captures do not
+# determine, and mark them as unidentifiable. They do not affect well-determined parameters.
 TABLE = (
     _row("baseline_m", "baseline", "m", 3e-3),
     _row("right.alignment.offset_y_px", "alignment", "px", 2.0),
@@ -63,32 +63,32 @@ GEOMETRY = ("baseline", "alignment", "focal", "centre", "projector", "field", "s
 _RELATIVE = ("fx_px", FIELD)  # Their tolerance is a share of the value.
 
 
-def free(groups: Iterable[str], sensor: Sensor) -> tuple[Parameter, ...]:
-    """Return the geometry's parameters of some groups, tolerances in their units.
+def free(groups: Iterable[str], sensor: Sensor) -> tuple[CalibrationParameter, ...]:
+    """Return the parameters of geometry groups, with tolerances in their units.
 
     Args:
-        groups: names out of `GEOMETRY`.
-        sensor: that they are freed of.
+        groups: names in `GEOMETRY`.
+        sensor: sensor whose parameters are freed.
 
     Raises:
-        InputError: an unknown group, none at all, or the field of a pattern that is generated
-            anew for every field.
+        InputError: if a group is unknown, no group is named, or `field` is named although the
+            pattern is generated to fill the field.
     """
-    asked = tuple(groups)
-    for group in asked:
+    names = tuple(groups)
+    for group in names:
         errors.one_of("free", group, GEOMETRY)
-    if not asked:
+    if not names:
         raise errors.refuse(
             "free", "must name a group", "none", f"There are: {', '.join(GEOMETRY)}."
         )
-    if "field" in asked and not _is_image(sensor):
+    if "field" in names and not _is_image(sensor):
         raise errors.refuse(
             "free",
             "must not hold field where the pattern is generated to fill it",
             sensor.projector.pattern,
             "Free scale instead, or give the pattern as an image.",
         )
-    rows = [row for row in TABLE if row.group in asked]
+    rows = [row for row in TABLE if row.group in names]
     return tuple(
         dataclasses.replace(row, tolerance=row.tolerance * value(sensor, row.name))
         if row.name in _RELATIVE
@@ -98,28 +98,28 @@ def free(groups: Iterable[str], sensor: Sensor) -> tuple[Parameter, ...]:
 
 
 def value(sensor: Sensor, name: str) -> float:
-    """Read a parameter off a sensor."""
+    """Return the value of a parameter of a sensor."""
     if name == FIELD:
         return math.tan(math.radians(sensor.projector.fov_x_deg / 2))
-    here: object = sensor
+    node: object = sensor
     for part in name.split("."):
-        here = here["xyz".index(part)] if isinstance(here, tuple) else getattr(here, part)
-    assert isinstance(here, (int, float))
-    return float(here)
+        node = node["xyz".index(part)] if isinstance(node, tuple) else getattr(node, part)
+    assert isinstance(node, (int, float))
+    return float(node)
 
 
 def with_values(sensor: Sensor, values: Iterable[tuple[str, float]]) -> Sensor:
-    """Set parameters; fx_px takes fy_px along, and the field's width its height.
+    """Set parameters. fy_px keeps its ratio to fx_px, and the field's height to its width.
 
     Raises:
-        InputError: a value that no sensor can have.
+        InputError: if a value is outside its valid range.
     """
     edits: list[tuple[str, float]] = []
-    for name, new in values:
+    for name, number in values:
         if name == "fx_px":
-            edits += [("fx_px", new), ("fy_px", new * sensor.fy_px / sensor.fx_px)]
+            edits += [("fx_px", number), ("fy_px", number * sensor.fy_px / sensor.fx_px)]
         elif name == FIELD:
-            ratio = new / value(sensor, FIELD)
+            ratio = number / value(sensor, FIELD)
             for axis, degrees in (
                 ("x", sensor.projector.fov_x_deg),
                 ("y", sensor.projector.fov_y_deg),
@@ -127,7 +127,7 @@ def with_values(sensor: Sensor, values: Iterable[tuple[str, float]]) -> Sensor:
                 tangent = math.tan(math.radians(degrees / 2)) * ratio
                 edits.append((f"projector.fov_{axis}_deg", 2 * math.degrees(math.atan(tangent))))
         else:
-            edits.append((name, new))
+            edits.append((name, number))
     return sensor_edits.with_values(sensor, edits)
 
 

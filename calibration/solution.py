@@ -1,4 +1,4 @@
-"""A fitted set of parameters with their uncertainty, and what the captures leave open."""
+"""Fitted parameters with their uncertainty, and sentences on unidentifiable parameters."""
 
 from __future__ import annotations
 
@@ -13,35 +13,34 @@ from starling.sim.sensor.sensor import Sensor
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Estimate:
-    """One fitted number."""
+    """One fitted parameter."""
 
-    name: str  # As in the table of parameters; of one scene alone: `pattern_scale[SCENE]`.
+    name: str  # As in `parameters.TABLE`; a parameter of one scene is `pattern_scale[SCENE]`.
     value: float
     sd: float  # Standard deviation; inf where the captures do not determine it.
     unit: str
-    start: float  # Where the fit began.
+    start: float  # Initial value.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Solution:
-    """Where a fit ended."""
+    """Result of one fit."""
 
     estimates: tuple[Estimate, ...]
     covariance: NDArray[np.float64]  # (n, n) of the estimates, in their order and units.
-    undetermined: tuple[str, ...]  # One sentence each: what cannot be told, and what would tell it.
-    # Mean squared residual at each step, robust where the fit is. Of patterns and levels 1 is the
-    # sensor's noise alone; of geometry, whose residuals set their own deviations, the last is 1.
+    # One sentence each: an unidentifiable parameter, and the capture that would determine it.
+    undetermined: tuple[str, ...]
+    # Mean squared residual at each step, robust if the fit is robust. In pattern and level fits,
+    # 1 means sensor noise alone. Geometry fits scale their residuals, so their last value is 1.
     cost: tuple[float, ...]
     sensor: Sensor  # With the estimates set.
-    # Combinations that may be determined where their parts are not: f b, for one.
+    # Combinations that may be determined although their factors are not, such as f * b.
     derived: tuple[Estimate, ...] = ()
-    scenes: Mapping[str, Mapping[str, float]] = field(
-        default_factory=dict
-    )  # What differs by scene.
+    scenes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # Values by scene.
 
     @property
     def correlation(self) -> NDArray[np.float64]:
-        """(n, n) correlation of the estimates; 0 beside one that is not determined."""
+        """(n, n) correlation of the estimates; 0 for an unidentifiable parameter."""
         deviation = np.sqrt(np.diagonal(self.covariance))
         safe = np.where(np.isfinite(deviation) & (deviation > 0), deviation, np.inf)
         with np.errstate(invalid="ignore"):

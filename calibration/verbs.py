@@ -1,4 +1,4 @@
-"""Verbs of calibration (see `starling.sim.commands.verbs`)."""
+"""Command-line verbs of calibration (see `starling.sim.commands.verbs`)."""
 
 from __future__ import annotations
 
@@ -21,19 +21,20 @@ def calibrate(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Fit a sensor to captures of known surfaces; writes a sensor file and a report beside it.
+    """Fit a sensor model to captures of known surfaces; write a sensor file and a report.
 
     Example: starling calibrate out/mine --sensor d415 --free pattern --out out/my-d415.toml
 
     Args:
-        captures: capture set or one scene in it, with infrared, or with depth alone.
+        captures: capture set or one of its scenes, with infrared images or with depth only.
         sensor: preset (see `starling sensors`) or sensor file (.toml) to start from.
-        out: sensor file to write, NAME.toml; NAME/ holds pattern, dots, report.html, report.json.
-        free: groups to fit, separated by commas: baseline, alignment, focal, centre, projector,
-            field, scale, dots, pattern, photometry, noise, warp; of depth alone: baseline, offset,
-            noise, thresholds.
-        heldout: rooms to keep out of the fit and score it on; every fourth where none is named.
-        force: replace what was written before.
+        out: sensor file to write, NAME.toml. The folder NAME/ gets the pattern, the dots,
+            report.html and report.json.
+        free: parameter groups to fit, separated by commas: baseline, alignment, focal, centre,
+            projector, field, scale, dots, pattern, photometry, noise, warp. Captures with depth
+            only support baseline, offset, noise, thresholds.
+        heldout: rooms to exclude from the fit and to score it on. Default: every fourth room.
+        force: overwrite existing output.
     """
     from starling.calibration import calibrate_captures
     from starling.sim.console import progress
@@ -48,7 +49,7 @@ def calibrate(
             free=[group for word in free for group in word.split(",") if group],
             heldout=heldout,
             force=force,
-            asked={"sensor": sensor, "set": edits},
+            options={"sensor": sensor, "set": edits},
             track=track,
         )
     shell.say(result, json=common.json)

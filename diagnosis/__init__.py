@@ -1,4 +1,4 @@
-"""The sim-to-real gap: where it is, which effect makes it, and how far it can be closed."""
+"""Diagnosis of the sim-to-real gap: where it is, which effects explain it, how far it closes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def __getattr__(name: str) -> Any:
-    """Load `diagnose` when it is asked for: it takes seconds, the package must not."""
+    """Import `diagnose` on first use, because the import takes seconds."""
     if name == "diagnose":
         from starling.diagnosis.diagnosis import diagnose
 

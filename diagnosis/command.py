@@ -1,4 +1,4 @@
-"""The work of `starling diagnose`: captures and a sensor in, a report out."""
+"""Implementation of `starling diagnose`: diagnose captures and write the report."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def diagnose_captures(
     fix: bool = False,
     residual: bool = False,
     force: bool = False,
-    asked: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Diagnose a capture set and write the report.
@@ -45,46 +45,45 @@ def diagnose_captures(
     Args:
         captures: capture set or one scene in it.
         sensor: the base, with the captures' geometry.
-        out: folder for report.html, report.json, the base as base.toml and how they were made;
-            all seeds are fixed.
-        against: capture set that is compared in place of simulated captures; none if empty.
-        cache: folder that keeps what is simulated, for other runs.
-        families: of effects that are tried; all if none.
-        leave_out: families that are not.
-        fix: write the sensor with the accepted effects in; none where they exclude each other, or
-            are all of the scene.
-        residual: learn what physics misses, and tell how far that reaches.
-        force: replace what was written before.
-        asked: more arguments for the record.
-        track: wraps loops that take long.
+        out: folder for report.html, report.json, base.toml and the record of the run.
+        against: capture set that is compared instead of simulated captures; none if empty.
+        cache: folder that caches simulations for other runs.
+        families: effect families to try; empty means all.
+        leave_out: effect families not to try.
+        fix: write the sensor with the accepted effects. It is not written if the effects exclude
+            each other, or if all of them belong to the scene.
+        residual: learn what physics misses, and report how much of the gap that closes.
+        force: replace the output of an earlier run.
+        options: further command-line options to record, as typed.
+        track: wraps long loops to report progress.
 
     Returns:
-        The figures (see `starling.diagnosis.report.figures`), and where the report is.
+        The figures (see `starling.diagnosis.report.figures`), and the paths of the written files.
 
     Raises:
-        InputError: whatever is wrong with captures or output; nothing is left.
+        InputError: if captures or output are refused; then no output is left.
     """
-    begun = time.perf_counter()
+    started = time.perf_counter()
     opened = capture.open_set(captures)
     refuse_own_input(out, opened.path)
-    other = capture.open_set(against) if against else None
-    if other is not None:
-        refuse_own_input(out, other.path)
+    reference = capture.open_set(against) if against else None
+    if reference is not None:
+        refuse_own_input(out, reference.path)
     with OutputFolder(out, force=force) as folder:
-        found = diagnose(
+        diagnosis = diagnose(
             opened,
             sensor,
-            against=other,
+            against=reference,
             cache=cache,
             families=_tried(families, leave_out),
             residual=residual,
             track=track,
         )
-        figures = numbers.figures(found)
+        figures = numbers.figures(diagnosis)
         folder.write("report.json", record.dumps(figures))
-        folder.write(PAGE, page(found))
+        folder.write(PAGE, page(diagnosis))
         folder.write(BASE, presets.dumps(sensor))
-        better = fixed(found, sensor)
+        better = fixed(diagnosis, sensor)
         fixable = fix and better != sensor
         if fixable:
             folder.write(FIXED, presets.dumps(better))
@@ -100,7 +99,7 @@ def diagnose_captures(
                         "leave_out": list(leave_out),
                         "fix": fix,
                         "residual": residual,
-                        **(asked or {}),
+                        **(options or {}),
                     },
                     "versions": record.versions(),
                     "renderer": backend.renderer(),
@@ -113,41 +112,48 @@ def diagnose_captures(
         "out": str(out),
         "report": str(out / PAGE),
         "fixed": str(out / FIXED) if fixable else None,
-        "not_in_sensor": _of_scenes(found),
-        "seconds": round(time.perf_counter() - begun, 3),
+        "not_in_sensor": _scene_effects(diagnosis),
+        "seconds": round(time.perf_counter() - started, 3),
     }
 
 
 def _tried(families: Sequence[str], leave_out: Sequence[str]) -> list[str] | None:
-    """Families that are asked for and not left out; None where that is all of them."""
-    table.refuse_others(leave_out)
+    """Return the requested families without those left out; None if that is all of them."""
+    table.refuse_unknown_families(leave_out)
     if not families and not leave_out:
         return None
     tried = [family for family in families or table.known() if family not in leave_out]
     if not tried:
-        rule = "must leave a family to try"
+        rule = "must leave at least one family to try"
         raise refuse("leave-out", rule, " ".join(leave_out), "Leave out fewer.")
     return tried
 
 
-def fixed(found: Diagnosis, sensor: Sensor) -> Sensor:
-    """The sensor with the accepted effects in, as it was where they exclude each other; what the
-    scene has stays out.
+def fixed(diagnosis: Diagnosis, sensor: Sensor) -> Sensor:
+    """Return the sensor with the accepted effects applied, except effects of the scene.
+
+    If the accepted effects exclude each other, the sensor is returned unchanged.
     """
-    return setting.on_sensor(sensor, found.settings) if found.together else sensor
+    return setting.on_sensor(sensor, diagnosis.settings) if diagnosis.compatible else sensor
 
 
-def _of_scenes(found: Diagnosis) -> list[str]:
-    """Accepted effects that no sensor file has, as they are the scene's."""
-    return [name for name in found.settings if found.together and setting.is_scenes(name)]
+def _scene_effects(diagnosis: Diagnosis) -> list[str]:
+    """List accepted effects that belong to the scene, so that no sensor file can hold them."""
+    return [
+        name
+        for name in diagnosis.settings
+        if diagnosis.compatible and setting.acts_on_scene_only(name)
+    ]
 
 
-def as_text(told: Mapping[str, Any]) -> str:
-    """Say what `diagnose_captures` returned: the answer, and where the report is."""
-    lines = [*told["says"], f"Report: {told['report']}"]
-    if told["fixed"] is not None:
-        standing_in = any(one["stand_in"] for one in told["effects"])
-        lines.append(f"Sensor: {told['fixed']}" + (", with stand-ins in it" if standing_in else ""))
-    if told["not_in_sensor"]:
-        lines.append(f"Of the scene, not of a sensor: {', '.join(told['not_in_sensor'])}")
+def as_text(result: Mapping[str, Any]) -> str:
+    """Write the result of `diagnose_captures` as text: the answer, and the paths."""
+    lines = [*result["says"], f"Report: {result['report']}"]
+    if result["fixed"] is not None:
+        surrogates = any(effect["stand_in"] for effect in result["effects"])
+        note = ", with surrogate effects" if surrogates else ""
+        lines.append(f"Sensor: {result['fixed']}{note}")
+    if result["not_in_sensor"]:
+        names = ", ".join(result["not_in_sensor"])
+        lines.append(f"Effects of the scene, not written to a sensor file: {names}")
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Verbs of the diagnosis (see `starling.sim.commands.verbs`)."""
+"""Command-line verbs of the diagnosis (see `starling.sim.commands.verbs`)."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ def diagnose(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Say where a simulation differs from real captures, what that is consistent with, and how far
-    the gap closes.
+    """Find where simulation differs from real captures, and which effects explain the gap.
 
     Example: starling diagnose captures/other-rooms --sensor my-d415.toml --out out/diagnosis --fix
 
     Args:
-        captures: capture set with reference depth or known geometry, best with infrared pairs.
-        sensor: preset (see `starling sensors`) or sensor file (.toml) that the captures' camera
-            should be; with --against, the camera of those.
+        captures: capture set with reference depth or known geometry. Infrared pairs improve the
+            diagnosis.
+        sensor: preset (see `starling sensors`) or sensor file (.toml) of the captures' camera;
+            with --against, of the other capture set's camera.
         out: folder for the report.
-        against: capture set of the same scenes that is compared in place of simulated captures.
-        cache: folder that keeps what is simulated, for other runs on the same scenes.
-        families: of effects (see `starling effects`) that are tried; all where none is named.
-        leave_out: families that are not tried.
-        emitter: off diagnoses the pairs that were captured without the projector.
-        fix: write sensor.toml with the accepted effects in.
-        residual: train a network on what physics misses, to tell how much any explanation can close
-            and how much of it the named effects take over; minutes.
-        force: drop what starling left in the folder.
+        against: capture set of the same scenes to compare with instead of simulated captures.
+        cache: folder that caches simulations for other runs on the same scenes.
+        families: effect families to try (see `starling effects`); default: all.
+        leave_out: effect families not to try.
+        emitter: off: diagnose the pairs captured without the projector.
+        fix: write sensor.toml, the sensor with the accepted effects.
+        residual: train a network on holes that physics misses. The report then shows how much any
+            model could close, and how much of that the accepted effects absorb. Takes minutes.
+        force: replace the output of an earlier run.
     """
     from starling.diagnosis import command as diagnosing
     from starling.sim.console import progress
@@ -64,7 +64,7 @@ def diagnose(
             fix=fix,
             residual=residual,
             force=force,
-            asked={"sensor": sensor, "emitter": emitter, "set": edits},
+            options={"sensor": sensor, "emitter": emitter, "set": edits},
             track=track,
         )
     shell.say(result, json=common.json, as_text=diagnosing.as_text)
@@ -84,25 +84,29 @@ def withheld(
     sensor: str | None = None,
     common: Shared = Common(),
 ) -> None:
-    """Check the diagnosis: effects made by a second implementation, withheld from it, to be named.
+    """Validate the diagnosis on effects that are withheld from it.
+
+    A second implementation of the camera applies the effects; the diagnosis has to identify them.
 
     Example: starling withheld --tier 1 --out out/withheld
 
-    A run that was stopped goes on where it was.
+    A stopped run continues where it stopped.
 
     Args:
-        out: folder of the run, new or begun before.
-        tier: 1: scenes by Starling's renderer; 2: by Blender's Cycles, with another matcher; 3:
-            effects outside the table; 4: effects put into real infrared pairs.
-        cases: with a single effect, the other cases in proportion; else the tier's own number.
-        no_infrared: give the diagnosis depth alone (tiers 1 and 3).
-        power: ask instead how strong six effects have to be; cases: of each of six levels.
-        sets: of scenes, each with its share of the cases, that are asked and scored: the first
-            so many, and more by a later call; else all.
-        jobs: sets of scenes at once, a core each; tier 4 first finds its detection limits on all
-            cores.
-        blender: Python with bpy (see tools/blender.sh), for tier 2.
-        captures: capture set of a real camera, of eight scenes or more, for tier 4.
+        out: folder of a new or earlier run.
+        tier: 1: scenes by Starling's renderer; 2: scenes by Blender's Cycles, and another matcher;
+            3: effects outside the effect table; 4: effects applied to real infrared pairs.
+        cases: number of cases with a single effect; other kinds follow in proportion. Default: the
+            number of the tier.
+        no_infrared: give the diagnosis depth only (tiers 1 and 3).
+        power: measure instead how strong six effects must be to be detected; --cases is then the
+            number of cases at each of six strengths.
+        sets: number of scene sets to run and score, from the first on; a later call can add more.
+            Default: all.
+        jobs: scene sets run in parallel, one core each; tier 4 first computes its detection limits
+            on all cores.
+        blender: Python with bpy, for tier 2 (see tools/blender.sh).
+        captures: capture set of a real camera with at least eight scenes, for tier 4.
         sensor: preset or sensor file of that camera, for tier 4.
     """
     import subprocess
@@ -118,12 +122,12 @@ def withheld(
         *(["--json"] if common.json else []),
         *(["--debug"] if common.debug else []),
     ]
-    # A process of its own: what it knows of its cases, the diagnosis must not.
+    # A separate process keeps its knowledge of the cases from the diagnosis.
     command = [sys.executable, "-m", "starling.diagnosis.validation", str(out), "--tier", str(tier)]
-    places = ["--jobs", str(jobs), "--blender", str(blender)]
-    done = subprocess.run([*command, *places, *flags], check=False)
-    if done.returncode:
-        sys.exit(done.returncode)
+    tools = ["--jobs", str(jobs), "--blender", str(blender)]
+    finished = subprocess.run([*command, *tools, *flags], check=False)
+    if finished.returncode:
+        sys.exit(finished.returncode)
 
 
 VERBS = (diagnose, withheld)

@@ -1,4 +1,4 @@
-"""Processes that simulate, each with scenes of its own."""
+"""Pool of worker processes that partition the scenes of a diagnosis."""
 
 from __future__ import annotations
 
@@ -10,63 +10,63 @@ from types import TracebackType
 from typing import Any
 
 from starling.diagnosis.scenes.fit_scene import Nuisances
-from starling.diagnosis.scenes.scene_model import Subject, subject
+from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model
 from starling.sim.console.threads import begin_worker, cores
 from starling.sim.sensor.sensor import Sensor
 
-_MOST = 8
-_held: dict[str, Any] = {}  # Of a process: its subjects by name.
+_MOST = 8  # Largest number of workers.
+_held: dict[str, Any] = {}  # Scene models of this worker process, by name.
 
 
-class Crew:
-    """As many processes as there are cores, with the scenes dealt among them.
+class WorkerPool:
+    """One worker per core; the scenes are partitioned among the workers.
 
-    Rendering uses all cores, but matching and features one each, which takes longer. What is
-    simulated is the same in all processes, so a scene may be held by several.
+    Rendering uses all cores. Matching and features use one core each and take longer. All workers
+    simulate the same results, so several of them may hold one scene.
     """
 
     def __init__(
         self,
         captures: Path,
         sensor: Sensor,
-        asked: Sequence[Subject],
+        training: Sequence[SceneModel],
         *,
-        aside: Sequence[Subject] = (),
+        held_out: Sequence[SceneModel] = (),
         against: Path | None = None,
     ) -> None:
-        """Start them; each loads its scenes, with what was fitted to them.
+        """Start the workers; each loads its scenes with their fitted nuisance parameters.
 
         Args:
             captures: capture set.
             sensor: the base.
-            asked: those of its scenes that all is asked of, which is nearly all of the work.
-            aside: others.
-            against: capture set that these are compared with.
+            training: scenes that need nearly all of the work.
+            held_out: other scenes of the set.
+            against: capture set that the captures are compared with.
         """
         context = multiprocessing.get_context("spawn")
-        names, others = ([one.name for one in those] for those in (asked, aside))
-        fitted = {one.name: one.nuisances for one in (*asked, *aside)}
-        self._held = dealt(names, others, min(cores(), _MOST))
-        self._given = [0] * len(self._held)  # How much work each was given so far.
+        names, other_names = ([scene.name for scene in scenes] for scenes in (training, held_out))
+        fitted = {scene.name: scene.nuisances for scene in (*training, *held_out)}
+        self._held = partition(names, other_names, min(cores(), _MOST))
+        self._submitted = [0] * len(self._held)  # Number of jobs given to each worker.
         self._pools = [
             ProcessPoolExecutor(
                 1,
                 mp_context=context,
                 initializer=_begin,
-                initargs=(captures, sensor, own, against, fitted),
+                initargs=(captures, sensor, scenes, against, fitted),
             )
-            for own in self._held
+            for scenes in self._held
         ]
 
     def submit(self, scene: str, work: Any, *arguments: Any) -> Future[Any]:
-        """Have `work(subject, *arguments)` done where a scene is held, by who had least to do."""
-        holders = [number for number, own in enumerate(self._held) if scene in own]
-        number = min(holders, key=self._given.__getitem__)
-        self._given[number] += 1
-        return self._pools[number].submit(_do, scene, work, arguments)
+        """Run `work(scene_model, *arguments)` on the least busy worker that holds the scene."""
+        holders = [number for number, scenes in enumerate(self._held) if scene in scenes]
+        number = min(holders, key=self._submitted.__getitem__)
+        self._submitted[number] += 1
+        return self._pools[number].submit(_run, scene, work, arguments)
 
-    def __enter__(self) -> Crew:
-        """Begin."""
+    def __enter__(self) -> WorkerPool:
+        """Return the pool."""
         return self
 
     def __exit__(
@@ -75,21 +75,21 @@ class Crew:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Send them home."""
+        """Stop the workers."""
         for pool in self._pools:
             pool.shutdown(cancel_futures=True)
 
 
-def dealt(scenes: Sequence[str], aside: Sequence[str], count: int) -> list[tuple[str, ...]]:
-    """Which scenes each of some processes holds.
+def partition(scenes: Sequence[str], held_out: Sequence[str], count: int) -> list[tuple[str, ...]]:
+    """Partition scenes among workers.
 
-    Of those that all is asked of each has as many; the few that are left over are shared, so that
-    none is idle while others work.
+    Each worker gets equally many training scenes. Remaining ones are shared by several workers, so
+    that none is idle.
 
     Args:
-        scenes: names of those that all is asked of, at least one.
-        aside: names of others, which are dealt in turn.
-        count: of the processes.
+        scenes: names of the training scenes, at least one.
+        held_out: names of other scenes, dealt in turn.
+        count: number of workers.
     """
     whole = len(scenes) // count * count
     shared = scenes[whole:]
@@ -97,7 +97,7 @@ def dealt(scenes: Sequence[str], aside: Sequence[str], count: int) -> list[tuple
         (
             *scenes[number:whole:count],
             *([shared[number % len(shared)]] if shared else []),
-            *aside[number::count],
+            *held_out[number::count],
         )
         for number in range(count)
     ]
@@ -110,15 +110,17 @@ def _begin(
     against: Path | None,
     fitted: Mapping[str, Nuisances],
 ) -> None:
-    from starling.diagnosis.scenes.pairs import scene_pairs
+    from starling.diagnosis.scenes.pairs import pair_scenes
     from starling.sim.captures import capture
 
     begin_worker()
-    other = None if against is None else capture.open_set(against)
-    for one, beside in scene_pairs(capture.open_set(captures), other).pairs:
-        if one.name in scenes:
-            _held[one.name] = subject(one, sensor, against=beside, fitted=fitted[one.name])
+    reference_set = None if against is None else capture.open_set(against)
+    for scene, reference in pair_scenes(capture.open_set(captures), reference_set).pairs:
+        if scene.name in scenes:
+            _held[scene.name] = load_scene_model(
+                scene, sensor, against=reference, fitted=fitted[scene.name]
+            )
 
 
-def _do(scene: str, work: Any, arguments: tuple[Any, ...]) -> Any:
+def _run(scene: str, work: Any, arguments: tuple[Any, ...]) -> Any:
     return work(_held[scene], *arguments)

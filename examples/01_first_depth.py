@@ -1,7 +1,7 @@
-"""First depth: one scene, one sensor, and the reason for every pixel that has no depth.
+"""First depth: one scene, one sensor, and the reason of every pixel without depth.
 
-A simulated camera is only as useful as its holes: this prints how much of the image has depth, how
-far off it is, and what the missing pixels lack.
+The quality of a simulated camera is in its holes. This example prints the share of pixels with
+depth, the depth error, and the reasons of missing depth.
 
 Usage:
     python examples/01_first_depth.py
@@ -19,7 +19,7 @@ from starling.sim.sensor import presets
 
 
 def main(scene_name: str = "tabletop", sensor_name: str = "d435") -> None:
-    """Simulate one reading and print what came of it."""
+    """Simulate one shot and print its depth statistics."""
     sensor = presets.load(sensor_name)
     scene = sources.load(scene_name, sensor)
     shot = simulate.simulate(scene, sensor, seed=0)

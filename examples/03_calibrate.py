@@ -1,7 +1,7 @@
-"""Calibrate: simulate a camera that is off its data sheet, and find by how much from its images.
+"""Calibrate: simulate a camera that differs from its data sheet, and estimate the differences.
 
-The camera's geometry is known here, so what the fit says can be checked. A wall alone leaves open
-what only a second distance tells; the fit names it. A table before a wall settles it.
+The true geometry is known, so that the result can be checked. A wall at one distance does not
+determine all parameters, and the fit lists the unidentifiable ones. A table before a wall does.
 
 Usage:
     python examples/03_calibrate.py
@@ -19,7 +19,7 @@ from starling.sim.commands import simulate_captures
 from starling.sim.sensor import edits, presets
 
 EDITS = ("width=424", "height=240", "fx_px=215", "fy_px=215", "cx_px=211.5", "cy_px=119.5")
-PITCH = "imager.pixel_pitch_m=8.98e-6"  # Half as many pixels on the same chip.
+PITCH = "imager.pixel_pitch_m=8.98e-6"  # Half as many pixels on the same sensor area.
 TRUTH = {
     "baseline_m": 0.0518,
     "fx_px": 216.6,
@@ -32,11 +32,11 @@ TRUTH = {
 }
 
 
-def main(*asked: str) -> None:
-    """Fit the nominal camera to captures of the true one, and print both beside the start."""
+def main(*scene_names: str) -> None:
+    """Fit the nominal camera to captures of the true one, and print truth, start and result."""
     nominal = edits.apply(presets.load("d435"), (*EDITS, PITCH))
     true = parameters.with_values(nominal, TRUTH.items())
-    for scenes in [asked] if asked else [("wall",), ("tabletop",)]:
+    for scenes in [scene_names] if scene_names else [("wall",), ("tabletop",)]:
         with tempfile.TemporaryDirectory() as name:
             captured = []
             for scene in scenes:
@@ -44,13 +44,13 @@ def main(*asked: str) -> None:
                 simulate_captures.simulate_captures(scene, true, out, seed=1)
                 captured += capture.open_set(str(out)).scenes
             free = ("baseline", "focal", "projector")
-            found = calibration.fit(captured, nominal, free=free, heldout=(), folder=Path(name))
+            result = calibration.fit(captured, nominal, free=free, heldout=(), folder=Path(name))
         print(f"\nfrom {' and '.join(scenes)}")
-        print(f"{'':26}{'truth':>10}{'start':>10}{'fitted':>10}  +- sd")
-        for one in found.estimates:
-            sd = "not determined" if one.sd == float("inf") else f"{one.sd:.5f} {one.unit}"
-            print(f"{one.name:26}{TRUTH[one.name]:10.5f}{one.start:10.5f}{one.value:10.5f}  {sd}")
-        print("\n".join(found.undetermined) or "nothing is left open")
+        print(f"{'':26}{'truth':>10}{'start':>10}{'fitted':>10}  +- std")
+        for fit in result.estimates:
+            std = "not determined" if fit.sd == float("inf") else f"{fit.sd:.5f} {fit.unit}"
+            print(f"{fit.name:26}{TRUTH[fit.name]:10.5f}{fit.start:10.5f}{fit.value:10.5f}  {std}")
+        print("\n".join(result.undetermined) or "all parameters are determined")
 
 
 if __name__ == "__main__":

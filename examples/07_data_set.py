@@ -1,4 +1,4 @@
-"""Make a small data set from a plan, check it, and read it.
+"""Generate a small data set from a plan, verify it, and read it.
 
 Usage:
     python examples/07_data_set.py
@@ -40,12 +40,12 @@ turn_deg = [{ low = -5, high = 5 }, 0, 0]
 
 
 def main() -> None:
-    """Make four views, and print what each has."""
+    """Generate four views, and print their properties."""
     with tempfile.TemporaryDirectory() as name:
         plan, out = Path(name, "plan.toml"), Path(name, "set")
         plan.write_text(PLAN)
-        told = generate(plan, out, workers=1)
-        print(f"{told['frames']} frames of {told['bytes_per_frame'] / 1e3:.0f} kB")
+        result = generate(plan, out, workers=1)
+        print(f"{result['frames']} frames of {result['bytes_per_frame'] / 1e3:.0f} kB")
         for row, scene in zip(index.read(out), capture.open_set(out).scenes, strict=True):
             blur = scene.frame(0).record["effects"]["lens_blur"]
             print(

@@ -1,1 +1,1 @@
-"""What physics misses: the no-depth-pixel residual network, its baselines and evaluation."""
+"""Prediction of no-depth pixels that physics misses: networks, baselines and evaluation."""

@@ -1,4 +1,4 @@
-"""The one interface of all methods: learn from scenes, then say where depth will be missing."""
+"""The interface of all methods that predict no-depth pixels."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from starling.sim.console import progress
 
 
 class Predictor(Protocol):
-    """A method that has learnt."""
+    """A trained method."""
 
     def probability(self, example: Example) -> Image:
-        """Probability (h, w), 0 to 1, that a pixel has no depth. NaN nowhere.
+        """Return the probability (h, w), 0 to 1, that a pixel has no depth. It is never NaN.
 
         Raises:
-            InputError: if the example lacks what the method needs, or has another image size than
-                it can take.
+            InputError: if the example lacks an input of the method, or has an unsupported image
+                size.
         """
         ...
 
 
 class Method(Protocol):
-    """A way to predict no-depth pixels (NDP)."""
+    """A method that predicts no-depth pixels (NDP)."""
 
     @property
     def name(self) -> str:
-        """What it is called by `starling train` and `evaluate`."""
+        """Name of the method on the command line of `starling train` and `evaluate`."""
         ...
 
     def fit(
@@ -39,25 +39,24 @@ class Method(Protocol):
         seed: int,
         track: progress.Progress = progress.silent,
     ) -> Predictor:
-        """Learn from scenes whose holes are known.
+        """Train on scenes with known holes.
 
         Args:
             examples: at least one, with `ndp` and `counted`.
-            folder: where models, checkpoints and loss curves go; a training that was cut short is
-                gone on with.
-            seed: fixes everything that is drawn.
-            track: wraps loops that take long.
+            folder: folder for models, checkpoints and loss curves; interrupted training continues.
+            seed: seed of all random draws.
+            track: wraps long loops.
 
         Raises:
-            InputError: no example, one without holes' truth, all or no pixel without depth, or a
-                loss that is no number (says at which batch).
+            InputError: if there is no example, an example has no known holes, all pixels or no
+                pixel lack depth, or a loss is not finite (the message names the batch).
         """
         ...
 
     def load(self, folder: Path) -> Predictor:
-        """Read back what `fit` left in a folder.
+        """Load the result of `fit` from a folder.
 
         Raises:
-            InputError: nothing there, of another method or version, or damaged.
+            InputError: if there is none, it is of another method or version, or damaged.
         """
         ...

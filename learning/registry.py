@@ -1,4 +1,4 @@
-"""The methods by name; what one of them needs is loaded when it is asked for."""
+"""Prediction methods by name. The packages of a method are imported when it is created."""
 
 from __future__ import annotations
 
@@ -31,34 +31,35 @@ ON_PHYSICS = frozenset(
     {"physics", "physics_recalibrated", "hybrid", "hybrid_reflectance", "hybrid_trees"}
 )
 STARTABLE = frozenset({"network", "network_reflectance", "hybrid", "hybrid_reflectance"})
-_GOING_ON: dict[str, Any] = {"steps": 60, "rate": 1e-3}  # Of a network that has learnt before.
+# Changed settings for a network with initial weights.
+_FINE_TUNING: dict[str, Any] = {"steps": 60, "rate": 1e-3}
 
 
 def method(name: str, *, steps: int | None = None, start: Path | None = None) -> Method:
-    """Make a method.
+    """Create a method.
 
     Args:
-        name: of `NAMES`.
-        steps: how long a network is trained; None leaves its own number. Others have no steps.
-        start: folder where `starling train` has left the same method, whose weights training goes
-            on from, with fewer and smaller steps; None begins anew.
+        name: one of `NAMES`.
+        steps: training steps of a network; None uses its default. Ignored by other methods.
+        start: folder in which `starling train` saved the same method, as initial weights; training
+            then uses fewer and smaller steps. None starts from scratch.
 
     Raises:
         InputError: if there is no such method, it cannot start from weights, steps is below 1, or a
-            package that it needs is missing.
+            required package is missing.
     """
     errors.one_of("method", name, NAMES)
     module, kind, options = _TABLE[name]
     try:
-        made = getattr(import_module(f"starling.learning.methods.{module}"), kind)(**options)
+        instance = getattr(import_module(f"starling.learning.methods.{module}"), kind)(**options)
     except ModuleNotFoundError as error:
         raise errors.needs(name, str(error.name), "learning") from error
     if start is not None and name not in STARTABLE:
         known = ", ".join(sorted(STARTABLE))
         raise errors.refuse("start", f"must be for one of {known}", name, "Leave it out.")
-    changed: dict[str, Any] = {} if start is None else {"start": start, **_GOING_ON}
+    changed: dict[str, Any] = {} if start is None else {"start": start, **_FINE_TUNING}
     if steps is not None:
         changed["steps"] = steps
-    if not (changed and hasattr(made, "settings")):
-        return made
-    return dataclasses.replace(made, settings=dataclasses.replace(made.settings, **changed))
+    if not (changed and hasattr(instance, "settings")):
+        return instance
+    return dataclasses.replace(instance, settings=dataclasses.replace(instance.settings, **changed))

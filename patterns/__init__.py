@@ -1,4 +1,4 @@
-"""Dot patterns as arrays: generators that state their statistics, loading, measuring."""
+"""Dot patterns as arrays: generators, image files and statistics."""
 
 from starling.patterns.dots import draw as draw
 from starling.patterns.errors import InputError as InputError
@@ -11,5 +11,5 @@ from starling.patterns.image import load as load
 from starling.patterns.pattern import Pattern as Pattern
 from starling.patterns.statistics import Statistics as Statistics
 from starling.patterns.statistics import measure as measure
-from starling.patterns.statistics import state as state
+from starling.patterns.statistics import stated_statistics as stated_statistics
 from starling.patterns.uniqueness import unique_share as unique_share

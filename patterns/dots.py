@@ -1,4 +1,4 @@
-"""Drawing dots: Gaussian spots of one width, at sub-pixel positions, energy kept."""
+"""Drawing of dots as Gaussian spots at sub-pixel positions; each spot keeps its power."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from starling.patterns.errors import in_interval, positive, refuse
 from starling.patterns.field import Field
 
 SIGMA_PER_FWHM = 1 / math.sqrt(8 * math.log(2))
-NARROWEST_PX = 1.5  # Below this a sampled Gaussian's sum moves with its sub-pixel position.
+NARROWEST_PX = 1.5  # Below it a sampled Gaussian's sum depends on the sub-pixel position.
 STENCIL_SIGMAS = 4.0
-MOST_DOTS = 200_000  # Six times a Kinect; more is a mistyped parameter.
-CHUNK = 1 << 17  # Stencil samples worked on at once: few enough to stay in the cache.
+MOST_DOTS = 200_000  # Six times a Kinect; a larger number is a mistyped parameter.
+CHUNK = 1 << 17  # Stencil samples per batch, so that a batch stays in the cache.
 
 
 def draw(dots: np.ndarray, shape: tuple[int, int], field: Field, fwhm_mrad: float) -> np.ndarray:
     """Draw dots as Gaussian spots on the tangent plane.
 
-    A spot has the same width in direction cosines everywhere, as an order of diffraction has: all
-    orders turn the beam's waves by one grating vector each. On the plane it grows by 1/cos^3 of
-    the off-axis angle outwards and by 1/cos across. Its samples sum to its power; what falls
-    outside the image is lost.
+    All spots have one width in direction cosines, as the orders of a diffractive element have.
+    On the plane a spot grows by 1/cos^3 of the off-axis angle radially, by 1/cos tangentially.
+    The samples of a spot sum to its power. Light outside the image is lost.
 
     Args:
         dots: (n, 3) x [px], y [px], relative power >= 0; integer coordinate = pixel centre. Dots
@@ -35,13 +34,13 @@ def draw(dots: np.ndarray, shape: tuple[int, int], field: Field, fwhm_mrad: floa
         (h, w) float64, power per pixel.
 
     Raises:
-        InputError: if `dots` has another shape, is not finite or negative in power, or if the
-            spot is narrower than 1.5 px (too coarse an image) or wider than a quarter of it.
+        InputError: if `dots` is invalid (see `check_dots`), or if the spot is narrower than 1.5 px
+            or wider than a quarter of the image.
     """
     dots = check_dots(dots)
     check_width(fwhm_mrad, shape, field)
     focal_x, focal_y = field.focal_px(shape)
-    # Far out the plane is grazed and a spot's projection is no Gaussian any more: not drawn.
+    # At grazing angles the projection of a spot is no longer Gaussian: such dots are dropped.
     off_x, off_y = (
         np.abs(dots[:, axis] - (side - 1) / 2) - side / 2
         for axis, side in ((0, shape[1]), (1, shape[0]))
@@ -89,7 +88,7 @@ def _splat(image: np.ndarray, spots: np.ndarray, rx: int, ry: int, shape: tuple[
     column = np.rint(x).astype(np.int64) + np.arange(-rx, rx + 1)[None, None, :]
     row = np.rint(y).astype(np.int64) + np.arange(-ry, ry + 1)[None, :, None]
     dx, dy = (column - x).astype(np.float32), (row - y).astype(np.float32)
-    # One full-size product and sum less than the plain quadratic form.
+    # This form needs one product and one sum fewer than the plain quadratic form.
     half_xx, half_yy, half_xy = (
         (-0.5 * inverse).astype(np.float32) for inverse in (inverse_xx, inverse_yy, inverse_xy)
     )
@@ -106,18 +105,18 @@ def _splat(image: np.ndarray, spots: np.ndarray, rx: int, ry: int, shape: tuple[
 
 
 def check_dots(dots: np.ndarray) -> np.ndarray:
-    """Refuse what is no list of dots, else return it as float64.
+    """Check a list of dots and return it as float64.
 
     Raises:
-        InputError: if it is not (n, 3), or a row is not finite or negative in power.
+        InputError: if the shape is not (n, 3), or a row is not finite or has negative power.
     """
     dots = np.asarray(dots, dtype=np.float64)
     if dots.ndim != 2 or dots.shape[1] != 3:
         raise refuse("dots", "must have shape (n, 3)", dots.shape, "Give x_px, y_px, power.")
     bad = ~np.isfinite(dots).all(axis=1) | (dots[:, 2] < 0)
     if bad.any():
-        found = f"{bad.sum()} others, first at row {bad.argmax()}"
-        raise refuse("dots", "must be finite with power >= 0", found, "Drop or mend these rows.")
+        value = f"{bad.sum()} others, first at row {bad.argmax()}"
+        raise refuse("dots", "must be finite with power >= 0", value, "Drop or correct these rows.")
     return dots
 
 
@@ -139,7 +138,7 @@ def check_width(fwhm_mrad: float, shape: tuple[int, int], field: Field) -> None:
 
 
 def check_count(n: int, remedy: str) -> None:
-    """Refuse a number of dots that is none or that would fill the memory.
+    """Refuse a number of dots that is zero or would fill the memory.
 
     Raises:
         InputError: if it is outside 1 to 200 000.
@@ -149,10 +148,10 @@ def check_count(n: int, remedy: str) -> None:
 
 
 def relative_powers(n: int, spread: float, rng: np.random.Generator) -> np.ndarray:
-    """Powers (n,) of mean about 1, log-normal with standard deviation / mean = `spread`.
+    """Draw log-normal powers (n,) of mean about 1 and standard deviation / mean = `spread`.
 
-    Log-normal because a power is positive and its causes (emitter, diffraction order) multiply;
-    the law is assumed.
+    The distribution is assumed: powers are positive, and their causes (emitter, diffraction
+    order) multiply.
 
     Raises:
         InputError: if `spread` is outside [0, 2].

@@ -1,6 +1,6 @@
-"""The one refusal of the whole project and the checks that raise it.
+"""The project's input error and the checks that raise it.
 
-Form of every message: `<name> <rule>; got <value>. <what to do>` on one line.
+Every message has the form `<name> <rule>; got <value>. <what to do>` on one line.
 """
 
 from __future__ import annotations
@@ -10,24 +10,26 @@ import math
 import sys
 from collections.abc import Iterable
 
+import numpy as np
+
 
 class InputError(ValueError):
-    """Input that is refused: the message is one line that says what to do."""
+    """Refused input. The message is one line that states the remedy."""
 
 
 def refuse(name: str, rule: str, value: object, remedy: str) -> InputError:
-    """Build (not raise) the refusal `<name> <rule>; got <value>. <remedy>` on one line."""
+    """Build (not raise) the error `<name> <rule>; got <value>. <remedy>` on one line."""
     text = f"{name} {rule}; got {value}. {remedy}"
     return InputError(" ".join(text.split()))
 
 
 def needs(name: str, package: str, extra: str) -> InputError:
-    """Build (not raise) the refusal of what an optional package is missing for.
+    """Build (not raise) the error for a missing optional package.
 
     Args:
-        name: what needs it.
-        package: that is not installed.
-        extra: of this program, which brings it.
+        name: Feature that needs the package.
+        package: Package that is not installed.
+        extra: Extra of this project that installs the package.
     """
     remedy = f"In the project's folder: pip install -e '.[{extra}]'."
     return refuse(name, f"needs {package}", "none", remedy)
@@ -43,9 +45,9 @@ def in_interval(
     """Refuse a value outside the closed interval [low, high], NaN and non-numbers included.
 
     Raises:
-        InputError: if the value is no real number, not finite, or outside.
+        InputError: if the value is not a finite real number, or is outside.
     """
-    # Compared first: a whole number may be too large to ask whether it is finite.
+    # The comparison comes first: `math.isfinite` overflows on very large integers.
     if not _is_number(value) or not low <= value <= high or not math.isfinite(value):
         raise refuse(name, f"must be in [{low:g}, {high:g}]", repr(value), remedy)
 
@@ -54,14 +56,14 @@ def positive(name: str, value: float, remedy: str = "Give a number above zero.")
     """Refuse a value that is not a finite number above zero.
 
     Raises:
-        InputError: if the value is no real number, not finite, or <= 0.
+        InputError: if the value is not a finite real number, or is <= 0.
     """
     if not _is_number(value) or not 0 < value <= sys.float_info.max:
         raise refuse(name, "must be > 0", repr(value), remedy)
 
 
 def one_of(name: str, value: object, known: Iterable[str]) -> None:
-    """Refuse a name that is not among the known ones; the remedy lists them, nearest first.
+    """Refuse an unknown name; the remedy lists the known names, nearest first.
 
     Raises:
         InputError: if `value` is not one of `known`.
@@ -72,3 +74,28 @@ def one_of(name: str, value: object, known: Iterable[str]) -> None:
     near = difflib.get_close_matches(str(value), known, n=len(known), cutoff=0.0)
     listed = ", ".join(near + [name for name in known if name not in near])
     raise refuse(name, "must be a known name", repr(value), f"Known: {listed}.")
+
+
+def whole_number(
+    name: str, value: int, low: int, high: int, remedy: str = "Give a whole number."
+) -> int:
+    """Check that a value is an integer in [low, high] and return it as `int`.
+
+    Booleans are refused.
+
+    Raises:
+        InputError: if `value` is not an integer or is outside.
+    """
+    integer = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not integer or not low <= value <= high:
+        raise refuse(name, f"must be an integer in [{low}, {high}]", repr(value), remedy)
+    return int(value)
+
+
+def seeded_generator(seed: int) -> np.random.Generator:
+    """Return numpy's PCG64 generator for a checked seed.
+
+    Raises:
+        InputError: if the seed is not an integer in [0, 2^63 - 1].
+    """
+    return np.random.Generator(np.random.PCG64(whole_number("seed", seed, 0, 2**63 - 1)))

@@ -1,4 +1,4 @@
-"""What age and a poor lens make of a pattern: dots that are dark, displaced or wider."""
+"""Faults of a pattern: dark, displaced and widened dots."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from starling.patterns.cosine_blur import blurred
+from starling.patterns.cosine_blur import blur_in_cosines
 from starling.patterns.dots import SIGMA_PER_FWHM, draw
 from starling.patterns.errors import in_interval, refuse
 from starling.patterns.field import Field
 from starling.patterns.pattern import Pattern
 
-_FINE_PX = 8.0  # Full width of a spot above which a coarser drawing holds it as well.
+_FINE_PX = 8.0  # Spots wider than this [px FWHM] are drawn on a coarser image.
 
 
 def irradiance(
@@ -23,25 +23,26 @@ def irradiance(
     widened_mrad: float = 0.0,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Relative irradiance of a pattern with faults, the intact one's mean being 1.
+    """Compute the relative irradiance of a pattern with faults; the intact pattern has mean 1.
 
-    Dark dots take their light with them, and what is thrown out of the field is lost: nothing
-    gets brighter. The light that is not in dots stays as it is. Widths add in quadrature: dots
-    are drawn anew; an image without dots is blurred (see `starling.patterns.cosine_blur`).
+    The light of dark dots, and light displaced out of the field, is lost. The background between
+    dots is unchanged. Widths add in quadrature. A pattern with a dot list is redrawn; a pattern
+    without one is blurred (see `starling.patterns.cosine_blur`).
 
     Args:
-        pattern: the intact one.
-        dropped: share of the dots that are dark, in [0, 0.99]; more darkens the same ones first.
-        shifted_mrad: standard deviation of a dot's displacement on each axis [mrad].
-        widened_mrad: standard deviation of the Gaussian that the spots are convolved with [mrad].
-        rng: which dots, and where to; equal states give equal dots whatever the other faults.
+        pattern: Intact pattern.
+        dropped: Share of dark dots, in [0, 0.99]. A larger share contains the smaller one's dots.
+        shifted_mrad: Standard deviation of a dot's displacement on each axis [mrad].
+        widened_mrad: Standard deviation of the Gaussian that spots are convolved with [mrad].
+        rng: Selects the dark dots and the displacements. Equal generator states give equal
+            selections for all values of the faults.
 
     Returns:
-        (h, w) float32; the pattern's own image where there are no faults.
+        (h, w) float32; the pattern's own image if there are no faults.
 
     Raises:
-        InputError: if a value is out of range, spots get wider than a quarter of the image, or
-            dots are to be dropped or shifted of which nobody knows where they are.
+        InputError: if a value is out of range, or spots become wider than a quarter of the image.
+            Also if dots are dropped or shifted in a pattern without a dot list.
     """
     in_interval("dropped", dropped, 0.0, 0.99, "Give the share of dark dots.")
     in_interval("shifted_mrad", shifted_mrad, 0.0, 100.0, "Give a standard deviation in mrad.")
@@ -57,10 +58,10 @@ def irradiance(
                 pattern.name,
                 "Take a generated pattern, or change the image itself.",
             )
-        return blurred(pattern.image, pattern.field, widened_mrad)
-    lot, step = rng.random(len(dots)), rng.standard_normal((2, len(dots)))
+        return blur_in_cosines(pattern.image, pattern.field, widened_mrad)
+    rank, step = rng.random(len(dots)), rng.standard_normal((2, len(dots)))
     dots = dots.copy()
-    dots[lot < dropped, 2] = 0  # They stay in the list: the others' sums keep their order.
+    dots[rank < dropped, 2] = 0  # Kept in the list, so that sums keep their order.
     if shifted_mrad:
         _displace(dots, step * (shifted_mrad * 1e-3), pattern)
     wide = float(np.hypot(fwhm_mrad, widened_mrad / SIGMA_PER_FWHM))
@@ -70,13 +71,13 @@ def irradiance(
 
 @lru_cache(maxsize=4)
 def _mean(pattern: Pattern) -> float:
-    """Mean power a pixel of the intact pattern's dots."""
+    """Mean power per pixel of the intact pattern's dots."""
     assert pattern.dots is not None and pattern.fwhm_mrad is not None
     return draw(pattern.dots, pattern.shape, pattern.field, pattern.fwhm_mrad).mean()
 
 
 def _displace(dots: np.ndarray, step: np.ndarray, pattern: Pattern) -> None:
-    """Move dots in place by angles `step` (2, n) [rad] on two axes across each ray."""
+    """Move dots in place by angles `step` (2, n) [rad] about two axes across each ray."""
     x, y = pattern.field.tangents(dots[:, 0], dots[:, 1], pattern.shape)
     ray = np.stack([x, y, np.ones_like(x)], axis=1)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
@@ -84,7 +85,7 @@ def _displace(dots: np.ndarray, step: np.ndarray, pattern: Pattern) -> None:
     down /= np.linalg.norm(down, axis=1, keepdims=True)
     right = np.cross(down, ray)
     ray = ray + np.tan(step[0])[:, None] * right + np.tan(step[1])[:, None] * down
-    depth = np.maximum(ray[:, 2], 1e-3)  # Beyond the horizon is far outside of every field.
+    depth = np.maximum(ray[:, 2], 1e-3)  # Rays beyond the horizon land far outside every field.
     dots[:, 0], dots[:, 1] = pattern.field.pixels(
         ray[:, 0] / depth, ray[:, 1] / depth, pattern.shape
     )

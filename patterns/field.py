@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from starling.patterns.errors import in_interval
-from starling.patterns.whole import whole
+from starling.patterns.errors import in_interval, whole_number
 
 SMALLEST_SIDE_PX = 32
 LARGEST_SIDE_PX = 8192
@@ -18,8 +17,8 @@ LARGEST_SIDE_PX = 8192
 class Field:
     """A rectangular field of view, seen as a pinhole image (x right, y down).
 
-    A direction is given by its tangents (x/z, y/z); pixel (0, 0) has its centre half a pixel
-    inside the corner, so that the axis meets pixel ((w - 1) / 2, (h - 1) / 2).
+    Tangents (x/z, y/z) describe a direction. The centre of pixel (0, 0) lies half a pixel inside
+    the corner, so the axis meets pixel ((w - 1) / 2, (h - 1) / 2).
 
     Args:
         fov_x_deg: Full horizontal field [deg], in [1, 150].
@@ -49,12 +48,12 @@ class Field:
 
     @property
     def area_m2(self) -> float:
-        """Area lit on the plane at one metre, perpendicular to the axis [m^2]."""
+        """Lit area of the plane at one metre, perpendicular to the axis [m^2]."""
         return 4 * self.half_x * self.half_y
 
     @property
     def solid_angle_deg2(self) -> float:
-        """Solid angle of the field [deg^2], 1 sr = (180/pi)^2 deg^2: the pyramid, not fx * fy."""
+        """Solid angle of the field's pyramid [deg^2], where 1 sr = (180/pi)^2 deg^2."""
         x, y = self.half_x, self.half_y
         return 4 * math.atan(x * y / math.sqrt(1 + x * x + y * y)) * math.degrees(1) ** 2
 
@@ -62,12 +61,12 @@ class Field:
         """Image shape (h, w) with square pixels at this width.
 
         Raises:
-            InputError: if the width is no integer, or a side falls outside [32, 8192] pixels.
+            InputError: if the width is not an integer, or a side is outside [32, 8192] pixels.
         """
         sides = SMALLEST_SIDE_PX, LARGEST_SIDE_PX
-        width = whole("width_px", width_px, *sides, "Give the image width in whole pixels.")
+        width = whole_number("width_px", width_px, *sides, "Give the image width in whole pixels.")
         height = round(width * self.half_y / self.half_x)
-        return whole("image height", height, *sides, "Change width_px."), width
+        return whole_number("image height", height, *sides, "Change width_px."), width
 
     def focal_px(self, shape: tuple[int, int]) -> tuple[float, float]:
         """Focal lengths (fx, fy) [px] of an image of this shape (h, w) over the field."""
@@ -88,11 +87,11 @@ class Field:
         return (x_px - (shape[1] - 1) / 2) / focal_x, (y_px - (shape[0] - 1) / 2) / focal_y
 
     def holds(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Which tangents lie inside the field, (n,) bool."""
+        """Whether each tangent lies inside the field, (n,) bool."""
         return (np.abs(x) < self.half_x) & (np.abs(y) < self.half_y)
 
     def uniform_directions(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """`n` directions uniform over the solid angle, as tangents (x, y), each (n,)."""
+        """Draw `n` directions uniform over the solid angle, as tangents (x, y), each (n,)."""
         x, y = np.empty(0), np.empty(0)
         while len(x) < n:
             u = rng.random((3, 2 * (n - len(x)) + 64))
@@ -112,10 +111,10 @@ def unit_vectors(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def directions_from_cosines(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tangents (x, y) of direction cosines (a, b); those beyond 88 deg are dropped.
+    """Convert direction cosines (a, b) to tangents (x, y); those beyond 88 deg are dropped.
 
-    A diffractive element's orders are evenly spaced in direction cosines (grating equation),
-    which on a plane looks like a pincushion.
+    The orders of a diffractive element are evenly spaced in direction cosines (grating
+    equation). On a plane this spacing looks like a pincushion distortion.
     """
     rest = 1 - a * a - b * b
     keep = rest > 1e-3

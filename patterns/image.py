@@ -1,4 +1,4 @@
-"""A pattern from an image file."""
+"""Loading of a pattern from an image file."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def load(path: str | Path, *, fov_x_deg: float, fov_y_deg: float) -> Pattern:
-    """Load a pattern from a grey PNG, 8 or 16 bits, whose values are linear irradiance.
+    """Load a pattern from a grey PNG of 8 or 16 bits whose values are linear irradiance.
 
-    The image is taken as the view on the tangent plane (see `Pattern`); pixels need not be
-    square. Only the scale is changed (mean 1).
+    The image covers the tangent plane (see `Pattern`); pixels need not be square. The values are
+    scaled to mean 1.
 
     Args:
         path: The PNG file.
@@ -26,15 +26,15 @@ def load(path: str | Path, *, fov_x_deg: float, fov_y_deg: float) -> Pattern:
         fov_y_deg: Full vertical field of view [deg].
 
     Raises:
-        InputError: if the file is missing, no PNG, damaged, not grey, under 32 or over 8192 px
-            on a side or all zero, or a field of view is out of range.
+        InputError: if the file is missing, damaged, all zero, or not a grey PNG with sides of 32
+            to 8192 px. Also if a field of view is out of range.
     """
     path = Path(path)
     try:
         content = path.read_bytes()
     except OSError as error:
-        found = f"{path} ({error.strerror})"
-        raise refuse("pattern file", "must be readable", found, "Check the path.") from error
+        value = f"{path} ({error.strerror})"
+        raise refuse("pattern file", "must be readable", value, "Check the path.") from error
     _check_header(path, *_chunks(path, content))
     import cv2  # Heavy, and needed here only.
 
@@ -42,17 +42,17 @@ def load(path: str | Path, *, fov_x_deg: float, fov_y_deg: float) -> Pattern:
     if image is None:
         raise _damaged(path)
     if not image.any():
-        found = f"{path}, all zero"
-        raise refuse("pattern file", "must hold some light", found, "Give another image.")
-    return Pattern.of_image(
+        value = f"{path}, all zero"
+        raise refuse("pattern file", "must hold some light", value, "Give another image.")
+    return Pattern.from_image(
         image, fov_x_deg=fov_x_deg, fov_y_deg=fov_y_deg, name=f"image {path.name}"
     )
 
 
 def _chunks(path: Path, content: bytes) -> tuple[bytes, bytes, set[bytes]]:
-    """Header, image data and chunk names of a PNG, every checksum verified.
+    """Read header, image data and chunk names of a PNG and verify all checksums.
 
-    OpenCV fills what is missing of a damaged PNG with zeros and says nothing.
+    OpenCV silently fills the missing part of a damaged PNG with zeros.
     """
     if not content.startswith(PNG_SIGNATURE):
         raise refuse("pattern file", "must be a PNG", path, "Convert it to a grey PNG.")
@@ -73,7 +73,7 @@ def _chunks(path: Path, content: bytes) -> tuple[bytes, bytes, set[bytes]]:
 
 
 def _check_header(path: Path, header: bytes, data: bytes, kinds: set[bytes]) -> None:
-    """Refuse all but a grey image of a usable size whose data are complete."""
+    """Refuse an image that is not grey, has an unusable size, or has incomplete data."""
     if len(header) != 13:
         raise _damaged(path)
     width, height = int.from_bytes(header[:4], "big"), int.from_bytes(header[4:8], "big")
@@ -96,7 +96,7 @@ def _check_header(path: Path, header: bytes, data: bytes, kinds: set[bytes]) -> 
         length = len(zlib.decompress(data))
     except zlib.error as error:
         raise _damaged(path) from error
-    # One filter byte a row; interlaced rows are split further and are left to the decoder.
+    # Each row has one filter byte. The decoder checks interlaced images, whose rows are split.
     if not interlaced and length != height * (1 + width * bits // 8):
         raise _damaged(path)
 

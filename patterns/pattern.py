@@ -1,4 +1,4 @@
-"""What a pattern is: the relative irradiance a projector makes on a plane, and its dots."""
+"""A pattern: the relative irradiance of a projector on a plane, and its dots."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from starling.patterns.field import SMALLEST_SIDE_PX, Field
 class Pattern:
     """A projected pattern, as a pinhole image on the plane at unit distance.
 
-    The image already holds everything angular: dots of equal power are dimmer off the axis,
-    because the plane catches them larger and sparser there.
+    The image includes the projection onto the plane: off the axis, dots of equal power are
+    larger, sparser and dimmer.
 
     Args:
         image: (h, w) float32 >= 0, mean 1, made read-only: relative irradiance on the plane
             perpendicular to the projector's axis, x right, y down. Build from any scale with
-            `Pattern.of_image`.
+            `Pattern.from_image`.
         fov_x_deg: Full horizontal field of view [deg] that the image spans.
         fov_y_deg: Full vertical field of view [deg].
-        name: What it is and where it comes from.
-        dots: Optional (n, 3) float64, read-only: x [px], y [px], relative power of every spot.
+        name: Kind and origin of the pattern.
+        dots: Optional (n, 3) float64, read-only: x [px], y [px], relative power of each spot.
         fwhm_mrad: Optional full width at half maximum of a spot [mrad].
         background: Optional share of the light that is not in dots, in [0, 1].
 
     Raises:
-        InputError: if the image is not such an array, or a field of view is out of range.
+        InputError: if the image violates these rules, or a field of view is out of range.
     """
 
     image: np.ndarray
@@ -50,26 +50,26 @@ class Pattern:
                 "image",
                 "must be float32 with mean 1",
                 f"{image.dtype}, mean {mean:.4g}",
-                "Use Pattern.of_image, which normalises.",
+                "Use Pattern.from_image, which normalises.",
             )
-        self._keep("image", image)
+        self._store("image", image)
         if self.dots is not None:
             if self.fwhm_mrad is None or self.background is None:
-                found = f"{self.fwhm_mrad}, {self.background}"
-                raise refuse("fwhm_mrad and background", "must come with dots", found, "Give both.")
-            self._keep("dots", check_dots(self.dots))
+                value = f"{self.fwhm_mrad}, {self.background}"
+                raise refuse("fwhm_mrad and background", "must come with dots", value, "Give both.")
+            self._store("dots", check_dots(self.dots))
 
-    def _keep(self, name: str, array: np.ndarray) -> None:
-        """Hold a private read-only copy, so that nobody's later write reaches the pattern."""
+    def _store(self, name: str, array: np.ndarray) -> None:
+        """Store a read-only copy, so that later writes do not change the pattern."""
         array = np.array(array)
         array.flags.writeable = False
         object.__setattr__(self, name, array)
 
     @classmethod
-    def of_image(
+    def from_image(
         cls, image: np.ndarray, *, fov_x_deg: float, fov_y_deg: float, name: str
     ) -> Pattern:
-        """Make a pattern of a linear irradiance image (h, w) of any scale.
+        """Build a pattern from a linear irradiance image (h, w) of any scale.
 
         Raises:
             InputError: if the image is not 2-D, too small, negative, not finite or all zero.
@@ -83,7 +83,7 @@ class Pattern:
         )
 
     @classmethod
-    def of_dots(
+    def from_dots(
         cls,
         x: np.ndarray,
         y: np.ndarray,
@@ -95,7 +95,7 @@ class Pattern:
         background: float,
         name: str,
     ) -> Pattern:
-        """Draw dots into a pattern; dots whose centre is outside the field are left out.
+        """Build a pattern from dots; dots centred outside the field are dropped.
 
         Args:
             x: (n,) tangents x/z of the dots' directions.
@@ -104,8 +104,8 @@ class Pattern:
             field: Field of view.
             width_px: Image width [px]; the height follows with square pixels.
             fwhm_mrad: Spot width [mrad].
-            background: Share of the light spread evenly over the plane, in [0, 0.99].
-            name: Provenance.
+            background: Share of the light that is spread evenly over the plane, in [0, 0.99].
+            name: Kind and origin of the pattern.
 
         Raises:
             InputError: if a parameter is out of range or no dot falls inside the field.
@@ -141,17 +141,17 @@ class Pattern:
         return self.image.shape[0], self.image.shape[1]
 
     def irradiance_w_m2(self, power_w: float, depth_m: float = 1.0) -> np.ndarray:
-        """Irradiance [W/m^2], (h, w), that `power_w` of light makes on a plane at `depth_m`.
+        """Irradiance [W/m^2] (h, w) of `power_w` of light on a plane at `depth_m`.
 
         Raises:
-            InputError: if power or depth is not a number above zero.
+            InputError: if power or depth is not a finite number above zero.
         """
         positive("power_w", power_w, "Give the projector's optical power in watts.")
         positive("depth_m", depth_m, "Give the plane's depth along the axis in metres.")
         return self.image * np.float32(power_w / (self.field.area_m2 * depth_m**2))
 
     def __eq__(self, other: object) -> bool:
-        """Equal when all fields are, arrays element by element."""
+        """Compare all fields, arrays element by element."""
         if not isinstance(other, Pattern):
             return NotImplemented
         return self._scalars() == other._scalars() and all(
@@ -168,11 +168,11 @@ class Pattern:
 
 
 def check_image(image: np.ndarray) -> np.ndarray:
-    """Refuse what cannot be an irradiance image, else return it as an array.
+    """Check an irradiance image and return it as an array.
 
     Raises:
-        InputError: if it is not 2-D and at least 32x32, not real numbers, negative, not finite
-            or all zero.
+        InputError: if it is not 2-D, smaller than 32x32, not real, negative, not finite or all
+            zero.
     """
     image = np.asarray(image)
     if image.ndim != 2 or min(image.shape) < SMALLEST_SIDE_PX:

@@ -1,4 +1,4 @@
-"""A pattern's statistics: stated from its dots, measured from its image."""
+"""Statistics of a pattern, from its dot list or from its image."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from starling.patterns.field import Field, unit_vectors
 from starling.patterns.pattern import Pattern, check_image
 from starling.patterns.uniqueness import unique_share
 
-FURTHEST_MELT = 1.75  # In units of 2 sigma: beyond, only a power ratio over 15 melts.
-FAINTEST = 0.05  # A local maximum counts from this share of the bright ones' height.
+FURTHEST_MERGE = 1.75  # [2 sigma]. Beyond it, spots merge only at power ratios over 15.
+FAINTEST = 0.05  # Least height of a spot, as a share of the bright spots' height.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Statistics:
-    """What can be said of a pattern, the same from its dots or from its image.
+    """Statistics that the dot list and the image both give.
 
     Args:
-        dots: Separate spots in the field: those whose sum has one maximum count as one (equal
-            spots nearer than 2 sigma = 0.85 FWHM, unequal ones from further).
-        dots_per_deg2: `dots` per square degree of the field's solid angle (not of fx * fy).
+        dots: Number of separate spots. Spots whose sum has one maximum count as one: equal spots
+            closer than 2 sigma = 0.85 FWHM, unequal spots also at larger distances.
+        dots_per_deg2: `dots` per square degree of the field's solid angle.
         neighbour_mrad: Median angle from a spot to its nearest neighbour [mrad].
         fwhm_mrad: Median spot width, full width at half maximum [mrad].
-        dot_share: Share of the light that is in spots; the rest is an even background.
+        dot_share: Share of the light in spots; the remainder is an even background.
         unique_share: Share of 11x11 windows unique along the row within 126 px at `focal_px`
             (see `unique_share`).
-        focal_px: Camera focal length [px] that unique_share holds for.
+        focal_px: Camera focal length of `unique_share` [px].
     """
 
     dots: int
@@ -47,10 +47,10 @@ class Statistics:
         return math.degrees(self.fwhm_mrad * 1e-3)
 
 
-def state(pattern: Pattern, *, focal_px: float | None = None) -> Statistics:
-    """The statistics a generated pattern states: from its dot list and parameters.
+def stated_statistics(pattern: Pattern, *, focal_px: float | None = None) -> Statistics:
+    """Compute the statistics of a generated pattern from its dot list and parameters.
 
-    Only unique_share is taken from the image, since it has no closed form.
+    Only `unique_share` is measured on the image, because it has no closed form.
 
     Args:
         pattern: A pattern with dots.
@@ -63,7 +63,7 @@ def state(pattern: Pattern, *, focal_px: float | None = None) -> Statistics:
         raise refuse("pattern", "must carry its dots", pattern.name, "Use measure on its image.")
     field = pattern.field
     rays = unit_vectors(*field.tangents(pattern.dots[:, 0], pattern.dots[:, 1], pattern.shape))
-    rays = _melt(rays, pattern.dots[:, 2], SIGMA_PER_FWHM * pattern.fwhm_mrad * 1e-3)
+    rays = _merge(rays, pattern.dots[:, 2], SIGMA_PER_FWHM * pattern.fwhm_mrad * 1e-3)
     return Statistics(
         dots=len(rays),
         dots_per_deg2=len(rays) / field.solid_angle_deg2,
@@ -78,12 +78,12 @@ def state(pattern: Pattern, *, focal_px: float | None = None) -> Statistics:
 def measure(
     image: np.ndarray, *, fov_x_deg: float, fov_y_deg: float, focal_px: float | None = None
 ) -> Statistics:
-    """The same statistics from an image alone.
+    """Measure the statistics of a pattern on its image.
 
     The background is the image's first percentile, so spots must leave gaps. A spot is a local
-    maximum of 3x3 pixels that rises over 5 % of the bright ones' height (the 99.5th percentile);
-    position and width come from a parabola through the logarithm of those pixels, which is exact
-    for a lone Gaussian. Smooth a noisy photograph first.
+    maximum of 3x3 pixels above 5 % of the bright spots' height (the 99.5th percentile). A
+    parabola through the logarithm of these pixels gives position and width; it is exact for an
+    isolated Gaussian. Smooth a noisy photograph first.
 
     Args:
         image: (h, w) linear irradiance of any scale.
@@ -92,7 +92,7 @@ def measure(
         focal_px: Camera focal length [px] for the uniqueness; None: the image's own.
 
     Raises:
-        InputError: if the image is unfit (see `Pattern`), holds no spot, or as `unique_share`.
+        InputError: if the image is invalid (see `Pattern`) or holds no spot, or as `unique_share`.
     """
     field = Field(fov_x_deg, fov_y_deg)
     image = check_image(image).astype(np.float64)
@@ -104,7 +104,7 @@ def measure(
         raise refuse("image", "must hold a spot", "none", "Give a pattern of dots.")
     x, y = field.tangents(x_px, y_px, shape)
     focal_x, focal_y = field.focal_px(shape)
-    # An element of the plane at tangent r has (1 + r^2)^-2 of its area in direction cosines.
+    # A plane element at tangent r covers (1 + r^2)^-2 of its area in direction cosines.
     area = area_px2 / (focal_x * focal_y) * (1 + x * x + y * y) ** -2
     return Statistics(
         dots=len(x),
@@ -118,13 +118,13 @@ def measure(
 
 
 def _spots(light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions x, y [px] and sigma_1 * sigma_2 [px^2] of spots; the latter NaN where unfit."""
+    """Positions x, y [px] and sigma_1 * sigma_2 [px^2] of spots; NaN where the fit fails."""
     from scipy import ndimage  # Heavy, like all of scipy: not at import.
 
     peak = (light == ndimage.maximum_filter(light, 3)) & (
         light > FAINTEST * np.percentile(light, 99.5)
     )
-    # A plateau (clipped or quantised) is one spot: take its first pixel.
+    # A plateau (clipped or quantised) is one spot; its first pixel represents it.
     labels, count = ndimage.label(peak, structure=np.ones((3, 3)))  # pyright: ignore
     flat = np.flatnonzero(peak)
     _, first = np.unique(labels.ravel()[flat], return_index=True)
@@ -137,7 +137,7 @@ def _spots(light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         row[inner, None, None] + offsets[:, None], column[inner, None, None] + offsets[None]
     ]
     log = np.log(np.maximum(near, 1e-12))
-    # Least squares of a parabola on 3x3 samples: slopes and curvatures in closed form.
+    # Closed-form least squares of a parabola on 3x3 samples: slopes and curvatures.
     slope_x = (log[:, :, 2] - log[:, :, 0]).sum(1) / 6
     slope_y = (log[:, 2] - log[:, 0]).sum(1) / 6
     curve_x = (log[:, :, 0] - 2 * log[:, :, 1] + log[:, :, 2]).sum(1) / 3
@@ -154,8 +154,8 @@ def _spots(light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x, y, area
 
 
-def _melt(rays: np.ndarray, power: np.ndarray, sigma: float) -> np.ndarray:
-    """Unit vectors of spots (m, 3) after joining those whose pairwise sum has one maximum.
+def _merge(rays: np.ndarray, power: np.ndarray, sigma: float) -> np.ndarray:
+    """Merge spots whose pairwise sum has one maximum; return their unit vectors (m, 3).
 
     Two Gaussians of one width at distance 2 d sigma and power ratio q have two maxima if and
     only if d > 1 and |ln q| < 2 d sqrt(d^2 - 1) + 2 ln(d - sqrt(d^2 - 1)). Source: Behboodian,
@@ -165,8 +165,8 @@ def _melt(rays: np.ndarray, power: np.ndarray, sigma: float) -> np.ndarray:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
-    cosines = rays[:, :2]  # In which all spots have one width.
-    pairs = KDTree(cosines).query_pairs(2 * FURTHEST_MELT * sigma, output_type="ndarray")
+    cosines = rays[:, :2]  # All spots have one width in direction cosines.
+    pairs = KDTree(cosines).query_pairs(2 * FURTHEST_MERGE * sigma, output_type="ndarray")
     first, second = pairs[:, 0], pairs[:, 1]
     d = np.linalg.norm(cosines[first] - cosines[second], axis=1) / (2 * sigma)
     root = np.sqrt(np.maximum(d * d - 1, 0))
@@ -183,7 +183,7 @@ def _melt(rays: np.ndarray, power: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def _neighbour_mrad(rays: np.ndarray) -> float:
-    """Median angle [mrad] to the nearest of the others, NaN for a lone ray."""
+    """Median angle to the nearest neighbour [mrad]; NaN for a single ray."""
     from scipy.spatial import KDTree
 
     if len(rays) < 2:

@@ -1,14 +1,13 @@
-"""How unique a pattern's windows are along the epipolar line."""
+"""Uniqueness of a pattern's windows along the epipolar line."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from starling.patterns.errors import in_interval, positive, refuse
+from starling.patterns.errors import in_interval, positive, refuse, whole_number
 from starling.patterns.field import Field
-from starling.patterns.whole import whole
 
-BANDS = 48  # Rows of windows looked at, evenly spaced: a share to about 1 %.
+BANDS = 48  # Evenly spaced rows of windows; they give the share to about 1 %.
 BLANK = 0.05  # Contrast floor, relative to the whole image's standard deviation.
 
 
@@ -21,17 +20,17 @@ def unique_share(
     search_px: int = 126,
     threshold: float = 0.8,
 ) -> float:
-    """Share of windows with no look-alike within the disparity search along their row.
+    """Share of windows without a similar window in the disparity search along their row.
 
-    The image is brought to the camera's scale (`focal_px` pixels per unit tangent; a wall
-    parallel to both keeps the row). A window is unique if its normalised cross-correlation with
-    every window of the same row shifted right by s stays below `threshold`, for all s from
-    window_px // 2 + 1 (nearer shifts belong to the match's own peak) to search_px. One side is
-    enough: the other shows the same pairs. NCC is damped by a contrast floor, 5 % of the image's
-    standard deviation, and a window below the floor counts as not unique: there is nothing to
-    match. No noise, no imager blur: an upper bound of what a matcher can use. Windows so near
-    the right edge that their search leaves the field are left out; 48 evenly spaced rows of
-    windows are looked at, every column.
+    The image is resampled to the camera's scale (`focal_px` pixels per unit tangent). A window is
+    unique if its normalised cross-correlation (NCC) with all windows of its row, shifted right
+    by s, stays below `threshold`. The shift s runs from window_px // 2 + 1 to search_px; smaller
+    shifts belong to the peak of the correct match. Left shifts would repeat the same pairs.
+
+    The NCC is damped by a contrast floor of 5 % of the image's standard deviation. A window below
+    the floor counts as not unique. Noise and imager blur are ignored, so the share is an upper
+    bound for a matcher. Windows whose search leaves the field on the right are excluded. 48
+    evenly spaced rows of windows are evaluated, at all columns.
 
     Args:
         image: (h, w) irradiance.
@@ -39,13 +38,15 @@ def unique_share(
         focal_px: Camera focal length [px]; None: the image's own.
         window_px: Side of the window [px], 3 to 31.
         search_px: Largest shift [px]; 126 is the D400 search range.
-        threshold: NCC at which a window has a look-alike.
+        threshold: NCC from which two windows count as similar.
 
     Raises:
         InputError: if a parameter is out of range or the field is too narrow for the search.
     """
-    window_px = whole("window_px", window_px, 3, 31, "Give the matcher's window side.")
-    search_px = whole("search_px", search_px, window_px, 1024, "Give the disparity search range.")
+    window_px = whole_number("window_px", window_px, 3, 31, "Give the matcher's window side.")
+    search_px = whole_number(
+        "search_px", search_px, window_px, 1024, "Give the disparity search range."
+    )
     in_interval("threshold", threshold, 0.0, 1.0)
     scaled = at_focal(image, field, focal_px).astype(np.float64)
     height, width = scaled.shape
@@ -68,18 +69,18 @@ def unique_share(
     best = np.full((len(tops), count), -np.inf)
     for shift in range(window_px // 2 + 1, search_px + 1):
         product = np.einsum("nkw,nkw->nw", bands[..., :-shift], bands[..., shift:])
-        here, there = slice(0, count), slice(shift, shift + count)
-        covariance = _boxes(product, window_px)[:, here] / area - mean[:, here] * mean[:, there]
-        np.maximum(best, covariance / (scale[:, here] * scale[:, there]), out=best)
+        base, shifted = slice(0, count), slice(shift, shift + count)
+        covariance = _boxes(product, window_px)[:, base] / area - mean[:, base] * mean[:, shifted]
+        np.maximum(best, covariance / (scale[:, base] * scale[:, shifted]), out=best)
     unique = (best < threshold) & (variance[:, :count] > floor)
     return float(unique.mean())
 
 
 def at_focal(image: np.ndarray, field: Field, focal_px: float | None) -> np.ndarray:
-    """The image (h, w) at square pixels of the given focal length [px]; None: its own x focal.
+    """Resample the image (h, w) to square pixels of a focal length [px]; None: its own fx.
 
     Raises:
-        InputError: if focal_px is not above zero or makes an image over 8192 px wide.
+        InputError: if focal_px is not above zero, or gives an image over 8192 px wide.
     """
     from scipy import ndimage  # Heavy, like all of scipy: not at import.
 
@@ -92,7 +93,7 @@ def at_focal(image: np.ndarray, field: Field, focal_px: float | None) -> np.ndar
     if shape == image.shape:
         return image
     step = np.array([focal_y, focal_x]) / focal_px
-    # Blur as the coarser grid's pixel would before taking fewer samples.
+    # Anti-aliasing: blur by the coarser grid's pixel before downsampling.
     smooth = ndimage.gaussian_filter(image, np.maximum(0.0, (step - 1) / 2))
     offset = (np.array(image.shape) - 1) / 2 - step * (np.array(shape) - 1) / 2
     return ndimage.affine_transform(

@@ -1,3 +1,3 @@
-"""Scene and sensor to infrared pair to depth, with a reason for every missing pixel."""
+"""Simulation of active-stereo depth cameras: infrared pair, depth, and reasons for holes."""
 
 from starling.patterns.errors import InputError as InputError

@@ -1,4 +1,4 @@
-"""Figures of a disparity map against a reference: which pixels count, and how far off they are."""
+"""Error figures of a disparity map against a reference, and the pixels that they count."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from scipy import ndimage, optimize
 from starling.patterns.errors import refuse
 from starling.sim.stereo.filled import filled
 
-EDGE_JUMP_PX = 1.0  # A step between neighbours above this is a depth edge [px of disparity].
-EDGE_MARGIN_PX = 2  # Pixels this near a depth edge do not count: the reference is unsure there.
-LEFT_BAND_PX = 128  # Columns that a search of 128 disparities may not reach.
-MAD_TO_SIGMA = 1.4826  # Median absolute deviation of a normal distribution, inverted.
+EDGE_JUMP_PX = 1.0  # A larger disparity step between neighbours is a depth edge [px].
+EDGE_MARGIN_PX = 2  # Margin around depth edges, where the reference is uncertain [px].
+LEFT_BAND_PX = 128  # Left columns that a search of 128 disparities may not reach.
+MAD_TO_SIGMA = 1.4826  # Standard deviation / median absolute deviation of a normal law.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DisparityFigures:
-    """How a disparity map compares with a reference."""
+    """Error figures of a disparity map."""
 
     bias_px: float  # Median error [px].
     nmad_px: float  # 1.4826 x median absolute deviation of the error from its median [px].
-    bad1_pct: float  # Share of the valid pixels that are off by more than 1 px [percent].
+    bad1_pct: float  # Share of valid pixels with an error above 1 px [percent].
     fill: float  # Share of the counted pixels that are valid, 0 ... 1.
-    ndp_iou: float | None  # Overlap of both maps' no-depth pixels, 0 ... 1; None where not asked.
+    ndp_iou: float | None  # Overlap of both maps' no-depth pixels, 0 ... 1, if requested.
 
 
 def _one_shape(**arrays: NDArray) -> None:
@@ -43,13 +43,13 @@ def _one_shape(**arrays: NDArray) -> None:
 def depth_edges(disparity_px: NDArray) -> NDArray[np.bool_]:
     """Pixels within 2 px of a depth edge of a disparity map.
 
-    Unknown pixels take the nearest known value first, so that a hole in a surface is no edge.
+    Unknown pixels first take the nearest known value, so that a hole is not an edge.
 
     Args:
         disparity_px: (h, w) [px], NaN where unknown.
 
     Returns:
-        (h, w) mask. All False where nothing is known.
+        (h, w) mask, all False if no pixel is known.
     """
     known = np.isfinite(disparity_px)
     if not known.any():
@@ -67,14 +67,14 @@ def depth_edges(disparity_px: NDArray) -> NDArray[np.bool_]:
 
 
 def reached_pixels(truth_px: NDArray) -> NDArray[np.bool_]:
-    """Pixels of known truth right of the left band: where no-depth pixels are compared."""
+    """Pixels of known truth outside the left band, where no-depth pixels are compared."""
     reached = np.isfinite(truth_px)
     reached[:, :LEFT_BAND_PX] = False
     return reached
 
 
 def scored_pixels(truth_px: NDArray) -> NDArray[np.bool_]:
-    """Pixels that count: known truth, right of the left band, away from the truth's edges.
+    """Pixels that count: known truth, outside the left band, away from depth edges.
 
     Args:
         truth_px: (h, w) disparity of the reference [px], NaN where unknown.
@@ -83,7 +83,7 @@ def scored_pixels(truth_px: NDArray) -> NDArray[np.bool_]:
 
 
 def hole_overlap(first_px: NDArray, second_px: NDArray, where: NDArray[np.bool_]) -> float:
-    """Intersection over union of two maps' no-depth pixels inside `where`; 1 if neither has any."""
+    """Intersection over union of two maps' no-depth pixels in `where`; 1 without any."""
     first, second = ~np.isfinite(first_px) & where, ~np.isfinite(second_px) & where
     union = np.count_nonzero(first | second)
     return np.count_nonzero(first & second) / union if union else 1.0
@@ -101,13 +101,13 @@ def disparity_figures(
 
     Args:
         disparity_px: (h, w) [px], NaN = no depth.
-        reference_px: (h, w) [px], NaN = unknown: scanner's truth, or a device's own map.
-        scored: (h, w) the pixels that count, usually `scored_pixels(truth)`.
-        holes_of_px: map whose no-depth pixels are compared with ours, or None.
-        holes_where: where they are compared, usually `reached_pixels(truth)`; None = `scored`.
+        reference_px: (h, w) [px], NaN = unknown. A scanner's truth, or a device's own map.
+        scored: (h, w) pixels that count, usually `scored_pixels(truth)`.
+        holes_of_px: Map whose no-depth pixels are compared with those of `disparity_px`, or None.
+        holes_where: Pixels of this comparison, usually `reached_pixels(truth)`; None = `scored`.
 
     Returns:
-        The figures; errors are over pixels where both maps have a value. NaN where there is none.
+        Figures over the pixels where both maps have a value; NaN if there are none.
 
     Raises:
         InputError: if the arrays differ in shape or `scored` is empty.
@@ -135,23 +135,25 @@ def disparity_figures(
 def shift_px(
     left: NDArray[np.floating], right: NDArray[np.floating], *, near_px: float, margin_px: int
 ) -> float:
-    """Disparity of a fronto-parallel pair without a matcher: least squares over a cubic spline.
+    """Disparity of a fronto-parallel pair by least squares, without a matcher.
+
+    The right image is shifted by cubic splines.
 
     Args:
         left: (h, w) noise-free image of the left imager.
-        right: (h, w) of the right one.
-        near_px: disparity that the search starts from, at most 0.5 px off.
-        margin_px: border that does not count.
+        right: (h, w) noise-free image of the right imager.
+        near_px: Approximate disparity, at most 0.5 px off.
+        margin_px: Width of the excluded border.
 
     Returns:
-        The one shift [px] that makes the right image most like the left.
+        Shift [px] that minimises the squared difference of the images.
     """
     inside = (slice(margin_px, -margin_px), slice(margin_px, -margin_px))
-    one, other = np.asarray(left, np.float64), np.asarray(right, np.float64)
+    fixed, moving = np.asarray(left, np.float64), np.asarray(right, np.float64)
 
     def mismatch(disparity_px: float) -> float:
-        shifted = ndimage.shift(other, (0, disparity_px), order=3, mode="nearest")
-        return float(((one - shifted)[inside] ** 2).sum())
+        shifted = ndimage.shift(moving, (0, disparity_px), order=3, mode="nearest")
+        return float(((fixed - shifted)[inside] ** 2).sum())
 
-    found = optimize.minimize_scalar(mismatch, (near_px - 0.5, near_px + 0.5), tol=1e-5)
-    return float(found.x)
+    minimum = optimize.minimize_scalar(mismatch, (near_px - 0.5, near_px + 0.5), tol=1e-5)
+    return float(minimum.x)

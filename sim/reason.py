@@ -1,4 +1,4 @@
-"""Why a pixel has no depth: one fixed code per cause, in order of cause (the first cause wins)."""
+"""Reason codes of pixels without depth. If several causes apply, the lowest code wins."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from numpy.typing import NDArray
 
 
 class Reason(IntEnum):
-    """Code of a pixel; 0 has depth. Stored as uint32 because OpenEXR takes no uint8."""
+    """Reason code of a pixel; 0 means depth. Stored as uint32, since OpenEXR has no uint8."""
 
     VALID = 0  # The pixel has depth.
-    NO_SURFACE = 1  # Nothing is seen along the pixel's ray.
+    NO_SURFACE = 1  # The pixel's ray meets no surface.
     OUTSIDE_OVERLAP = 2  # The match would lie left of the right image (left border).
     OCCLUDED = 3  # The surface is hidden from the right imager.
     SHADOWED = 4  # The surface is hidden from the projector.
     LOW_SIGNAL = 5  # Too little light above the noise.
-    SATURATED = 6  # The imager's ceiling flattens the window.
+    SATURATED = 6  # Too many pixels of the window are at the imager's ceiling.
     AMBIGUOUS = 7  # A second disparity matches nearly as well (uniqueness).
     LEFT_RIGHT = 8  # Matching from the right image gives another disparity.
     SUPPORT = 9  # Too little texture, or too few neighbours that agree.
     SPECKLE = 10  # A small island of its own disparity, removed.
     POST_FILTER = 11  # Removed by post-processing.
     OUT_OF_RANGE = 12  # Depth outside what the sensor reports.
-    UNKNOWN = 13  # A real device: no depth and no word why.
+    UNKNOWN = 13  # A real device, which reports no reason.
 
 
 LABELS: dict[Reason, str] = {
@@ -46,15 +46,15 @@ LABELS: dict[Reason, str] = {
 
 
 def first_cause(valid: NDArray[np.bool_], causes: dict[Reason, NDArray[np.bool_]]) -> NDArray:
-    """Give every pixel without depth its first cause.
+    """Assign its first cause to each pixel without depth.
 
     Args:
         valid: (h, w), True where there is depth.
-        causes: for each cause the mask (h, w) where it applies; where several do, the lowest
-            code wins; where none does, the pixel is UNKNOWN.
+        causes: Mask (h, w) of each cause. The lowest code wins; pixels without a cause are
+            UNKNOWN.
 
     Returns:
-        (h, w) uint32 codes, 0 exactly where `valid`.
+        (h, w) uint32 codes, 0 exactly where `valid` is True.
     """
     reason = np.full(valid.shape, Reason.UNKNOWN, np.uint32)
     for cause in sorted(causes, reverse=True):

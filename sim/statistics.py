@@ -1,4 +1,4 @@
-"""Statistics of what is known, where NaN marks what is not."""
+"""Statistics of arrays in which NaN marks unknown values."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 
 def mean_known(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[np.float64]:
-    """Mean of what is known; NaN, without a warning, where nothing is.
+    """Mean of the known values; NaN, without a warning, where there are none.
 
     Args:
-        values: NaN where not known.
-        axis: as numpy has it.
+        values: Values, NaN where unknown.
+        axis: As in numpy.
     """
     known = np.isfinite(values)
     count = known.sum(axis=axis)

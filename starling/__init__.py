@@ -1,1 +1,512 @@
-"""Physically based active-stereo depth cameras, simulated from the light up."""
+"""Physically based active-stereo depth cameras, simulated from the light up.
+
+Everything that a first program needs is on this page. The packages behind it (`starling.patterns`,
+`starling.sim`, `starling.calibration`, `starling.learning`, `starling.diagnosis`) load on use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from starling.calibration.result import Calibration as Calibration
+    from starling.diagnosis.diagnosis import Diagnosis as Diagnosis
+    from starling.learning.completion.method import Completed as Completed
+    from starling.patterns.errors import InputError as InputError
+    from starling.patterns.pattern import Pattern as Pattern
+    from starling.sim.captures.capture import CapturedScene as CapturedScene
+    from starling.sim.captures.capture import CaptureSet as CaptureSet
+    from starling.sim.effects.effect import Value
+    from starling.sim.reason import Reason as Reason
+    from starling.sim.scene.scene import Scene as Scene
+    from starling.sim.sensor.sensor import Sensor as Sensor
+    from starling.sim.simulate import Shot as Shot
+    from starling.sim.stereo.depth import DepthMap as DepthMap
+
+__version__ = "0.2.0"
+
+_CLASSES = {  # Name to the module that defines it; loaded on first use.
+    "Calibration": "starling.calibration.result",
+    "CaptureSet": "starling.sim.captures.capture",
+    "CapturedScene": "starling.sim.captures.capture",
+    "Completed": "starling.learning.completion.method",
+    "DepthMap": "starling.sim.stereo.depth",
+    "Diagnosis": "starling.diagnosis.diagnosis",
+    "InputError": "starling.patterns.errors",
+    "Pattern": "starling.patterns.pattern",
+    "Reason": "starling.sim.reason",
+    "Scene": "starling.sim.scene.scene",
+    "Sensor": "starling.sim.sensor.sensor",
+    "Shot": "starling.sim.simulate",
+}
+_PACKAGES = ("calibration", "diagnosis", "learning", "patterns", "sim")
+__all__ = [
+    "Calibration",
+    "CaptureSet",
+    "CapturedScene",
+    "Completed",
+    "DepthMap",
+    "Diagnosis",
+    "InputError",
+    "Pattern",
+    "Reason",
+    "Scene",
+    "Sensor",
+    "Shot",
+    "apply_effects",
+    "calibrate",
+    "compare",
+    "complete",
+    "diagnose",
+    "draw",
+    "generate",
+    "list_effects",
+    "list_sensors",
+    "load_scene",
+    "load_sensor",
+    "match",
+    "open_captures",
+    "simulate",
+    "simulate_captures",
+    "verify",
+]
+
+
+def list_sensors() -> list[str]:
+    """Return the names of the sensor presets.
+
+    Example:
+        >>> starling.list_sensors()
+        ['d415', 'd435', 'd455', 'kinect-v1', 'xtion']
+    """
+    from starling.sim.sensor import presets
+
+    return presets.names()
+
+
+def load_sensor(name: str, *, edits: Iterable[str] = ()) -> Sensor:
+    """Load a sensor preset by name, or a sensor file by path, and edit fields of it.
+
+    Args:
+        name: preset (see `list_sensors`) or path of a `.toml` file.
+        edits: `PATH=VALUE` each, e.g. `projector.power_w=0.2`; `imager.` means both imagers.
+
+    Raises:
+        InputError: unknown preset, unreadable file, unknown field or refused value.
+
+    Example:
+        >>> sensor = starling.load_sensor("d435", edits=["projector.power_w=0.2"])
+        >>> sensor.baseline_m, sensor.projector.power_w
+        (0.05015, 0.2)
+    """
+    from starling.sim.sensor import edits as sensor_edits
+    from starling.sim.sensor import presets
+
+    return sensor_edits.apply(presets.load(name), edits)
+
+
+def load_scene(specifier: str, sensor: Sensor) -> Scene:
+    """Load a scene.
+
+    Args:
+        specifier: builtin scene, mesh file (PLY, OBJ, GLB), Mitsuba XML, or one scene of a
+            capture set. Builtin: `wall`, `staircase`, `tabletop`, `clutter`, `room`; a number may
+            follow a colon (`room:3`).
+        sensor: sensor that will see the scene; it sets the viewpoint.
+
+    Raises:
+        InputError: unknown or unreadable scene.
+
+    Example:
+        >>> scene = starling.load_scene("wall:2", starling.load_sensor("d435"))
+        >>> len(scene.bodies)
+        1
+    """
+    from starling.sim.scene import sources
+
+    return sources.load(specifier, sensor)
+
+
+def list_effects() -> list[str]:
+    """Return the names of all effects: departures of a real camera from an ideal one.
+
+    Example:
+        >>> "lens_blur" in starling.list_effects()
+        True
+    """
+    from starling.sim.effects import table
+
+    return [effect.name for effect in table()]
+
+
+def apply_effects(
+    sensor: Sensor, scene: Scene, effects: Mapping[str, Value]
+) -> tuple[Sensor, Scene]:
+    """Return sensor and scene with effects set to given strengths.
+
+    Args:
+        sensor: sensor to change.
+        scene: scene to change.
+        effects: strength by `NAME` or `NAME.PARAMETER`; `starling effects` lists them.
+
+    Raises:
+        InputError: unknown effect, or a strength out of range.
+
+    Example:
+        >>> sensor = starling.load_sensor("d435")
+        >>> scene = starling.load_scene("wall", sensor)
+        >>> blurred, scene = starling.apply_effects(sensor, scene, {"lens_blur": 0.8})
+        >>> blurred.left.lens.blur_px
+        0.8
+    """
+    from starling.sim.effects import setting
+
+    return setting.apply(sensor, scene, effects)
+
+
+def simulate(
+    scene: Scene | str, sensor: Sensor | str, *, seed: int = 0, frame: int = 0, samples: int = 16
+) -> Shot:
+    """Simulate one reading of a depth camera: infrared pair, depth, and why depth is missing.
+
+    Args:
+        scene: scene, or its specifier as for `load_scene`.
+        sensor: sensor, or its name as for `load_sensor`.
+        seed: seed of all noise; equal seeds give equal bits on one machine.
+        frame: number of the frame; each frame has noise of its own.
+        samples: paths a coarse pixel of indirect light, where the scene has interreflection.
+
+    Raises:
+        InputError: unknown scene or sensor, or a sensor that one frame cannot serve.
+
+    Example:
+        >>> shot = starling.simulate("wall", "d435", seed=1)
+        >>> shot.depth.depth_m.shape
+        (480, 848)
+        >>> bool((shot.depth.valid == (shot.depth.reason == starling.Reason.VALID)).all())
+        True
+    """
+    from starling.sim.simulate import simulate
+
+    camera = load_sensor(sensor) if isinstance(sensor, str) else sensor
+    stage = load_scene(scene, camera) if isinstance(scene, str) else scene
+    return simulate(stage, camera, seed=seed, frame=frame, samples=samples)
+
+
+def simulate_captures(
+    scene: str,
+    sensor: Sensor,
+    out: Path | str,
+    *,
+    frames: int = 1,
+    seed: int = 0,
+    effects: Mapping[str, Value] | None = None,
+    force: bool = False,
+) -> dict[str, Any]:
+    """Simulate a scene and write it as a capture set, as `starling simulate` does.
+
+    Args:
+        scene: specifier as for `load_scene`, or a capture set: then all its scenes.
+        sensor: sensor that captures.
+        out: folder to make.
+        frames: frames of each scene.
+        seed: seed of all noise.
+        effects: strengths as for `apply_effects`.
+        force: replace a folder that Starling wrote before.
+
+    Returns:
+        What was written: `out`, `files`, figures.
+
+    Raises:
+        InputError: unknown scene, existing folder, or refused effect.
+
+    Example:
+        >>> written = starling.simulate_captures("wall", starling.load_sensor("d435"), "out/wall")
+        >>> starling.open_captures("out/wall").scenes[0].frame(0).ir_left.shape
+        (480, 848)
+    """
+    from pathlib import Path
+
+    from starling.sim.commands import simulate_captures
+
+    return simulate_captures.simulate_captures(
+        scene, sensor, Path(out), frames=frames, seed=seed, effects=effects or {}, force=force
+    )
+
+
+def match(ir_left: NDArray[Any], ir_right: NDArray[Any] | None, sensor: Sensor) -> DepthMap:
+    """Match a rectified infrared pair as a sensor does, and triangulate.
+
+    Args:
+        ir_left: (h, w) uint8, or uint16 of as many bits as the sensor matches.
+        ir_right: (h, w) of the same type; None for structured light.
+        sensor: gives the matcher, geometry and post-processing.
+
+    Returns:
+        Disparity [px] and depth [m], NaN where missing, with a reason for every missing pixel.
+
+    Raises:
+        InputError: images of different shape or type, or smaller than 16 x 16.
+
+    Example:
+        >>> sensor = starling.load_sensor("d435")
+        >>> shot = starling.simulate("wall", sensor)
+        >>> depth = starling.match(shot.ir_left, shot.ir_right, sensor)
+        >>> bool(depth.valid.mean() > 0.8)
+        True
+    """
+    from starling.sim.stereo.measurement import measure
+
+    return measure(ir_left, ir_right, sensor, causes={})
+
+
+def open_captures(path: Path | str) -> CaptureSet:
+    """Open a capture set, or one scene folder in it. Images are read on use.
+
+    Raises:
+        InputError: no such folder, or no capture set.
+
+    Example:
+        >>> _ = starling.simulate_captures("wall", starling.load_sensor("d435"), "out/captures")
+        >>> [scene.name for scene in starling.open_captures("out/captures").scenes]
+        ['wall']
+    """
+    from starling.sim.captures import capture
+
+    return capture.open_set(path)
+
+
+def compare(real: CaptureSet | Path | str, simulated: CaptureSet | Path | str) -> dict[str, Any]:
+    """Compare simulated captures with real captures of the same scenes.
+
+    Args:
+        real: captures of a device, or their folder.
+        simulated: simulated captures of the same scenes, or their folder.
+
+    Returns:
+        `{"metrics": {NAME: {"real", "sim", "gap"}}, "scenes": {...}}`.
+
+    Raises:
+        InputError: no common scene, or images of different size.
+
+    Example:
+        >>> sensor = starling.load_sensor("d435")
+        >>> for seed in (1, 2):
+        ...     _ = starling.simulate_captures("wall", sensor, f"out/{seed}", seed=seed)
+        >>> sorted(starling.compare("out/1", "out/2")["metrics"])
+        ['dot_contrast', 'mean_dn', 'ndp_iou', 'ndp_rate', 'nmad_px']
+    """
+    from starling.sim.commands import compare
+
+    return compare.compare(_opened(real), _opened(simulated))
+
+
+def calibrate(
+    captures: CaptureSet | Path | str,
+    sensor: Sensor,
+    *,
+    free: Sequence[str],
+    folder: Path | str,
+    heldout: Sequence[str] | None = None,
+) -> Calibration:
+    """Fit a sensor to captures of known surfaces, and score it on held-out rooms.
+
+    Args:
+        captures: captures with reference depth or known geometry, or their folder.
+        sensor: sensor to start from, with the captures' intrinsics.
+        free: groups of parameters to fit, e.g. `("baseline", "focal", "projector")`.
+        folder: where the images of a recovered dot pattern go.
+        heldout: rooms left out of the fit; every fourth room where None.
+
+    Returns:
+        Fitted sensor, estimates with standard deviations, held-out scores.
+
+    Raises:
+        InputError: captures that cannot be calibrated, unknown groups or rooms.
+
+    Example:
+        >>> sensor = starling.load_sensor("d435", edits=SMALL)
+        >>> _ = starling.simulate_captures("tabletop", sensor, "out/table")
+        >>> fit = starling.calibrate("out/table", sensor, free=["baseline"], folder="out")
+        >>> bool(abs(fit.sensor.baseline_m - sensor.baseline_m) < 1e-3)
+        True
+    """
+    from pathlib import Path
+
+    from starling.calibration.fit_sensor import fit
+
+    scenes = _opened(captures).scenes
+    return fit(scenes, sensor, free=free, folder=Path(folder), heldout=heldout)
+
+
+def diagnose(
+    captures: CaptureSet | Path | str,
+    sensor: Sensor,
+    *,
+    against: CaptureSet | Path | str | None = None,
+    families: Sequence[str] | None = None,
+    cache: Path | None = None,
+    residual: bool = False,
+) -> Diagnosis:
+    """Find out where a simulation differs from captures, which effect explains it, how far.
+
+    It simulates in worker processes: call it below `if __name__ == "__main__"` in a script.
+
+    Args:
+        captures: captures with reference depth or known geometry, or their folder.
+        sensor: sensor that the captures' camera should be.
+        against: captures of the same scenes to compare with in place of a simulation.
+        families: families of effects to try; all where None.
+        cache: folder that keeps simulated features for other runs on the same scenes.
+        residual: train a network on what physics misses, as a bound.
+
+    Returns:
+        Location of the gap, candidate effects with strengths, gap reduction on held-out scenes.
+
+    Raises:
+        InputError: damaged captures, unknown families, or a sensor that is no stereo camera.
+
+    Example:
+        >>> camera = starling.load_sensor("d435", edits=SMALL)
+        >>> _ = starling.simulate_captures("clutter:1", camera, "out/dim", effects={"gain": 0.5})
+        >>> diagnosis = starling.diagnose("out/dim", camera, families=["gain"])
+        >>> diagnosis.scenes
+        ('clutter-1',)
+    """
+    from starling.diagnosis.diagnosis import diagnose
+
+    return diagnose(
+        _opened(captures),
+        sensor,
+        against=None if against is None else _opened(against),
+        families=families,
+        cache=cache,
+        residual=residual,
+    )
+
+
+def complete(
+    image: NDArray[Any] | None, depth_m: NDArray[Any], *, method: str = "small"
+) -> Completed:
+    """Fill missing depth of one frame.
+
+    Args:
+        image: (h, w, 3) or grey (h, w), registered to depth; None where there is none.
+        depth_m: (h, w) depth [m], NaN where missing.
+        method: `nearest`, `morphological`, `bilateral`, `wls`, `poisson`, `small`, or
+            `NAME=FOLDER` for one with trained weights.
+
+    Returns:
+        Depth everywhere, and its expected standard deviation where the method estimates it.
+
+    Raises:
+        InputError: unknown method, images of different size, or missing PyTorch.
+
+    Example:
+        >>> shot = starling.simulate("wall", "d435")
+        >>> filled = starling.complete(shot.ir_left, shot.depth.depth_m, method="nearest")
+        >>> bool(np.isfinite(filled.depth_m).all())
+        True
+    """
+    import numpy as np
+
+    from starling.learning.completion import method as completion
+    from starling.learning.completion import methods
+
+    return completion.complete(methods.create(method), image, depth_m, np.isfinite(depth_m))
+
+
+def generate(plan: Path | str, out: Path | str, *, workers: int = 1) -> dict[str, Any]:
+    """Make a data set from a plan; a run that was interrupted continues.
+
+    Args:
+        plan: TOML file with scenes, sensors, poses and seed.
+        out: folder of the data set.
+        workers: processes.
+
+    Raises:
+        InputError: refused plan, or a folder with another plan's data.
+
+    Example:
+        >>> generated = starling.generate(PLAN, "out/set")
+        >>> generated["frames"]
+        2
+    """
+    from pathlib import Path
+
+    from starling.sim.datasets.generate import generate
+
+    return generate(Path(plan), Path(out), workers=workers)
+
+
+def verify(out: Path | str, *, sample: int = 0) -> dict[str, Any]:
+    """Check a data set: checksums of all files, and a sample of frames made again.
+
+    Args:
+        out: folder of the data set.
+        sample: frames to make again and compare.
+
+    Raises:
+        InputError: no data set in the folder.
+
+    Example:
+        >>> _ = starling.generate(PLAN, "out/verified")
+        >>> starling.verify("out/verified", sample=1)["differing"]
+        0
+    """
+    from pathlib import Path
+
+    from starling.sim.datasets.verify import verify
+
+    return verify(Path(out), sample=sample)
+
+
+def draw(captures: Path | str, out: Path | str, *, frame: int = 0) -> dict[str, Any]:
+    """Draw captures: infrared, depth, reasons of missing depth, error against ground truth.
+
+    Args:
+        captures: capture set, or one scene in it.
+        out: `NAME.png` for one scene, a folder for several.
+        frame: number of the frame.
+
+    Raises:
+        InputError: no captures, or an existing picture.
+
+    Example:
+        >>> _ = starling.simulate_captures("wall", starling.load_sensor("d435"), "out/drawn")
+        >>> _ = starling.draw("out/drawn/wall", "out/wall.png")
+    """
+    from pathlib import Path
+
+    from starling.sim.commands import show_captures
+
+    return show_captures.show_captures(str(captures), Path(out), frame=frame)
+
+
+def _opened(captures: CaptureSet | Path | str) -> CaptureSet:
+    from starling.sim.captures.capture import CaptureSet
+
+    return captures if isinstance(captures, CaptureSet) else open_captures(captures)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a class or a package on first use."""
+    from importlib import import_module
+
+    if name in _CLASSES:
+        return getattr(import_module(_CLASSES[name]), name)
+    if name in _PACKAGES:
+        return import_module(f"starling.{name}")
+    from difflib import get_close_matches
+
+    (nearest,) = get_close_matches(name, [*__all__, *_PACKAGES], n=1, cutoff=0.0)
+    raise AttributeError(f"module 'starling' has no attribute {name!r}. Nearest: {nearest}.")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, *_PACKAGES, "__version__"]

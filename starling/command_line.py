@@ -1,70 +1,128 @@
-"""The front door: `starling VERB`. The verbs stand beside what they call, package by package.
+"""The command line: `starling VERB`. Each package keeps its verbs; this module finds and runs them.
 
 Exit codes: 0 done, 1 refused (one line on standard error), 2 bad flags.
 """
 
 from __future__ import annotations
 
+import difflib
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from importlib import import_module
 
 import tyro
 from tyro.conf import FlagCreatePairsOff, PositionalMetavarFromFieldName
 
-from starling.calibration import verbs as calibration_verbs
-from starling.diagnosis import verbs as diagnosis_verbs
-from starling.learning.commands import completion_verbs
-from starling.learning.commands import verbs as learning_verbs
-from starling.sim.commands import data_verbs
-from starling.sim.commands import verbs as sim_verbs
 from starling.sim.console import shell
 
-_app = tyro.extras.SubcommandApp()
-for _verb in (
-    *sim_verbs.VERBS,
-    *data_verbs.VERBS,
-    *calibration_verbs.VERBS,
-    *learning_verbs.VERBS,
-    *completion_verbs.VERBS,
-    *diagnosis_verbs.VERBS,
-):
-    _app.command(_verb)
-
-_OF_TWO_WORDS = {("train", "completion"), ("evaluate", "completion")}  # Each a verb of its own.
+# By group of the help: each verb and the module whose function of the same name it calls.
+GROUPS: dict[str, dict[str, str]] = {
+    "Simulate": {
+        "simulate": "starling.sim.commands.verbs",
+        "generate": "starling.sim.commands.data_verbs",
+        "verify": "starling.sim.commands.data_verbs",
+        "sweep": "starling.sim.commands.verbs",
+    },
+    "Captures": {
+        "show": "starling.sim.commands.verbs",
+        "match": "starling.sim.commands.verbs",
+        "compare": "starling.learning.commands.verbs",
+        "fuse": "starling.sim.commands.data_verbs",
+        "export": "starling.sim.commands.data_verbs",
+    },
+    "Calibrate": {
+        "calibrate": "starling.calibration.verbs",
+    },
+    "Learn": {
+        "train": "starling.learning.commands.verbs",
+        "evaluate": "starling.learning.commands.verbs",
+        "complete": "starling.learning.commands.completion_verbs",
+        "train completion": "starling.learning.commands.completion_verbs",
+        "evaluate completion": "starling.learning.commands.completion_verbs",
+    },
+    "Diagnose": {
+        "diagnose": "starling.diagnosis.verbs",
+        "withheld": "starling.diagnosis.verbs",
+    },
+    "Tools": {
+        "sensors": "starling.sim.commands.verbs",
+        "effects": "starling.sim.commands.verbs",
+        "atlas": "starling.sim.commands.verbs",
+        "bench": "starling.sim.commands.verbs",
+        "doctor": "starling.sim.commands.verbs",
+    },
+}
+VERBS = {name: module for group in GROUPS.values() for name, module in group.items()}
+_HELP = ("-h", "--help")
+_BAD_FLAGS = 2
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    if tuple(arguments[:2]) in _OF_TWO_WORDS:
-        arguments[:2] = ["-".join(arguments[:2])]
     try:
         with shell.termination_as_exit(), warnings.catch_warnings():
             warnings.showwarning = shell.warn
-            _app.cli(
-                args=arguments,
-                prog="starling",
-                description=_DESCRIPTION,
-                config=(FlagCreatePairsOff, PositionalMetavarFromFieldName),
-            )
+            return _run(arguments)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except KeyboardInterrupt:
         print("interrupted; nothing half-written is left", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # The reader of our output has gone (`starling sensors | head -1`).
+    except BrokenPipeError:  # The reader of the output has gone (`starling sensors | head -1`).
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - until the process ends
         return 0
     except Exception as error:
         if "--debug" in arguments:
             raise
-        print(shell.line_of(error), file=sys.stderr)
+        print(shell.format_error(error), file=sys.stderr)
         return 1
+
+
+def _run(arguments: list[str]) -> int:
+    if not arguments:
+        print(_overview(), file=sys.stderr)
+        return _BAD_FLAGS
+    if arguments[0] in _HELP:
+        print(_overview())
+        return 0
+    name = " ".join(arguments[:2]) if " ".join(arguments[:2]) in VERBS else arguments[0]
+    if name not in VERBS:
+        print(_unknown(name), file=sys.stderr)
+        return _BAD_FLAGS
+    tyro.cli(
+        _function(name),
+        prog=f"starling {name}",
+        args=arguments[len(name.split()) :],
+        config=(FlagCreatePairsOff, PositionalMetavarFromFieldName),
+    )
     return 0
 
 
-_DESCRIPTION = """Starling simulates active-stereo depth cameras from the light up.
+def _function(name: str) -> Callable[..., None]:
+    return getattr(import_module(VERBS[name]), name.replace(" ", "_"))
 
-Example: starling simulate tabletop --sensor d435 --out out/tabletop"""
+
+def _unknown(name: str) -> str:
+    nearest = difflib.get_close_matches(name, VERBS, n=1, cutoff=0.0)[0]
+    return f"verb must be one of `starling --help`; got {name!r}. Nearest: {nearest}."
+
+
+def _overview() -> str:
+    """Return the help of the whole program: every verb with the first line of its docstring."""
+    width = max(map(len, VERBS)) + 2
+    lines = [
+        "usage: starling VERB [--help] ...",
+        "",
+        "Simulate active-stereo depth cameras from the light up.",
+        "",
+        "Example: starling simulate tabletop --sensor d435 --out out/tabletop",
+    ]
+    for group, verbs in GROUPS.items():
+        lines += ["", f"{group}:"]
+        for name in verbs:
+            summary = (_function(name).__doc__ or "").split("\n")[0]
+            lines.append(f"  {name:{width}}{summary}")
+    return "\n".join([*lines, "", "`starling VERB --help` explains a verb and its flags."])

@@ -1,4 +1,4 @@
-"""What all tests share: hypothesis profiles, the real captures, and the GPU where there is one."""
+"""Shared fixtures of all tests: hypothesis profiles, real captures, and the GPU if present."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ settings.load_profile("ci" if os.environ.get("CI") else "dev")
 def captures() -> Path:
     """Folder of the real capture sets, which may not be redistributed.
 
-    `STARLING_CAPTURES`, else a folder named captures beside the project that holds `d415-faro`.
+    It is `STARLING_CAPTURES`, or else the folder ../*/captures that holds `d415-faro`.
     """
     chosen = os.environ.get("STARLING_CAPTURES")
     if chosen and not Path(chosen).is_dir():
         pytest.skip(f"no real captures at {chosen}; set STARLING_CAPTURES to their folder")
-    beside = sorted(path.parent for path in ROOT.parent.glob("*/captures/d415-faro"))
-    if not chosen and not beside:
+    neighbours = sorted(path.parent for path in ROOT.parent.glob("*/captures/d415-faro"))
+    if not chosen and not neighbours:
         pytest.skip("no real captures; set STARLING_CAPTURES to their folder")
-    return Path(chosen) if chosen else beside[0]
+    return Path(chosen) if chosen else neighbours[0]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip the tests marked `gpu` where Dr.Jit finds no CUDA device."""
+    """Skip tests marked `gpu` if Dr.Jit finds no CUDA device."""
     marked = [item for item in items if item.get_closest_marker("gpu")]
     if not marked:
         return

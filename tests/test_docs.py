@@ -1,4 +1,4 @@
-"""What the pages say is run: commands of the tutorial, code of the README, tables of codes."""
+"""Documentation tests: tutorial commands, README code, tables of codes, links."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_readme_code_runs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("page", TUTORIALS)
 def test_tutorial_commands_run(page: Path, tmp_path: Path) -> None:
-    """What a page's shell blocks say, in order and in one folder, as one types it."""
+    """Run a page's shell blocks in order, in one folder."""
     program = tmp_path / "bin" / "starling"
     program.parent.mkdir()
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m starling "$@"\n')
@@ -57,14 +57,14 @@ def test_tutorial_commands_run(page: Path, tmp_path: Path) -> None:
             _run(sys.executable, "-c", code, cwd=tmp_path)
 
 
-def test_pages_write_to_folders_of_their_own() -> None:
-    """Pages are read in order, in one folder: what one has made no other may write into."""
+def test_pages_write_to_separate_folders() -> None:
+    """Pages run in order in one folder, so no page may write into another page's output."""
     pages = [ROOT / "README.md", *sorted((ROOT / "docs" / "tutorial").glob("*.md"))]
     written: dict[str, set[str]] = {}
     for page in pages:
         text = page.read_text("utf-8")
-        made = re.findall(r"(?:--out|cp -r .*|cat >) ([\w./$-]+)(?=[`\s])", text)
-        for target in made:
+        image = re.findall(r"(?:--out|cp -r .*|cat >) ([\w./$-]+)(?=[`\s])", text)
+        for target in image:
             # `calibrate --out NAME.toml` makes the folder NAME too.
             written.setdefault(target.removesuffix(".toml").rstrip("/"), set()).add(page.name)
     assert {"out/first", "out/real", "out/cam", "plan"} <= written.keys()
@@ -86,8 +86,8 @@ def test_glossary_defines_each_word_once() -> None:
     assert [word for word in words if "NDP (" in word] == ["NDP (no-depth pixel)"]
 
 
-def test_links_lead_somewhere() -> None:
-    """Links between pages, and to pictures once these are made."""
+def test_links_have_targets() -> None:
+    """Checks links between pages, and to pictures once they exist."""
     broken = []
     for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]:
         for target in re.findall(r"\]\(([^)#\s]+)", page.read_text("utf-8")):

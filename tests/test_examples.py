@@ -35,7 +35,7 @@ def test_example_runs(example: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
-def test_example_explains_itself(example: Path) -> None:
+def test_example_has_a_docstring(example: Path) -> None:
     text = example.read_text(encoding="utf-8")
     docstring = ast.get_docstring(ast.parse(text)) or ""
     assert f"python examples/{example.name}" in docstring.split("Usage:")[-1]
@@ -45,7 +45,7 @@ def test_example_explains_itself(example: Path) -> None:
 def test_a_realsense_is_recorded_as_a_capture_set(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With a camera that is played: dots on left images, none with the projector off."""
+    """Uses a simulated camera: dots on left images, none with the projector off."""
     monkeypatch.setitem(sys.modules, "pyrealsense2", FakeRealSense())
     monkeypatch.syspath_prepend(ROOT / "examples")
     recorder = importlib.import_module("record_realsense")
@@ -64,7 +64,7 @@ def test_a_realsense_is_recorded_as_a_capture_set(
 
 
 class FakeRealSense(types.ModuleType):
-    """As much of `pyrealsense2` as the recorder asks for."""
+    """The part of `pyrealsense2` that the recorder uses."""
 
     def __init__(self) -> None:
         super().__init__("pyrealsense2")
@@ -77,7 +77,7 @@ class FakeRealSense(types.ModuleType):
         self.options = {"exposure": 8500.0, "gain": 16.0, "laser_power": 150.0}
 
     def config(self) -> SimpleNamespace:
-        return SimpleNamespace(enable_stream=lambda *asked: None)
+        return SimpleNamespace(enable_stream=lambda *requested: None)
 
     def pipeline(self) -> SimpleNamespace:
         device = SimpleNamespace(
@@ -92,9 +92,9 @@ class FakeRealSense(types.ModuleType):
         video = SimpleNamespace(get_intrinsics=lambda: pinhole)
         stream = SimpleNamespace(
             as_video_stream_profile=lambda: video,
-            get_extrinsics_to=lambda other: SimpleNamespace(translation=(-0.055, 0.0, 0.0)),
+            get_extrinsics_to=lambda second: SimpleNamespace(translation=(-0.055, 0.0, 0.0)),
         )
-        profile = SimpleNamespace(get_device=lambda: device, get_stream=lambda *asked: stream)
+        profile = SimpleNamespace(get_device=lambda: device, get_stream=lambda *requested: stream)
         return SimpleNamespace(
             start=lambda config: profile, wait_for_frames=self._frames, stop=lambda: None
         )

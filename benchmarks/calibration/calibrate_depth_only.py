@@ -1,9 +1,9 @@
-"""Calibration from depth and holes alone on the real D415 scenes, their infrared left aside.
+"""Calibrate from depth only on the real D415 scenes, without their infrared images.
 
     python benchmarks/calibration/calibrate_depth_only.py 3
 
-Captures: `d415-faro` in the folder $STARLING_CAPTURES. The first scene of so many rooms is fitted;
-the first scenes of as many other rooms are held out.
+Captures: `d415-faro` in the folder $STARLING_CAPTURES. The argument is the number of rooms. The
+first scene of each of these rooms is fitted; the first scenes of as many other rooms are held out.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from starling.calibration.depth.depth_figures import side_by_side
+from starling.calibration.depth.depth_figures import compare_readings
 from starling.calibration.depth.depth_only import GROUPS, fit_depth
-from starling.calibration.depth.depth_twin import twin
+from starling.calibration.depth.depth_twin import render_twin
 from starling.calibration.observation import Observation
 from starling.calibration.solution import Solution
 from starling.sim.captures.capture import CapturedScene, open_set
@@ -31,20 +31,20 @@ SIDES = ("device", "before", "after")
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Outcome:
-    """A fit to some rooms, and figures of rooms it never saw."""
+    """A fit to some rooms, with the figures of held-out rooms."""
 
     solution: Solution
     held_out: Mapping[str, Mapping[str, float]]
-    seconds: float  # Of the fit.
+    seconds: float  # Wall time of the fit [s].
 
 
 def folder() -> Path:
-    """Where the scenes are, if they are on this machine."""
+    """Return the folder of the scenes; it may not exist."""
     return Path(os.environ.get("STARLING_CAPTURES", "")) / "d415-faro"
 
 
-def depth_alone(scene: CapturedScene) -> Observation:
-    """One scene's depth and reference; its infrared is not read."""
+def depth_observation(scene: CapturedScene) -> Observation:
+    """Read the depth and reference of a scene, without infrared images."""
     frame = scene.frame(scene.frames[0])
     return Observation(
         name=scene.name,
@@ -55,28 +55,31 @@ def depth_alone(scene: CapturedScene) -> Observation:
     )
 
 
-def one_a_room(where: Path, *, spread: int) -> list[Observation]:
-    """Return the first scene of each room, by room, every `spread`-th room first."""
+def first_scenes(where: Path, *, spread: int) -> list[Observation]:
+    """Return the first scene of each room; every `spread`-th room comes first."""
     first: dict[str, CapturedScene] = {}
     for scene in open_set(where).scenes:
         first.setdefault(scene.room, scene)
     rooms = sorted(first)
     order = [room for start in range(spread) for room in rooms[start::spread]]
-    return [depth_alone(first[room]) for room in order]
+    return [depth_observation(first[room]) for room in order]
 
 
-def outcome(where: Path, rooms: int, free: Sequence[str] = GROUPS) -> Outcome:
+def run(where: Path, rooms: int, free: Sequence[str] = GROUPS) -> Outcome:
     """Fit the first rooms and score as many others."""
-    seen = one_a_room(where, spread=2)[: 2 * rooms]
+    seen = first_scenes(where, spread=2)[: 2 * rooms]
     start = presets.load("d415")
-    began = time.perf_counter()
+    start_s = time.perf_counter()
     solution = fit_depth(seen[:rooms], start, free=free)
-    seconds = time.perf_counter() - began
+    seconds = time.perf_counter() - start_s
     nominal = seen[0].info.geometry_into(start)
-    twins = [twin(one, nominal, seed=100 + n) for n, one in enumerate(seen[rooms:])]
+    twins = [
+        render_twin(scene_observation, nominal, seed=100 + n)
+        for n, scene_observation in enumerate(seen[rooms:])
+    ]
     return Outcome(
         solution=solution,
-        held_out=side_by_side(twins, nominal, solution.sensor),
+        held_out=compare_readings(twins, nominal, solution.sensor),
         seconds=seconds,
     )
 
@@ -98,18 +101,21 @@ def _table(title: str, rows: Mapping[str, Mapping[str, float]]) -> None:
 
 
 def main() -> None:
-    """Print the estimates, what is not told, and the figures of both groups of rooms."""
+    """Print the estimates, the unidentifiable parameters, and the figures of both groups."""
     where = folder()
     if not where.is_dir():
         raise SystemExit(f"no captures at {where}; set STARLING_CAPTURES to their folder")
-    found = outcome(where, int(sys.argv[1]) if len(sys.argv) > 1 else 3)
-    print(f"fit: {found.seconds:.0f} s")
-    for one in found.solution.estimates:
-        print(f"{one.name:22} {one.value:9.4f} +- {one.sd:7.4f} {one.unit:5} from {one.start:.4f}")
-    print("score: " + ", ".join(f"{cost:.2f}" for cost in found.solution.cost))
-    print("\n".join(found.solution.undetermined))
-    _table("fitted", found.solution.scenes)
-    _table("held out", found.held_out)
+    result = run(where, int(sys.argv[1]) if len(sys.argv) > 1 else 3)
+    print(f"fit: {result.seconds:.0f} s")
+    for estimate in result.solution.estimates:
+        print(
+            f"{estimate.name:22} {estimate.value:9.4f} +- {estimate.sd:7.4f} "
+            f"{estimate.unit:5} from {estimate.start:.4f}"
+        )
+    print("score: " + ", ".join(f"{cost:.2f}" for cost in result.solution.cost))
+    print("\n".join(result.solution.undetermined))
+    _table("fitted", result.solution.scenes)
+    _table("held out", result.held_out)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""What makes levels and noise in a real D415: black level, dots over ambient light, noise.
+"""Fit levels and noise of a real D415: black level, projector over ambient light, noise.
 
     python benchmarks/calibration/calibrate_photometry.py [SET/SCENE ...]
 
-Captures: those in the folder $STARLING_CAPTURES; every scene of d415-table and one of each room of
-d415-faro by default. The preset's pattern is not the device's: unless one is calibrated and given
-by --sensor, tiles' mean levels alone are fitted. Images with the emitter on and off are taken to be
-of one exposure, which the captures do not record.
+Captures come from the folder $STARLING_CAPTURES. By default, these are all scenes of d415-table and
+one scene of each room of d415-faro. The preset's pattern differs from the device's. Without a
+calibrated pattern (--sensor), only mean levels of tiles are fitted. Images with the emitter on and
+off are assumed to have the same exposure, which the captures do not record.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from starling.sim.sensor import presets
 
 
 def dot_contrast(image: NDArray, black_dn: float) -> float:
-    """Deviation of the dots over the local mean, above black, at the median of the image."""
+    """Return the median over the image of the dots' deviation over the local mean above black."""
     signal = image.astype(np.float32) - np.float32(black_dn)
     mean = cv2.GaussianBlur(signal, (0, 0), 10.0)
     dots = cv2.GaussianBlur(signal, (0, 0), 0.7) - cv2.GaussianBlur(signal, (0, 0), 6.0)
@@ -37,19 +37,21 @@ def dot_contrast(image: NDArray, black_dn: float) -> float:
     return float(np.median(deviation / np.maximum(mean, 1.0)))
 
 
-def report(folder: Path, word: str) -> None:
-    """Fit one scene and print what it says."""
+def report(folder: Path, sensor_name: str) -> None:
+    """Fit one scene and print the results."""
     captures = open_set(folder)
-    sensor = captures.info.geometry_into(presets.load(word))
-    begin = time.perf_counter()
+    sensor = captures.info.geometry_into(presets.load(sensor_name))
+    start_s = time.perf_counter()
     seen = observation.load_all(captures.scenes, sensor)
     one_exposure = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
-    fit = fit_photometry(seen, sensor, exposures={one.name: one_exposure for one in seen})
+    fit = fit_photometry(
+        seen, sensor, exposures={scene_observation.name: one_exposure for scene_observation in seen}
+    )
     noise = fit_noise(seen, fit.predictions, fit.solution.sensor)
-    print(f"{folder.parent.name}/{folder.name}: {time.perf_counter() - begin:.0f} s")
-    for one in seen:
+    print(f"{folder.parent.name}/{folder.name}: {time.perf_counter() - start_s:.0f} s")
+    for scene_observation in seen:
         for side in ("left", "right"):
-            image, off = getattr(one, side), getattr(one, f"{side}_off")
+            image, off = getattr(scene_observation, side), getattr(scene_observation, f"{side}_off")
             if image is None:
                 continue
             black = fit.solution.sensor.left.black_level_dn

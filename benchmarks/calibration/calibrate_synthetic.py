@@ -1,13 +1,13 @@
-"""Calibrate simulated captures of known truth: errors, convergence, and whether intervals hold.
+"""Calibrate simulated captures with ground truth: errors, convergence, coverage of intervals.
 
-A sensor is perturbed at random, three scenes are simulated with it (another seed, another number
-of sub-pixel positions than the fit's, the preset's noise and speckle), and the fit starts from
-the preset. Cases:
+A sensor is perturbed at random, and three scenes are simulated with it. The simulation differs
+from the fit in seed and sub-pixel positions, and has the preset's noise and speckle. The fit
+starts from the preset. Cases:
 
 - `metric`: surfaces known in metres.
-- `reflectance`: likewise, every body's reflectance wrong by a factor from 0.5 to 2.
-- `reference`: reference depth maps with 2 mm of noise, seen through the nominal pinhole; the
-  pattern is an image, whose field is free too.
+- `reflectance`: as `metric`, with the reflectance of each body wrong by a factor from 0.5 to 2.
+- `reference`: reference depth maps with 2 mm of noise, in the view of the nominal pinhole. The
+  pattern is an image, and its field is also free.
 
     python benchmarks/calibration/calibrate_synthetic.py --sensor d435 --case metric --starts 40
 """
@@ -33,23 +33,23 @@ from starling.sim.captures import capture, writer
 from starling.sim.captures import info as capture_info
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.render import direct, emission
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes as builtin
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
-from starling.sim.simulate import Pair, infrared
+from starling.sim.simulate import InfraredPair, infrared
 
 FREE = ("baseline", "focal", "projector", "dots")
 DEPTH_NOISE_M = 2e-3
-_TIMES_90 = 1.645  # Half width of a normal distribution's middle 90 %, in deviations.
-# Errors up to which a fit has converged: a tenth of the dots' distance at one metre.
+_TIMES_90 = 1.645  # Half width of the central 90 % of a normal distribution [std].
+# Maximum errors of a converged fit: a tenth of the distance of dots at one metre.
 _FOUND = {"baseline_m": 5e-4, "projector.position_m": 1e-3, "projector.rotation_deg": 0.1}
 
 
 def nominal(name: str, width: int) -> Sensor:
-    """A preset at another size, 16:9."""
+    """Return a preset at another image size, 16:9."""
     sensor = presets.load(name)
     scale = width / sensor.width
     height = round(width * 9 / 16)
@@ -65,8 +65,8 @@ def nominal(name: str, width: int) -> Sensor:
     return with_values(sensor, values.items())
 
 
-def perturbed(sensor: Sensor, rng: np.random.Generator, *, field: bool) -> Sensor:
-    """A unit of the sensor, as far off as the fit must bear."""
+def perturb(sensor: Sensor, rng: np.random.Generator, *, field: bool) -> Sensor:
+    """Return a randomly perturbed device of the sensor model."""
     part = sensor.projector
     values: list[tuple[str, float]] = [
         ("baseline_m", sensor.baseline_m + rng.uniform(-3e-3, 3e-3)),
@@ -84,19 +84,21 @@ def perturbed(sensor: Sensor, rng: np.random.Generator, *, field: bool) -> Senso
 
 
 def scenes(start: int) -> list[Scene]:
-    """Three of the builtin scenes, others for every start."""
+    """Return three builtin scenes that differ between starts."""
     return [builtin.tabletop(start), builtin.clutter(start), builtin.staircase(0.6)]
 
 
-def seen(scene: Scene, truth: Sensor, seed: int) -> tuple[Pair, np.ndarray]:
-    """What the true sensor reads of a scene, and its depth [m]."""
-    layers = direct.layers(Stage(scene), truth, subpixels=3)
+def capture_scene(scene: Scene, truth: Sensor, seed: int) -> tuple[InfraredPair, np.ndarray]:
+    """Simulate a scene with the true sensor; return the infrared pair and the depth [m]."""
+    layers = direct.layers(MitsubaScene(scene), truth, subpixels=3)
     return infrared(layers, scene, truth, seed=seed), layers.truth.depth_m
 
 
-def metric(scene: Scene, believed: Scene, truth: Sensor, claimed: Sensor, seed: int) -> Observation:
-    """An observation of a surface known in metres."""
-    pair, depth_m = seen(scene, truth, seed)
+def metric_observation(
+    scene: Scene, believed: Scene, truth: Sensor, claimed: Sensor, seed: int
+) -> Observation:
+    """Return an observation of a surface known in metres."""
+    pair, depth_m = capture_scene(scene, truth, seed)
     assert pair.right is not None
     return Observation(
         name=scene.name,
@@ -115,7 +117,7 @@ def metric(scene: Scene, believed: Scene, truth: Sensor, claimed: Sensor, seed: 
 
 
 def wrong_reflectance(scene: Scene, rng: np.random.Generator) -> Scene:
-    """The scene with every body's reflectance off by a factor from 0.5 to 2."""
+    """Return the scene with the reflectance of each body wrong by a factor from 0.5 to 2."""
     bodies = []
     for body in scene.bodies:
         off = min(body.material.reflectance * 2 ** rng.uniform(-1, 1), 1.0)
@@ -124,13 +126,15 @@ def wrong_reflectance(scene: Scene, rng: np.random.Generator) -> Scene:
     return dataclasses.replace(scene, bodies=tuple(bodies))
 
 
-def by_reference(folder: Path, truth: Sensor, claimed: Sensor, start: int) -> list[Observation]:
-    """Observations of reference depth maps with noise, through files as a user's are."""
+def reference_observations(
+    folder: Path, truth: Sensor, claimed: Sensor, start: int
+) -> list[Observation]:
+    """Return observations with noisy reference depth maps, written to and read from files."""
     rng = np.random.default_rng([11, start])
     info = _info(claimed)
     (folder / capture_info.FILE).write_text(capture_info.dumps(info))
     for number, scene in enumerate(scenes(start)):
-        pair, depth_m = seen(scene, truth, 1000 + 10 * start + number)
+        pair, depth_m = capture_scene(scene, truth, 1000 + 10 * start + number)
         assert pair.right is not None
         frame = folder / f"scene{number}" / "0"
         frame.mkdir(parents=True)
@@ -152,34 +156,34 @@ def _info(sensor: Sensor) -> CaptureInfo:
 
 
 def with_images(sensor: Sensor, folder: Path) -> Sensor:
-    """The sensor with its patterns as image files, which keep their dots at every field."""
+    """Return the sensor with its patterns as image files, whose dots do not depend on the field."""
     part = sensor.projector
-    shown = []
+    emitters = []
     for number, emitter in enumerate(emission.emitters(part)):
         drawn = emission.pattern(emitter.pattern, part.fov_x_deg, part.fov_y_deg, part.pattern_seed)
         path = folder / f"pattern-{number}.png"
         code = np.rint(drawn.image * (65535 / drawn.image.max())).astype(np.uint16)
         cv2.imwrite(str(path), code)
-        shown.append(dataclasses.replace(emitter, pattern=str(path)))
-    light = dataclasses.replace(part, emitters=tuple(shown))
+        emitters.append(dataclasses.replace(emitter, pattern=str(path)))
+    light = dataclasses.replace(part, emitters=tuple(emitters))
     return dataclasses.replace(sensor, projector=light)
 
 
 def run(sensor: Sensor, case: str, start: int) -> dict[str, object]:
-    """Perturb, simulate, fit; errors, deviations and times."""
+    """Perturb, simulate and fit; return errors, standard deviations and times."""
     rng = np.random.default_rng([7, start])
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         free = FREE
         if case == "reference":
             sensor, free = with_images(sensor, folder), (*FREE, "field")
-        truth = perturbed(sensor, rng, field=case == "reference")
+        truth = perturb(sensor, rng, field=case == "reference")
         if case == "reference":
             (folder / "set").mkdir()
-            observations = by_reference(folder / "set", truth, sensor, start)
+            observations = reference_observations(folder / "set", truth, sensor, start)
         else:
             observations = [
-                metric(
+                metric_observation(
                     scene,
                     wrong_reflectance(scene, rng) if case == "reflectance" else scene,
                     truth,
@@ -188,14 +192,14 @@ def run(sensor: Sensor, case: str, start: int) -> dict[str, object]:
                 )
                 for number, scene in enumerate(scenes(start))
             ]
-        began, cpu = time.perf_counter(), time.process_time()
+        start_s, cpu = time.perf_counter(), time.process_time()
         try:
             solution = fit_geometry(observations, sensor, free=free)
         except errors.InputError as error:
             return {"start": start, "refused": str(error)}
         return {
             "start": start,
-            "seconds": time.perf_counter() - began,
+            "seconds": time.perf_counter() - start_s,
             "cpu_s": time.process_time() - cpu,
             "undetermined": list(solution.undetermined),
             "estimates": _compared(solution, truth),
@@ -203,12 +207,12 @@ def run(sensor: Sensor, case: str, start: int) -> dict[str, object]:
 
 
 def _compared(solution: Solution, truth: Sensor) -> dict[str, tuple[float, float, float]]:
-    """Error, deviation and true value of every estimate."""
-    out = {}
+    """Return error, standard deviation and true value of each estimate."""
+    comparison = {}
     for estimate in (*solution.estimates, *solution.derived):
         true = _true(truth, estimate.name)
-        out[estimate.name] = (estimate.value - true, estimate.sd, true)
-    return out
+        comparison[estimate.name] = (estimate.value - true, estimate.sd, true)
+    return comparison
 
 
 def _true(sensor: Sensor, name: str) -> float:
@@ -222,7 +226,7 @@ def _true(sensor: Sensor, name: str) -> float:
 
 
 def summary(rows: list[dict]) -> dict[str, object]:
-    """Median errors, share of intervals that hold the truth, share of fits that converged."""
+    """Return median errors, coverage of the intervals, and the share of converged fits."""
     fitted = [row["estimates"] for row in rows if "estimates" in row]
     names = list(fitted[0]) if fitted else []
     table = {}
@@ -251,8 +255,8 @@ def summary(rows: list[dict]) -> dict[str, object]:
     }
 
 
-# The dots' width is left out: the sub-pixel positions of fit and truth differ by design. So is what
-# the captures do not determine: endless intervals hold everything.
+# Coverage excludes the width of dots, because fit and truth use different sub-pixel positions. It
+# also excludes unidentifiable parameters, whose infinite intervals cover any value.
 _INTERVALS = (
     "baseline_m",
     "fx_px",

@@ -1,7 +1,7 @@
-"""How much of a real D415's light lies between its dots, by a pair with the projector on and off.
+"""Measure the projector light between the dots of a real D415, from emitter-on minus -off images.
 
-The two images differ by the projector's light alone. Of each thing on the table: its mean, and the
-20th percentile, which lies between dots. Usage:
+For each object on the table, the script prints the mean of the projector's light and its 20th
+percentile, which lies between dots. Usage:
     STARLING_CAPTURES=... python benchmarks/calibration/haze_d415.py
 """
 
@@ -16,15 +16,15 @@ import numpy as np
 from starling.sim.captures import capture
 
 THINGS = {4: "can", 11: "cube", 12: "sharpener", 13: "bottle", 17: "table"}
-INSIDE_PX = 9  # Away from a thing's edges.
-NOISE_PX = 0.8  # Sigma that takes noise, not dots.
+INSIDE_PX = 9  # Side of the erosion window that excludes object edges.
+NOISE_PX = 0.8  # Sigma of the smoothing; it reduces noise and keeps dots.
 
 
 def main() -> None:
-    """Print what is between the dots."""
+    """Print the mean light and the light between dots."""
     (scene,) = capture.open_set(Path(os.environ["STARLING_CAPTURES"]) / "d415-table").scenes
     read = scene.frame(0)
-    on, off = (np.asarray(one, np.float32) for one in (read.ir_left, read.ir_left_off))
+    on, off = (np.asarray(image, np.float32) for image in (read.ir_left, read.ir_left_off))
     light = cv2.GaussianBlur(on - off, (0, 0), NOISE_PX)
     labels = cv2.imread(str(scene.path / "label.png"), cv2.IMREAD_UNCHANGED)
     for label, name in THINGS.items():

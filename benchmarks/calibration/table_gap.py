@@ -1,4 +1,4 @@
-"""The real table of objects beside its simulation, projector on and off: holes, dots, mirror ball.
+"""Compare the real table of objects with its simulation: holes, dots, mirror ball.
 
 Usage: python benchmarks/calibration/table_gap.py $STARLING_CAPTURES/d415-table
 """
@@ -25,38 +25,38 @@ from starling.sim.stereo.measurement import measure
 BALL = 7  # Label of the mirror ball.
 
 
-def holes(depth_m: np.ndarray, where: np.ndarray) -> float:
-    """Share of pixels without depth."""
+def hole_rate(depth_m: np.ndarray, where: np.ndarray) -> float:
+    """Return the share of pixels without depth."""
     return float(np.isnan(depth_m[where]).mean())
 
 
 def bounds(depth_m: np.ndarray) -> np.ndarray:
-    """Mask (h, w) of the rectangle in which most rows and columns have depth."""
+    """Return a mask (h, w) of the rows and columns that are mostly filled."""
     known = np.isfinite(depth_m)
     rows, columns = known.mean(axis=1) > 0.5, known.mean(axis=0) > 0.5
     return rows[:, None] & columns[None, :]
 
 
 def report(name: str, real: np.ndarray, sim: np.ndarray, where: np.ndarray) -> None:
-    """Print holes of both, and how far they overlap."""
+    """Print the hole rates of real and simulated depth, and their overlap."""
     overlap = hole_overlap(real, sim, where)
     print(
-        f"{name}: no depth {holes(real, where):.2%} real, {holes(sim, where):.2%} simulated, "
-        f"IoU {overlap:.3f}"
+        f"{name}: no depth {hole_rate(real, where):.2%} real, "
+        f"{hole_rate(sim, where):.2%} simulated, IoU {overlap:.3f}"
     )
 
 
 def ball(name: str, depth_m: np.ndarray, truth_m: np.ndarray, where: np.ndarray) -> None:
-    """Print how much of the ball has depth and how far behind its front that lies."""
+    """Print the filled share of the ball and its median depth error."""
     error_mm = 1e3 * (depth_m - truth_m)[where]
     print(
-        f"  {name}: ball filled to {1 - holes(depth_m, where):.1%}, median "
+        f"  {name}: ball filled to {1 - hole_rate(depth_m, where):.1%}, median "
         f"{np.nanmedian(error_mm):+.1f} mm"
     )
 
 
 def infrared(name: str, real: np.ndarray, sim: np.ndarray, black_dn: float) -> None:
-    """Print mean level and dot contrast of both."""
+    """Print mean level and dot contrast of real and simulated images."""
     print(
         f"  {name}: mean {real.mean():.1f} real, {sim.mean():.1f} DN simulated; dot contrast "
         f"{dot_contrast(real, black_dn):.3f} real, {dot_contrast(sim, black_dn):.3f} simulated"
@@ -64,7 +64,7 @@ def infrared(name: str, real: np.ndarray, sim: np.ndarray, black_dn: float) -> N
 
 
 def without_projector(sensor: Sensor) -> Sensor:
-    """The same sensor, its projector off."""
+    """Return the same sensor with its projector off."""
     return dataclasses.replace(sensor, projector=dataclasses.replace(sensor.projector, power_w=0.0))
 
 
@@ -78,7 +78,7 @@ def main() -> None:
     frame, truth = real.frame(0), real.truth_m()
     label = cv2.imread(str(real.path / "label.png"), cv2.IMREAD_UNCHANGED)
     disparity = disparity_from_depth(truth, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
-    # The source left a border of the device's depth empty.
+    # The border of the device's depth is empty in the data set.
     where, on_ball = reached_pixels(disparity) & bounds(frame.depth_m), label == BALL
     scene = sources.load(str(real.path), sensor)
     black = sensor.left.black_level_dn

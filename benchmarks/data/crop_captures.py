@@ -1,7 +1,7 @@
-"""Crop a capture set to its middle rows, for what would take too long on whole images.
+"""Crop a capture set to its middle rows, for experiments that are slow on whole images.
 
-Rows correspond in a rectified pair, so what is left is a capture of the same camera with a lower
-image; widths, and with them all disparities, stay.
+Rows correspond in a rectified pair, so that the result is a capture of the same camera with a
+lower image. Widths and disparities do not change.
 
 Usage:
     python benchmarks/data/crop_captures.py SET OUT --rows 240
@@ -21,21 +21,23 @@ from starling.sim.captures import info as capture_info
 
 
 def main() -> None:
-    """Write the set."""
+    """Write the cropped set."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("set", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--rows", type=int, required=True)
-    asked = parser.parse_args()
-    info = capture.open_set(asked.set).info
-    first = (info.height - asked.rows) // 2
-    shutil.copytree(asked.set, asked.out, ignore=shutil.ignore_patterns("colour*", "scene.toml"))
-    for path in asked.out.rglob("*.png"):
+    options = parser.parse_args()
+    info = capture.open_set(options.set).info
+    first = (info.height - options.rows) // 2
+    shutil.copytree(
+        options.set, options.out, ignore=shutil.ignore_patterns("colour*", "scene.toml")
+    )
+    for path in options.out.rglob("*.png"):
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         assert image is not None
-        cv2.imwrite(str(path), image[first : first + asked.rows])
-    lower = dataclasses.replace(info, height=asked.rows, cy_px=info.cy_px - first)
-    (asked.out / capture_info.FILE).write_text(capture_info.dumps(lower), encoding="utf-8")
+        cv2.imwrite(str(path), image[first : first + options.rows])
+    lower = dataclasses.replace(info, height=options.rows, cy_px=info.cy_px - first)
+    (options.out / capture_info.FILE).write_text(capture_info.dumps(lower), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""Kill a data set's run again and again, and compare what it ends in with a run left alone.
+"""Kill the generation of a data set repeatedly, and compare the result with an uninterrupted run.
 
     python benchmarks/data/kill_generate.py [--kills 20] [--frames 300]
 
-Small frames (320x180); each run and its workers are ended by SIGKILL at a moment drawn by lot.
+Frames are small (320x180). Each run and its workers are ended by SIGKILL at a random time.
 """
 
 import argparse
@@ -19,22 +19,22 @@ from pathlib import Path
 
 from data_sets import GENERATE, SMALL, plan
 
-MOMENTS_S = (0.5, 9.0)  # Of kills, from the start of a run; starting takes some 3 s.
+MOMENTS_S = (0.5, 9.0)  # Range of the time of a kill after the start [s]; starting takes about 3 s.
 
 
 def main() -> None:
-    """Print how many kills struck, and frames that are missing, there twice, or differ."""
+    """Print the number of kills, and of frames that are missing, duplicate or different."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--frames", type=int, default=300)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        path = plan(Path(name), asked.frames, SMALL)
+        path = plan(Path(name), options.frames, SMALL)
         alone, killed = Path(name) / "alone", Path(name) / "killed"
         flags = ["--workers", "2", "--shard-frames", "4"]
         subprocess.run([*GENERATE, str(path), "--out", str(alone), *flags], check=True, **QUIET)
-        rng, struck, whole = random.Random(1), 0, []
-        while struck < asked.kills:
+        rng, kills, whole = random.Random(1), 0, []
+        while kills < options.kills:
             run = subprocess.Popen(
                 [*GENERATE, str(path), "--out", str(killed), *flags],
                 start_new_session=True,
@@ -45,22 +45,22 @@ def main() -> None:
                 break
             os.killpg(run.pid, signal.SIGKILL)
             run.wait()
-            struck += 1
+            kills += 1
             whole.append(len(list((killed / ".parts").glob("[0-9]*.json"))))
         subprocess.run([*GENERATE, str(path), "--out", str(killed), *flags], check=True, **QUIET)
         verify = [sys.executable, "-m", "starling", "verify", str(killed), "--json"]
-        told = json.loads(subprocess.run(verify, check=True, stdout=subprocess.PIPE).stdout)
-        one, other = digests(alone), digests(killed)
-        unlike = sum(one.get(file) != other.get(file) for file in {*one, *other})
-        print(json.dumps({"kills": struck, "tasks_whole_at_kills": whole, **told}))
-        print(f"{len(one)} files of the run left alone; {unlike} differ or are in one alone")
+        result = json.loads(subprocess.run(verify, check=True, stdout=subprocess.PIPE).stdout)
+        expected, actual = digests(alone), digests(killed)
+        different = sum(expected.get(file) != actual.get(file) for file in {*expected, *actual})
+        print(json.dumps({"kills": kills, "tasks_whole_at_kills": whole, **result}))
+        print(f"{len(expected)} files of the uninterrupted run; {different} differ or are missing")
 
 
 QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """Checksum of each file of a set, by name; locks and what else is hidden are no part of it."""
+    """Return the checksum of each file of a set, by name, without hidden files."""
     return {
         str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
         for file in folder.rglob("*")

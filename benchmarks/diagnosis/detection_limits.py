@@ -1,10 +1,10 @@
-"""How strong effects have to be to be found, by the camera of the check on withheld effects.
+"""Measure the detection limits of effects with the nominal camera of the validation.
 
-Makes `diagnosis/validation/protocol/detection.json` anew: two sets of ten scenes of development, captured by
-that camera without any effect. A limit has to hold in both (`starling.diagnosis.validation.adapters.detection`). A run that was
-stopped goes on: WORK keeps light and captures by the code that made them, and what was simulated by
-all that it follows from. Of some effects alone a file of its own is made: limits of two codes are
-not to be in one.
+Writes `diagnosis/validation/protocol/detection.json` from two sets of ten development scenes,
+captured without any effect. A limit must hold in both sets
+(`starling.diagnosis.validation.adapters.detection`). WORK caches light and captures by the digest
+of the code, and simulations by their inputs, so an interrupted run can continue. With --effects the
+limits go to a separate file, so that no file mixes limits of two code versions.
 
 Usage:
     python benchmarks/diagnosis/detection_limits.py --work WORK [--out FILE] [--effects NAME...]
@@ -29,44 +29,44 @@ from starling.diagnosis.validation.protocol.tier import TIERS, Tier
 from starling.sim.sensor import presets
 
 ROOT = Path(__file__).parents[2]
-FIRST = (9300, 9310)  # Scenes of each set, that no case was ever drawn on.
+FIRST = (9300, 9310)  # First scene of each set; no case uses these scenes.
 NULL = Case(number=0, kind="null", settings={}, seed=1)
 
 
 def main() -> None:
-    """Ask both sets, and write what holds in both."""
+    """Measure both sets and write the limits that hold in both."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--out", type=Path, default=limits.FILE)
     parser.add_argument(
-        "--effects", nargs="*", default=[], help="that are asked about, with --out; all if none"
+        "--effects", nargs="*", default=[], help="effects to measure, with --out; default: all"
     )
-    asked = parser.parse_args()
-    if asked.effects and asked.out.exists():
-        rule = "must be a new file where effects are named, whose limits alone it would hold"
-        advice = "Give --out, or leave --effects away."
-        parser.error(str(refusal("out", rule, asked.out, advice)))
-    told = of_both(asked.work, asked.effects)
-    asked.out.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    options = parser.parse_args()
+    if options.effects and options.out.exists():
+        rule = "must be a new file if effects are named"
+        advice = "Give --out, or omit --effects."
+        parser.error(str(refusal("out", rule, options.out, advice)))
+    limits_table = measure(options.work, options.effects)
+    options.out.write_text(json.dumps(limits_table, indent=1) + "\n", encoding="utf-8")
 
 
-def of_both(work: Path, effects: list[str]) -> dict[str, Any]:
-    """Limits that hold in both sets, and what they are made of.
+def measure(work: Path, effects: list[str]) -> dict[str, Any]:
+    """Measure the limits that hold in both sets, and record scenes and commit.
 
     Raises:
-        WithheldError: if the code became another meanwhile.
+        WithheldError: if the code changes during the run.
     """
-    code, commit = seal.code(), committed()
-    each = [of_set(work, effects, code, first) for first in FIRST]
-    if seal.code() != code:
-        advice = "Run it again: what was simulated is kept."
-        raise refusal("code", "must stay what it was at the start", "another", advice)
-    made = {"scenes": [of_tier(first).names(0) for first in FIRST], "commit": commit}
-    return {"made of": made, **detection.in_each(each)}
+    code, commit = seal.code_digest(), describe_commit()
+    set_limits = [measure_set(work, effects, code, first) for first in FIRST]
+    if seal.code_digest() != code:
+        advice = "Run it again; cached simulations are reused."
+        raise refusal("code", "must not change during the run", "other code", advice)
+    source = {"scenes": [tier_from(first).scene_names(0) for first in FIRST], "commit": commit}
+    return {"made of": source, **detection.common_limits(set_limits)}
 
 
-def committed() -> str:
-    """Commit of this file's tree, and whether there are changes since."""
+def describe_commit() -> str:
+    """Return the commit of this repository, marked if there are uncommitted changes."""
     commit, changes = (
         subprocess.run(
             ["git", *words], cwd=ROOT, capture_output=True, text=True, check=True
@@ -76,35 +76,35 @@ def committed() -> str:
     return f"{commit} with changes" if changes else commit
 
 
-def of_tier(first: int) -> Tier:
-    """Tier 1, its first set being this one."""
-    return dataclasses.replace(TIERS[1], first=first)
+def tier_from(first: int) -> Tier:
+    """Return tier 1 with another first scene."""
+    return dataclasses.replace(TIERS[1], first_scene=first)
 
 
-def of_set(work: Path, effects: list[str], code: str, first: int) -> dict[str, Any]:
-    """Limits in one set of scenes.
+def measure_set(work: Path, effects: list[str], code: str, first: int) -> dict[str, Any]:
+    """Measure the limits in one scene set.
 
     Args:
-        work: keeps what is made.
-        effects: that are asked about; all if none.
-        code: fingerprint of what makes light and captures, which others cannot use.
-        first: of the scenes.
+        work: Folder of cached files.
+        effects: Effects to measure; empty for all.
+        code: Digest of the code that makes light and captures.
+        first: First scene of the set.
     """
-    tier = of_tier(first)
-    made = work / str(first) / code[:16]
-    light, captures = made / "light", made / "captures"
+    tier = tier_from(first)
+    folder = work / str(first) / code[:16]
+    light, captures = folder / "light", folder / "captures"
     sensor = camera(tier.width, tier.height)
     if not light.exists():
-        light_sets.write(light, tier.names(0), sensor)
+        light_sets.write(light, tier.scene_names(0), sensor)
     if not captures.exists():
-        aside = captures.with_name(".captures")  # Named last: what is half done is done again.
-        shutil.rmtree(aside, ignore_errors=True)
-        shoot.shoot(light, NULL, aside / "null", frames=tier.frames)
-        programs.depth(aside, light / programs.SENSOR)
-        aside.rename(captures)
-    believed = presets.load(str(light / programs.SENSOR))
+        temporary = captures.with_name(".captures")  # Renamed when complete.
+        shutil.rmtree(temporary, ignore_errors=True)
+        shoot.shoot(light, NULL, temporary / "null", frames=tier.frames)
+        programs.depth(temporary, light / programs.SENSOR)
+        temporary.rename(captures)
+    nominal_sensor = presets.load(str(light / programs.SENSOR))
     cache = work / str(first) / "cache"
-    return detection.limits(captures / "null", believed, wanted=effects or None, cache=cache)
+    return detection.limits(captures / "null", nominal_sensor, wanted=effects or None, cache=cache)
 
 
 if __name__ == "__main__":

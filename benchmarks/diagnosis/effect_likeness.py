@@ -1,12 +1,14 @@
-"""Which effects do the same to what the diagnosis looks at: measured, beside what their pages say.
+"""Measure which effects change the features in the same way, and compare with their pages.
 
-Likeness is the cosine of two effects' changes of all features of all scenes, over their deviations
-and with their votes, at the strengths of the screening that are most alike. From 0.95 on each
-explains 90 % of what the other makes: a page that does not name the other is wrong. Such pairs are
-printed, with a star where neither page names the other. Scenes have to be of development alone.
+The similarity of two effects is the cosine of their changes of all features of all scenes. Changes
+are divided by their standard deviations and weighted. The most similar strengths of the screening
+count. At 0.95 each effect explains 90 % of the change of the other, so their pages must name each
+other. The script prints such pairs, with a star if neither page names the other effect. Use
+development scenes only.
 
 Usage:
-    python benchmarks/diagnosis/effect_likeness.py CAPTURES --sensor FILE [--cache FOLDER] [--least 0.95]
+    python benchmarks/diagnosis/effect_likeness.py CAPTURES --sensor FILE [--cache FOLDER] \
+        [--least 0.95]
 """
 
 from __future__ import annotations
@@ -17,11 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from starling.diagnosis.scenes.scene_model import subject
+from starling.diagnosis.scenes.scene_model import load_scene_model
 from starling.diagnosis.validation.adapters import families
 from starling.diagnosis.which import attribution
-from starling.diagnosis.which.likelihood import directions
-from starling.diagnosis.which.segment import Screen
+from starling.diagnosis.which.likelihood import change_directions
+from starling.diagnosis.which.segment import Screening
 from starling.sim import effects
 from starling.sim.captures import capture
 from starling.sim.console import progress
@@ -35,33 +37,37 @@ def main() -> None:
     parser.add_argument("--sensor", required=True)
     parser.add_argument("--cache", type=Path)
     parser.add_argument("--least", type=float, default=0.95)
-    asked = parser.parse_args()
-    sensor = presets.load(asked.sensor)
-    subjects = [subject(scene, sensor) for scene in capture.open_set(asked.captures).scenes]
-    chosen, _ = attribution.parted(subjects)
-    for arm in attribution.open_arms(subjects, chosen):
+    options = parser.parse_args()
+    sensor = presets.load(options.sensor)
+    scene_models = [
+        load_scene_model(scene, sensor) for scene in capture.open_set(options.captures).scenes
+    ]
+    chosen, _ = attribution.split_test_rooms(scene_models)
+    for segment in attribution.available_segments(scene_models, chosen):
         with progress.on_stderr() as track:
-            _, screen = attribution.screened(arm, chosen, always=True, cache=asked.cache, track=track)
-        print(f"{arm.value}:")
-        for likeness, one, other in pairs(screen, asked.least):
-            known = other in families.twins(effects.named(one))
-            print(f"  {likeness:.2f} {one}, {other}{'' if known else ' *'}")
+            _, screen = attribution.screen_segment(
+                segment, chosen, always=True, cache=options.cache, track=track
+            )
+        print(f"{segment.value}:")
+        for similarity, name, similar in similar_pairs(screen, options.least):
+            known = similar in families.confusable(effects.named(name))
+            print(f"  {similarity:.2f} {name}, {similar}{'' if known else ' *'}")
 
 
-def pairs(screen: Screen, least: float) -> Iterator[tuple[float, str, str]]:
-    """Pairs of rows of different families that are so alike, the most alike first."""
-    voted = screen.base.deviation / np.sqrt(screen.weight)
-    owners, moves = directions(screen.rough, voted)
+def similar_pairs(screen: Screening, least: float) -> Iterator[tuple[float, str, str]]:
+    """Yield pairs of effects of different families, in descending order of similarity."""
+    scale = screen.base.deviation / np.sqrt(screen.weight)
+    owners, moves = change_directions(screen.signatures, scale)
     rows = moves.reshape(len(moves), -1)
     cosines = rows @ rows.T
-    found: dict[tuple[str, str], float] = {}
+    similarities: dict[tuple[str, str], float] = {}
     for first, second in zip(*np.nonzero(cosines >= least), strict=True):
-        one, other = owners[first].candidate.effect, owners[second].candidate.effect
-        if one.name < other.name and one.family != other.family:
-            key = (one.name, other.name)
-            found[key] = max(found.get(key, 0.0), float(cosines[first, second]))
-    for (one, other), likeness in sorted(found.items(), key=lambda each: -each[1]):
-        yield likeness, one, other
+        effect_a, effect_b = owners[first].candidate.effect, owners[second].candidate.effect
+        if effect_a.name < effect_b.name and effect_a.family != effect_b.family:
+            key = (effect_a.name, effect_b.name)
+            similarities[key] = max(similarities.get(key, 0.0), float(cosines[first, second]))
+    for (name, similar), similarity in sorted(similarities.items(), key=lambda item: -item[1]):
+        yield similarity, name, similar
 
 
 if __name__ == "__main__":

@@ -1,12 +1,13 @@
-"""What the images' gap in real rooms is made of: light by place, and the reference's pose.
+"""Contributions of spatially varying light and of the reference pose to the gap of real images.
 
-The first scene of each room is diagnosed as captured rooms once were, evenly lit and with the
-reference where its file has it. By the allowances and votes that this gives, the gap is told again
-with light by place (`starling.sim.scene.captured.ambient_share`), and with the reference's pose fitted as well
-(`starling.diagnosis.scenes.pose`).
+The first scene of each room is diagnosed with uniform ambient light and with the reference pose of
+its file. The gap is measured twice more with the tolerances and feature weights of this fit. The
+second time the ambient light varies over the image (`starling.sim.scene.captured.ambient_share`).
+The third time the reference pose is fitted as well (`starling.diagnosis.scenes.pose`).
 
 Usage:
-    STARLING_CAPTURES=... python benchmarks/diagnosis/real_gap.py --sensor FILE --rooms 0060 0742 ...
+    STARLING_CAPTURES=... python benchmarks/diagnosis/real_gap.py --sensor FILE \
+        --rooms 0060 0742 ...
 """
 
 from __future__ import annotations
@@ -22,17 +23,18 @@ from numpy.typing import NDArray
 from rooms import first_of_each
 
 from starling.diagnosis.scenes import fit_scene
-from starling.diagnosis.scenes.scene_model import subject
-from starling.diagnosis.which.attribution import screened
-from starling.diagnosis.which.candidates import Arm
-from starling.diagnosis.which.likelihood import squares
-from starling.diagnosis.which.table import bench
+from starling.diagnosis.scenes.scene_model import load_scene_model
+from starling.diagnosis.which.attribution import screen_segment
+from starling.diagnosis.which.candidates import Segment
+from starling.diagnosis.which.likelihood import clipped_squares
+from starling.diagnosis.which.table import build_feature_table
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.scene.captured import ambient_share
 from starling.sim.sensor import resolve
 from starling.sim.sensor.sensor import Sensor
 
-FAMILIES = ("lens_blur", "read_noise", "vertical_offset", "vignetting")  # Whose votes count.
+# Families of effects that define the feature weights.
+FAMILIES = ("lens_blur", "read_noise", "vertical_offset", "vignetting")
 PARTS = {
     "pair and errors": ("pair", "error"),
     "where dots lie": ("dots",),
@@ -41,54 +43,56 @@ PARTS = {
 
 
 def main() -> None:
-    """Print sizes, a line a figure."""
+    """Print the size of the gap by room and by group of features."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sensor", required=True)
     parser.add_argument("--rooms", nargs="+", required=True)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
-    sensor = resolve.load(asked.sensor, captures=str(path))
-    first = first_of_each(path, asked.rooms)
-    evenly = mock.patch.object(ambient_share, "told", return_value=None)
-    unmoved = mock.patch.object(fit_scene, "of_reference", return_value={})
-    with evenly, unmoved:
-        read = [subject(one, sensor) for one in first.values()]
-        table, screen = screened(Arm.IMAGE, read, families=FAMILIES, always=True)
+    sensor = resolve.load(options.sensor, captures=str(path))
+    first = first_of_each(path, options.rooms)
+    uniform = mock.patch.object(ambient_share, "estimate", return_value=None)
+    unmoved = mock.patch.object(fit_scene, "fit_reference_pose", return_value={})
+    with uniform, unmoved:
+        scene_models = [load_scene_model(scene, sensor) for scene in first.values()]
+        table, screen = screen_segment(Segment.IMAGE, scene_models, families=FAMILIES, always=True)
     likelihood = screen.base.likelihood(table.real(), screen.weight)
     with unmoved:
         lit = gap(first, sensor, table.names)
     gaps = [likelihood.gap, lit, gap(first, sensor, table.names)]
-    left = [one / likelihood.deviation for one in gaps]
-    known = np.all([np.isfinite(one) for one in left], axis=0)
-    counted = [squares(np.where(known, one, 0)) * screen.weight for one in left]
-    votes = known @ screen.weight
-    print("as it was, light by place, and pose")
-    print("all", *(f"{one.sum() / votes.sum():.2f}" for one in counted))
+    residuals = [values / likelihood.deviation for values in gaps]
+    known = np.all([np.isfinite(values) for values in residuals], axis=0)
+    sizes = [clipped_squares(np.where(known, values, 0)) * screen.weight for values in residuals]
+    total = known @ screen.weight
+    print("uniform light, varying light, varying light and fitted pose")
+    print("all", *(f"{size.sum() / total.sum():.2f}" for size in sizes))
     for number, room in enumerate(first):
-        print(room, *(f"{one[number].sum() / votes[number]:.2f}" for one in counted))
-    for name, mine in parts(table.names):
-        print(name, *(f"{one[:, mine].sum() / votes.sum():.2f}" for one in counted))
+        print(room, *(f"{size[number].sum() / total[number]:.2f}" for size in sizes))
+    for name, columns in parts(table.names):
+        print(name, *(f"{size[:, columns].sum() / total.sum():.2f}" for size in sizes))
 
 
 def gap(
     first: dict[str, CapturedScene], sensor: Sensor, names: tuple[str, ...]
 ) -> NDArray[np.float64]:
-    """Real less simulated (scenes, features); NaN where a feature is not told."""
-    table = bench([subject(one, sensor) for one in first.values()], Arm.IMAGE)
-    simulated = table.simulated({})
+    """Return the gap, real minus simulated (scenes, features), NaN if a feature is missing."""
+    table = build_feature_table(
+        [load_scene_model(scene, sensor) for scene in first.values()], Segment.IMAGE
+    )
+    simulated = table.simulate({})
     assert simulated is not None
-    told = dict(zip(table.names, (table.real() - simulated).T, strict=True))
+    columns = dict(zip(table.names, (table.real() - simulated).T, strict=True))
     unknown = np.full(len(first), np.nan)
-    return np.stack([told.get(name, unknown) for name in names], axis=1)
+    return np.stack([columns.get(name, unknown) for name in names], axis=1)
 
 
 def parts(names: tuple[str, ...]) -> Iterator[tuple[str, list[int]]]:
-    """Numbers of the features of each part; each feature is of the first that has it."""
+    """Yield the feature indices of each part. A feature belongs to the first matching part."""
     rest = set(range(len(names)))
     for name, starts in PARTS.items():
-        mine = [number for number in sorted(rest) if names[number].startswith(starts)]
-        rest -= set(mine)
-        yield name, mine
+        indices = [number for number in sorted(rest) if names[number].startswith(starts)]
+        rest -= set(indices)
+        yield name, indices
 
 
 if __name__ == "__main__":

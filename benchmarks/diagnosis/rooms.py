@@ -1,4 +1,4 @@
-"""The scenes that benchmarks ask of a capture set."""
+"""Selection of scenes of a capture set for benchmarks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from starling.sim.captures.capture import CapturedScene
 
 
 def first_of_each(path: Path, rooms: Collection[str] = ()) -> dict[str, CapturedScene]:
-    """The first scene of each room, in the set's order; of all rooms if none is named."""
+    """Return the first scene of each room, in the order of the set; no names select all rooms."""
     first: dict[str, CapturedScene] = {}
     for scene in capture.open_set(path).scenes:
         if not rooms or scene.room in rooms:

@@ -1,9 +1,9 @@
-"""How large diffusion for completion is with Stable Diffusion 2, and how long one step takes.
+"""Size of diffusion-based completion with Stable Diffusion 2, and the time of one step.
 
     python benchmarks/learning/completion_diffusion.py [--size 768 576] [--step] [--threads 1]
 
-Sizes are counted, nothing is made. `--step` makes the denoising network with random weights, which
-cost as much as learnt ones, and runs it once: some 4 GB. Prints JSON.
+Parameters are counted without allocating weights. `--step` allocates the denoising network with
+random weights, which cost as much as trained ones, and runs it once (about 4 GB). Prints JSON.
 """
 
 import argparse
@@ -15,7 +15,7 @@ import torch
 from diffusers import AutoencoderKL, ControlNetModel, UNet2DConditionModel
 from transformers import CLIPTextConfig, CLIPTextModel
 
-from starling.learning.completion.diffusion.unet import widen
+from starling.learning.completion.diffusion.conditioning import widen
 from starling.learning.networks.training.learner import device
 from starling.learning.networks.unet import parameter_count
 
@@ -42,17 +42,17 @@ TEXT = CLIPTextConfig(
     hidden_act="gelu",
 )
 FLOAT_BYTES = 4
-ADAM = 4  # Weights, gradients and two moments.
+ADAM = 4  # Values per parameter: weight, gradient and two moments.
 
 
 def main() -> None:
-    """Print the figures."""
+    """Print the sizes, and the time of a step if requested."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", type=int, nargs=2, default=(768, 576), help="width and height")
     parser.add_argument("--step", action="store_true", help="run one step of denoising")
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
-    asked = parser.parse_args()
-    torch.set_num_threads(asked.threads)
+    options = parser.parse_args()
+    torch.set_num_threads(options.threads)
     with torch.device("meta"):
         networks = {
             "unet": UNet2DConditionModel(**UNET),
@@ -66,16 +66,16 @@ def main() -> None:
             networks[name] = UNet2DConditionModel(**UNET)
             widen(networks[name], copies=3, further=further)
     counts = {name: parameter_count(network) for name, network in networks.items()}
-    told = {
+    report = {
         "parameters": counts,
         "weights_gib": {name: _gib(count * FLOAT_BYTES) for name, count in counts.items()},
         "training_gib_before_activations": _gib(
             (ADAM * counts["unet_rgbd"] + counts["autoencoder"]) * FLOAT_BYTES
         ),
     }
-    if asked.step:
-        told["step"] = _step(networks["unet_rgbd"], *asked.size)
-    print(json.dumps(told, indent=2))
+    if options.step:
+        report["step"] = _step(networks["unet_rgbd"], *options.size)
+    print(json.dumps(report, indent=2))
 
 
 def _step(network: UNet2DConditionModel, width: int, height: int) -> dict[str, object]:
@@ -85,10 +85,10 @@ def _step(network: UNet2DConditionModel, width: int, height: int) -> dict[str, o
             values.normal_(std=0.02)
         noisy = torch.randn(1, 12, height // 8, width // 8, device=device())
         text = torch.randn(1, 2, 1024, device=device())
-        begun = time.perf_counter()
+        start = time.perf_counter()
         out = network(noisy, 500, encoder_hidden_states=text, return_dict=False)[0]
-        finite = bool(out.isfinite().all())  # Waits for a GPU, too.
-        seconds = time.perf_counter() - begun
+        finite = bool(out.isfinite().all())  # Synchronises with a GPU.
+        seconds = time.perf_counter() - start
     return {
         "latents": [width // 8, height // 8],
         "seconds": round(seconds, 2),

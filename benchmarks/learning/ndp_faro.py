@@ -1,4 +1,4 @@
-"""What the benchmarks on `d415-faro` share: its scenes, with physics by a sensor for each room."""
+"""Shared code of the benchmarks on `d415-faro`: scenes, with physics by a sensor for each room."""
 
 import argparse
 import os
@@ -16,27 +16,27 @@ from starling.sim.sensor import resolve
 
 
 def parser(doc: str) -> argparse.ArgumentParser:
-    """Flags that `simulation` reads; `doc` is the benchmark's own text."""
-    made = argparse.ArgumentParser(description=doc.splitlines()[0])
-    made.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
-    made.add_argument("--cache", type=Path, help="likewise")
-    return made
+    """Build a parser with the flags of `simulation`; `doc` is the docstring of the benchmark."""
+    built = argparse.ArgumentParser(description=doc.splitlines()[0])
+    built.add_argument("--sensor", required=True, help="see `starling evaluate`")
+    built.add_argument("--cache", type=Path, help="see `starling evaluate`")
+    return built
 
 
 def captures() -> Path:
-    """Where the captures lie."""
+    """Return the path of the captures."""
     return Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
 
 
-def simulation(asked: argparse.Namespace, room: str, path: Path) -> Simulation:
-    """How a room's scenes are simulated."""
-    sensor = resolve.load(asked.sensor.replace(ROOM, room), captures=str(path))
-    return Simulation(sensor=sensor, cache=asked.cache)
+def simulation(options: argparse.Namespace, room: str, path: Path) -> Simulation:
+    """Return the simulation of a room's scenes."""
+    sensor = resolve.load(options.sensor.replace(ROOM, room), captures=str(path))
+    return Simulation(sensor=sensor, cache=options.cache)
 
 
 def scenes(
-    asked: argparse.Namespace, path: Path, track: progress.Progress
+    options: argparse.Namespace, path: Path, track: progress.Progress
 ) -> Iterator[tuple[CapturedScene, Example]]:
-    """Every scene, and the example it makes with its room's sensor."""
+    """Yield every scene and its example, simulated with its room's sensor."""
     for scene in track(capture.open_set(path).scenes, "scenes"):
-        yield scene, captured.example(scene, simulation=simulation(asked, scene.room, path))
+        yield scene, captured.example(scene, simulation=simulation(options, scene.room, path))

@@ -1,10 +1,11 @@
-"""How often should physics be hidden from a hybrid that learns?
+"""Effect of hiding physics from a share of a hybrid's training crops.
 
-A hybrid learns with physics hidden from a share of its crops (`learning/networks/training/samples.py`). For
-each room named, a hybrid learns from all others by each share, and is judged there. Name few rooms:
-what is chosen by them is no longer judged fairly in them.
+Physics can be hidden from a share of the crops (`learning/networks/training/samples.py`). For each
+room and share, a hybrid is trained on all other rooms and evaluated in this room. Use few rooms,
+because rooms used to choose the share are no longer held out.
 
-    STARLING_CAPTURES=... python benchmarks/learning/ndp_hidden.py OUT --sensor TEMPLATE --rooms 0742 e
+    STARLING_CAPTURES=... python benchmarks/learning/ndp_hidden.py OUT --sensor TEMPLATE --rooms
+    0742 e
 """
 
 import dataclasses
@@ -27,31 +28,31 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--rooms", nargs="+", required=True)
     parser.add_argument("--shares", type=float, nargs="*", default=[0.0, 0.5, 0.75, 0.9])
-    asked = parser.parse_args()
+    options = parser.parse_args()
     path = ndp_faro.captures()
     opened = capture.open_set(path)
     print(f"{'room':>6}{'hidden':>8}{'log loss':>10}{'Brier skill':>13}{'AUC':>8}")
     with progress.on_stderr() as track:
-        for room in asked.rooms:
-            simulation = ndp_faro.simulation(asked, room, path)
+        for room in options.rooms:
+            simulation = ndp_faro.simulation(options, room, path)
             examples = captured.examples(opened, simulation=simulation)
-            for share in asked.shares:
+            for share in options.shares:
                 predictor = Hybrid(settings=dataclasses.replace(Settings(), hidden=share)).fit(
-                    [one for one in examples if one.room != room],
-                    folder=asked.out / f"{room}-{share:g}",
+                    [example for example in examples if example.room != room],
+                    folder=options.out / f"{room}-{share:g}",
                     seed=0,
                     track=track,
                 )
-                found = classification(
+                figures = classification(
                     pool(
-                        judge(predictor.probability(one), one.ndp, one.counted)
-                        for one in examples
-                        if one.room == room
+                        judge(predictor.probability(example), example.ndp, example.counted)
+                        for example in examples
+                        if example.room == room
                     )
                 )
                 print(
-                    f"{room:>6}{share:8g}{found.log_loss:10.4f}{found.brier_skill:13.3f}"
-                    f"{found.auc:8.3f}",
+                    f"{room:>6}{share:8g}{figures.log_loss:10.4f}{figures.brier_skill:13.3f}"
+                    f"{figures.auc:8.3f}",
                     flush=True,
                 )
 

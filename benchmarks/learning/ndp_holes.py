@@ -1,8 +1,8 @@
-"""Are drawn holes like real ones? Areas, perimeters, lengths along rows, and flicker.
+"""Comparison of sampled holes with real ones: area, perimeter, run length, and flicker.
 
-Holes are drawn once a scene from the probabilities that an evaluation by room has kept, so no
-method has learnt from the room it draws holes in; beside them one simulated frame as it comes, and
-the device's own. There are no real repeats: flicker is the simulator's, from its draws of noise.
+Holes are sampled once a scene from the stored probabilities of an evaluation by room, so that no
+method was trained on the room. They are compared with one simulated frame and with the device's
+holes. There are no real repeats: flicker is compared with simulated draws of noise.
 
     STARLING_CAPTURES=... python benchmarks/learning/ndp_holes.py EVALUATION --sensor TEMPLATE
 """
@@ -13,14 +13,14 @@ import ndp_faro
 import numpy as np
 
 from starling.learning import registry
-from starling.learning.commands.evaluate_captures import FOLDS, read_told
+from starling.learning.commands.evaluate_captures import FOLDS, read_prediction
 from starling.learning.data.learnable import known_holes
 from starling.learning.features import holes
 from starling.learning.sampling import sampling
 from starling.sim.commands.simulate_captures import scene_seed
 from starling.sim.console import progress
 
-FRAMES = 6  # Of which flicker is counted.
+FRAMES = 6  # Frames for the flicker rate.
 SIMULATED = "one simulated frame"
 
 
@@ -28,16 +28,16 @@ def main() -> None:
     """Print a row of figures for each method."""
     parser = ndp_faro.parser(__doc__)
     parser.add_argument("evaluation", type=Path)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     real, drawn, overlap, flicker = [], {}, {}, {}
     with progress.on_stderr() as track:
         path = ndp_faro.captures()
-        for scene, example in ndp_faro.scenes(asked, path, track):
+        for scene, example in ndp_faro.scenes(options, path, track):
             ndp, counted = known_holes(example)
             real.append(holes.measure(ndp, counted))
             sequences = {SIMULATED: example.physics.one_draw_ndp[None]}
-            for folder in sorted((asked.evaluation / FOLDS / scene.room).iterdir()):
-                probability = read_told(folder / f"{scene.name}.png")
+            for folder in sorted((options.evaluation / FOLDS / scene.room).iterdir()):
+                probability = read_prediction(folder / f"{scene.name}.png")
                 physics = example.physics if folder.name in registry.ON_PHYSICS else None
                 sequences[folder.name] = _sequence(probability, scene.name, physics)
                 if physics is not None:
@@ -48,7 +48,7 @@ def main() -> None:
                 both, either = frames[0] & ndp & counted, (frames[0] | ndp) & counted
                 overlap.setdefault(method, []).append(both.sum() / max(either.sum(), 1))
                 rate = (
-                    _of_draws(example.physics, counted)
+                    _flicker_of_draws(example.physics, counted)
                     if method == SIMULATED
                     else holes.flicker_rate(frames, counted)
                 )
@@ -66,8 +66,8 @@ def _sequence(probability, scene, physics):
     )
 
 
-def _of_draws(physics, counted):
-    """Share of pixels that two independent draws differ in."""
+def _flicker_of_draws(physics, counted):
+    """Share of pixels that differ between two independent draws."""
     without = physics.ndp[counted].astype(float) * physics.draws
     pairs = physics.draws * (physics.draws - 1)
     return float((2 * without * (physics.draws - without) / pairs).mean())

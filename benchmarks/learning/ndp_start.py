@@ -1,9 +1,9 @@
-"""Make the models that come with the program: hybrid and network, learnt from varied cameras.
+"""Train the shipped models, hybrid and network, on varied cameras.
 
-A D435 at 640x360 is what all are taken for; each of 240 scenes is seen by a camera that departs
-from it in ten effects (`learning/data/varied_cameras.py`). Captures, physics and models are kept in the
-output folder, and what is there is not made again. Copy `hybrid-varied` and `network-varied`,
-weights and record, to `learning/shipped`.
+All cameras are assumed to be a D435 at 640x360. In each of 240 scenes the true camera differs from
+it in ten effects (`learning/data/varied_cameras.py`). Captures, physics and models are kept in the
+output folder and not computed again. Copy `hybrid-varied` and `network-varied`, weights and record,
+to `learning/shipped`.
 
     python benchmarks/learning/ndp_start.py OUT
 """
@@ -29,14 +29,14 @@ STEPS, SEED = 2400, 3
 
 
 def main() -> None:
-    """Make captures, physics and models."""
+    """Compute captures, physics and models."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     out = parser.parse_args().out
     with progress.on_stderr() as track:
         if not (out / "varied" / RECORD).is_file():
-            believed = with_values(presets.load("d435"), BELIEVED)
-            varied_cameras.write(out / "varied", SCENES, believed, seed=SEED, track=track)
+            assumed = with_values(presets.load("d435"), BELIEVED)
+            varied_cameras.write(out / "varied", SCENES, assumed, seed=SEED, track=track)
         camera = resolve.load("d435", captures=str(out / "varied"))
         for method in ("hybrid", "network"):
             if (out / f"{method}-varied" / RECORD).is_file():

@@ -1,10 +1,10 @@
-"""Which device preset's holes are nearest to a real D415's: our matcher under each, on its pairs.
+"""Compare the holes of our matcher under each device preset with those of a real D415.
 
     python benchmarks/matcher/device_presets.py [default high_accuracy ...] [--pictures FOLDER]
 
-Captures: `d415-faro` in the folder $STARLING_CAPTURES. No-depth pixels are compared on pixels of
-known truth right of column 128; agreement = ours against the device, off depth edges. Nothing was
-chosen by these figures; rooms are split as in docs/figures.md.
+Captures: `d415-faro` in the folder $STARLING_CAPTURES. No-depth pixels are compared on pixels with
+a reference, right of column 128. Agreement compares our depth with the device's, away from depth
+edges. These figures were not used for tuning; rooms are split as in docs/results/matcher.md.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Row:
     tuned: bool
     rate: float  # Share of no-depth pixels.
     overlap: float
-    ours_only: float  # Share of pixels that only we leave empty.
+    ours_only: float  # Share of pixels without depth in our map only.
     device_only: float
     nmad_px: float
     off_pct: float
@@ -67,15 +67,15 @@ def measure(scene: match_faro.Scene, ours_px: NDArray, room: str) -> Row:
 
 
 def line(label: str, rows: list[Row]) -> str:
-    """Medians over scenes as one line."""
+    """Format medians over scenes as one line."""
 
-    def of(key: Callable[[Row], float]) -> float:
+    def median(key: Callable[[Row], float]) -> float:
         return float(np.median([key(row) for row in rows]))
 
     return (
-        f"{label:28}{of(lambda r: r.rate):8.4f}{of(lambda r: r.overlap):7.3f}"
-        f"{of(lambda r: r.ours_only):8.4f}{of(lambda r: r.device_only):8.4f}"
-        f"{of(lambda r: r.nmad_px):7.3f}{of(lambda r: r.off_pct):7.2f}"
+        f"{label:28}{median(lambda r: r.rate):8.4f}{median(lambda r: r.overlap):7.3f}"
+        f"{median(lambda r: r.ours_only):8.4f}{median(lambda r: r.device_only):8.4f}"
+        f"{median(lambda r: r.nmad_px):7.3f}{median(lambda r: r.off_pct):7.2f}"
     )
 
 
@@ -95,7 +95,7 @@ def _table(results: dict[str, list[Row]]) -> None:
 
 
 def _picture(scene: match_faro.Scene, maps: dict[str, NDArray], folder: Path) -> None:
-    """Left image, then every map's holes in white over it."""
+    """Write the left image and, for each map, its holes in white over that image."""
     tiles = [cv2.cvtColor(cv2.convertScaleAbs(scene.left, alpha=3), cv2.COLOR_GRAY2BGR)]
     for name, disparity in maps.items():
         tile = tiles[0].copy() // 2
@@ -115,12 +115,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("presets", nargs="*", default=presets.names())
     parser.add_argument("--pictures", type=Path)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     where = match_faro.folder()
     if not where.is_dir():
         raise SystemExit(f"no captures at {where}; set STARLING_CAPTURES to their folder")
     base = sensors.load("d415")
-    settings = {name: realsense.controlled(base, name)[0].matcher for name in asked.presets}
+    settings = {name: realsense.with_preset(base, name)[0].matcher for name in options.presets}
     results: dict[str, list[Row]] = {"device": [], **{name: [] for name in settings}}
     for scene in match_faro.scenes(where):
         maps = {"device": scene.device_px} | {
@@ -128,10 +128,10 @@ def main() -> None:
             for name, setting in settings.items()
         }
         room = (where / scene.name / "room").read_text().strip()
-        for name, found in maps.items():
-            results[name].append(measure(scene, found, room))
-        if asked.pictures:
-            _picture(scene, maps, asked.pictures)
+        for name, disparity in maps.items():
+            results[name].append(measure(scene, disparity, room))
+        if options.pictures:
+            _picture(scene, maps, options.pictures)
     _table(results)
 
 

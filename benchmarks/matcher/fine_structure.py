@@ -1,12 +1,13 @@
-"""How far a camera averages its codes, by how fast the finest structures of its images fall off.
+"""Bound the averaging of a camera by the power of its images in two high-frequency bands.
 
-Averaging comes last but for rounding: dots, texture, speckle and noise all pass it. Power of whole
-codes (1/12 DN^2, white) is taken off, by bands of radial frequency. Two bounds follow for each
-scene. What is in an image falls off towards finer structures by itself as well, so averaging is at
-most what makes simulated dots, speckle and noise fall as fast from one of the two bands to the
-other (`most`). And simulated noise alone may not be above all there is in the finer one (`least`).
+Averaging is the last step before quantisation, so it attenuates dots, texture, speckle and noise.
+The power of the quantisation noise (1/12 DN^2, white) is subtracted. Each scene gives two bounds.
 
-Usage: python benchmarks/matcher/fine_structure.py $STARLING_CAPTURES/d415-faro --sensor my-d415.toml
+- `most`: with this averaging, the simulation falls off between the bands as fast as the real
+  image. Texture in the real image falls off as well, so averaging is at most this.
+- `least`: with this averaging, simulated noise alone has the real power in the finer band.
+
+    python benchmarks/matcher/fine_structure.py $STARLING_CAPTURES/d415-faro --sensor FILE
 """
 
 from __future__ import annotations
@@ -20,40 +21,44 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import optimize
 
-from starling.diagnosis.scenes.scene_model import Subject, subject
+from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model
 from starling.sim.captures import capture
 from starling.sim.sensor import resolve
 
 _TILE_PX = 32
 _WINDOW = np.outer(np.hanning(_TILE_PX), np.hanning(_TILE_PX))
-_BANDS = ((0.35, 0.44), (0.53, 0.62))  # Cycles per pixel, along any direction.
+_BANDS = ((0.35, 0.44), (0.53, 0.62))  # Radial frequency [cycles per pixel].
 _RANGE_PX = (0.3, 1.0)
-_ROUNDING = 1 / 12  # Variance of the noise of whole codes [DN^2].
+_ROUNDING = 1 / 12  # Quantisation variance [DN^2].
 
 
 def main() -> None:
-    """Print both bounds of each scene, and what the two halves of the rooms say."""
+    """Print both bounds of each scene and of each half of the rooms."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("captures", type=Path)
     parser.add_argument("--sensor", required=True, help="preset or sensor file")
-    asked = parser.parse_args()
-    captures = capture.open_set(asked.captures)
-    sensor = resolve.load(asked.sensor, captures=str(captures.path))
+    options = parser.parse_args()
+    captures = capture.open_set(options.captures)
+    sensor = resolve.load(options.sensor, captures=str(captures.path))
     rooms = list(dict.fromkeys(scene.room for scene in captures.scenes))
-    found = []
+    bounds = []
     for scene in captures.scenes:
-        of = subject(scene, sensor)
-        assert of.real.left is not None
-        real = _powers(of.real.left[0]) - _ROUNDING
-        most = _root(lambda px, of=of, real=real: _fall(_simulated(of, px)) - _fall(real))
-        least = _root(lambda px, of=of, real=real: _noise(of, px)[1] - real[1])
-        found.append((rooms.index(scene.room) % 2, least, most))
+        model = load_scene_model(scene, sensor)
+        assert model.real.left is not None
+        real = _powers(model.real.left[0]) - _ROUNDING
+        most = _root(lambda px, model=model, real=real: _fall(_simulated(model, px)) - _fall(real))
+        least = _root(lambda px, model=model, real=real: _noise(model, px)[1] - real[1])
+        bounds.append((rooms.index(scene.room) % 2, least, most))
         has_px = sensor.left.smoothing_px
-        powers = {"real": real, "simulated": _simulated(of, has_px), "noise": _noise(of, has_px)}
-        told = ", ".join(f"{name} {one[0]:.3f} {one[1]:.4f}" for name, one in powers.items())
-        print(f"{scene.name:6} {told} DN^2; least {least:.3f}, most {most:.3f} px", flush=True)
+        powers = {
+            "real": real,
+            "simulated": _simulated(model, has_px),
+            "noise": _noise(model, has_px),
+        }
+        text = ", ".join(f"{name} {power[0]:.3f} {power[1]:.4f}" for name, power in powers.items())
+        print(f"{scene.name:6} {text} DN^2; least {least:.3f}, most {most:.3f} px", flush=True)
     for half in (0, 1):
-        least, most = np.array([row[1:] for row in found if row[0] == half]).T
+        least, most = np.array([row[1:] for row in bounds if row[0] == half]).T
         print(
             f"rooms {', '.join(rooms[half::2])}: at least {np.nanmax(least):.3f} px, "
             f"at most {np.nanmin(most):.3f} px (medians {np.nanmedian(least):.3f}, "
@@ -61,20 +66,20 @@ def main() -> None:
         )
 
 
-def _simulated(of: Subject, smoothing_px: float) -> np.ndarray:
-    left = of.simulate({"smoothing": smoothing_px}, seed=1).left
+def _simulated(model: SceneModel, smoothing_px: float) -> np.ndarray:
+    left = model.simulate({"smoothing": smoothing_px}, seed=1).left
     assert left is not None
     return _powers(left[0]) - _ROUNDING
 
 
-def _noise(of: Subject, smoothing_px: float) -> np.ndarray:
-    left = dataclasses.replace(of, frames=2).simulate({"smoothing": smoothing_px}, seed=1).left
+def _noise(model: SceneModel, smoothing_px: float) -> np.ndarray:
+    left = dataclasses.replace(model, frames=2).simulate({"smoothing": smoothing_px}, seed=1).left
     assert left is not None
     return _powers(left[0].astype(float) - left[1]) / 2 - _ROUNDING
 
 
 def _powers(image: np.ndarray) -> np.ndarray:
-    """Variance per pixel [DN^2] that white noise of the two bands' power would have."""
+    """Return the power of each band, as the variance per pixel of white noise [DN^2]."""
     step = _TILE_PX // 2
     tiles = sliding_window_view(image.astype(float), (_TILE_PX, _TILE_PX))[::step, ::step]
     tiles = tiles.reshape(-1, _TILE_PX, _TILE_PX)
@@ -89,12 +94,12 @@ def _fall(powers: Sequence[float] | np.ndarray) -> float:
     return float(np.log(max(powers[1], 1e-6) / max(powers[0], 1e-6)))
 
 
-def _root(of: Callable[[float], float]) -> float:
-    """Where a function that falls with averaging crosses 0; NaN where it does not."""
-    ends = [of(px) for px in _RANGE_PX]
+def _root(function: Callable[[float], float]) -> float:
+    """Return the root of a function that decreases with averaging; NaN without a root."""
+    ends = [function(px) for px in _RANGE_PX]
     if not ends[0] > 0 > ends[1]:
         return float("nan")
-    return float(optimize.root_scalar(of, bracket=_RANGE_PX, xtol=0.005).root)
+    return float(optimize.root_scalar(function, bracket=_RANGE_PX, xtol=0.005).root)
 
 
 if __name__ == "__main__":

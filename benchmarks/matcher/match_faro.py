@@ -1,13 +1,14 @@
-"""The matcher on the 15 real D415 scenes, beside the device's own depth on the same infrared pair.
+"""Compare the matcher with the device's depth on the infrared pairs of 15 real D415 scenes.
 
     python benchmarks/matcher/match_faro.py d4xx fast d415
     python benchmarks/matcher/match_faro.py d4xx --border 0 3 5 7 9
 
-Settings are those of the matcher, or of a sensor preset.
-Captures: `d415-faro` in the folder $STARLING_CAPTURES. Errors against the laser scanner; agreement
-= ours against the device. Settings were chosen on the tuned rooms alone.
-With --border: what the device has of what we find, by the match's column in the right image, and
-the overlap of both depths' holes in all columns by the border that is left out there.
+Arguments are names of matcher settings or sensor presets.
+Captures: `d415-faro` in the folder $STARLING_CAPTURES. Errors refer to the laser scanner; agreement
+compares our depth with the device's. Settings were chosen on the tuned rooms only.
+
+With --border, the script prints the share of our matches that have device depth, by the column of
+the match in the right image. It also prints the overlap of both depths' holes, by excluded border.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ from starling.sim.sensor import presets
 from starling.sim.sensor.matcher import FAST, Matcher, SemiGlobalBlock, named
 from starling.sim.stereo.matching import DisparityMap, match
 
-TUNED_ROOMS = frozenset({"0060", "1982", "4426", "6422", "g"})  # Sorted rooms, every other one.
-NEAR_PX = 30  # Columns of the right image whose matches are counted one by one.
+TUNED_ROOMS = frozenset({"0060", "1982", "4426", "6422", "g"})  # Every second room in sorted order.
+NEAR_PX = 30  # Number of columns of the right image with separate counts.
 COLUMNS = ("bias_px", "nmad_px", "bad1_pct", "fill", "ndp_iou")
 
 
@@ -47,12 +48,12 @@ class Scene:
 
 
 def folder() -> Path:
-    """Where the scenes are, if they are on this machine."""
+    """Return the folder of the scenes; it may not exist."""
     return Path(os.environ.get("STARLING_CAPTURES", "")) / "d415-faro"
 
 
 def scenes(where: Path) -> Iterator[Scene]:
-    """Read the scenes one after the other, by name."""
+    """Yield the scenes in the order of their names."""
     info = tomllib.loads((where / "capture.toml").read_text())
     focal_baseline = info["fx_px"] * info["baseline_m"]
     for path in sorted(entry for entry in where.iterdir() if entry.is_dir()):
@@ -71,7 +72,7 @@ def scenes(where: Path) -> Iterator[Scene]:
 
 
 def measure(scene: Scene, setting: Matcher) -> dict[str, DisparityFigures]:
-    """Figures of the device and of ours against the truth, and of ours against the device."""
+    """Score device and matcher against the reference, and the matcher against the device."""
     ours = match(scene.left, scene.right, setting).disparity_px
     scored, reached = scored_pixels(scene.truth_px), reached_pixels(scene.truth_px)
     return {
@@ -84,7 +85,7 @@ def measure(scene: Scene, setting: Matcher) -> dict[str, DisparityFigures]:
 
 
 def medians(rows: list[dict[str, DisparityFigures]]) -> dict[str, dict[str, float]]:
-    """Median over scenes of every figure."""
+    """Return the median over scenes of each figure."""
     return {
         kind: {
             column: float(np.median([getattr(row[kind], column) for row in rows]))
@@ -104,7 +105,7 @@ def _line(label: str, figures: dict[str, dict[str, float]]) -> str:
 
 
 def setting_of(name: str) -> Matcher:
-    """The matcher of a sensor preset, or a setting of its own."""
+    """Return the matcher of a sensor preset, or a named matcher setting."""
     return presets.load(name).matcher if name in presets.names() else named(name)
 
 
@@ -128,19 +129,24 @@ def _borders(name: str, where: Path, widths: list[float]) -> None:
     settings = {
         width: replace(setting, checks=replace(setting.checks, border_px=width)) for width in widths
     }
-    found = {True: np.zeros((2, NEAR_PX)), False: np.zeros((2, NEAR_PX))}
+    counts = {True: np.zeros((2, NEAR_PX)), False: np.zeros((2, NEAR_PX))}
     overlaps: dict[bool, list[list[float]]] = {True: [], False: []}
     for scene in scenes(where):
-        found[scene.tuned] += _kept_by_column(scene, match(scene.left, scene.right, setting))
+        counts[scene.tuned] += _kept_by_column(scene, match(scene.left, scene.right, setting))
         known, device = np.isfinite(scene.truth_px), np.isfinite(scene.device_px)
-        valid = [match(scene.left, scene.right, one).valid for one in settings.values()]
+        valid = [
+            match(scene.left, scene.right, valid_mask).valid for valid_mask in settings.values()
+        ]
         overlaps[scene.tuned].append(
-            [np.sum(known & ~(one | device)) / np.sum(known & ~(one & device)) for one in valid]
+            [
+                np.sum(known & ~(valid_mask | device)) / np.sum(known & ~(valid_mask & device))
+                for valid_mask in valid
+            ]
         )
     for tuned, label in ((True, "tuned"), (False, "held out")):
-        kept, all_found = found[tuned]
+        shared, total = counts[tuned]
         print(f"\n{name}, {label}: share of ours that the device has, by column x - d")
-        print(" ".join(f"{share:.2f}" for share in kept / all_found))
+        print(" ".join(f"{share:.2f}" for share in shared / total))
         print("no-depth IoU in all columns, mean over scenes, by border [px]")
         means = np.mean(overlaps[tuned], axis=0)
         print(
@@ -149,7 +155,7 @@ def _borders(name: str, where: Path, widths: list[float]) -> None:
 
 
 def _kept_by_column(scene: Scene, ours: DisparityMap) -> NDArray:
-    """Pixels that the device has, and all, of those that we find (2, NEAR_PX) by column."""
+    """Count our matches with device depth, and all our matches (2, NEAR_PX), by column."""
     column = np.arange(ours.valid.shape[1]) - np.where(ours.valid, ours.disparity_px, -NEAR_PX)
     columns = np.arange(NEAR_PX + 1) - 0.5
     both = ours.valid & np.isfinite(scene.device_px)
@@ -157,7 +163,7 @@ def _kept_by_column(scene: Scene, ours: DisparityMap) -> NDArray:
 
 
 def _seconds(call, repeats: int = 5) -> float:
-    """Least time of several calls, after one to warm up [s]."""
+    """Return the minimum time of several calls after a warm-up call [s]."""
     call()
     times = []
     for _ in range(repeats):
@@ -174,30 +180,30 @@ def _timings(names: list[str], scene: Scene) -> None:
         0, 128, plain.block_px, plain.small_penalty, plain.large_penalty, 1, 0, 10, 100, 2,
         cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )  # fmt: skip
-    floor = _seconds(lambda: bare.compute(scene.left, scene.right))
-    print(f"\nbare StereoSGBM 3WAY {floor:.3f} s")
+    baseline_s = _seconds(lambda: bare.compute(scene.left, scene.right))
+    print(f"\nbare StereoSGBM 3WAY {baseline_s:.3f} s")
     for name in names:
         setting = setting_of(name)
-        took = _seconds(lambda setting=setting: match(scene.left, scene.right, setting))
-        print(f"{name:6} {took:.3f} s = {took / floor:.2f} x")
+        seconds = _seconds(lambda setting=setting: match(scene.left, scene.right, setting))
+        print(f"{name:6} {seconds:.3f} s = {seconds / baseline_s:.2f} x")
 
 
 def main() -> None:
-    """Print the table of every named setting, then the times."""
+    """Print the table of each setting, then the times."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("settings", nargs="*", default=["d4xx"])
     parser.add_argument("--border", nargs="+", type=float, metavar="PX")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     where = folder()
     if not where.is_dir():
         raise SystemExit(f"no captures at {where}; set STARLING_CAPTURES to their folder")
-    for name in asked.settings:
-        if asked.border:
-            _borders(name, where, asked.border)
+    for name in options.settings:
+        if options.border:
+            _borders(name, where, options.border)
         else:
             _table(name, where)
-    if not asked.border:
-        _timings(asked.settings, next(scenes(where)))
+    if not options.border:
+        _timings(options.settings, next(scenes(where)))
 
 
 if __name__ == "__main__":

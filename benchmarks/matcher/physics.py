@@ -1,4 +1,4 @@
-"""Laws that a depth camera obeys, measured in simulation: geometry, bias, noise, renderer's holes.
+"""Measure laws of a depth camera in simulation: geometry, bias, noise, holes from the renderer.
 
 Usage: python benchmarks/matcher/physics.py [--sensor d435] [--picture docs/pictures/bias.png]
 """
@@ -17,7 +17,7 @@ from starling.sim import metrics
 from starling.sim.geometry import frames
 from starling.sim.render import direct
 from starling.sim.render.layers import Layers
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import materials
 from starling.sim.scene.builtin import scenes, solids
 from starling.sim.scene.scene import Scene
@@ -29,8 +29,8 @@ from starling.sim.stereo.depth import DepthMap, disparity_from_depth
 
 GEOMETRY_M = (0.5, 1.0, 2.0, 4.0)
 NOISE_M = (0.5, 0.7, 1.0, 1.4, 2.0)
-# Each distance stands for five around it: a matcher errs by the fraction of the disparity, and one
-# fronto-parallel wall has one fraction only.
+# Each distance is averaged over five nearby ones. Matcher bias depends on the fraction of the
+# disparity, and a fronto-parallel wall has a single fraction.
 AROUND = (0.96, 0.98, 1.0, 1.02, 1.04)
 FRACTIONS = np.arange(16) / 16
 SAMPLES = (1, 4, 16, 64)
@@ -38,33 +38,33 @@ HOLE_SEEDS = (0, 1, 2)
 
 
 def wall(sensor: Sensor, distance_m: float) -> Layers:
-    """What the sensor receives of a wall."""
-    return direct.layers(Stage(scenes.wall(distance_m)), sensor)
+    """Render a wall at a distance."""
+    return direct.layers(MitsubaScene(scenes.wall(distance_m)), sensor)
 
 
 def depth_of(seen: Layers, sensor: Sensor) -> DepthMap:
-    """Reading of a wall's layers."""
+    """Return the sensor's depth of rendered layers."""
     return expose(seen, scenes.wall(), sensor).depth
 
 
 def geometry(sensor: Sensor) -> dict[float, float]:
-    """Disparity between the noise-free renders minus f b / z [px], by distance [m]."""
+    """Return the disparity of noise-free images minus f b / z [px], by distance [m]."""
     errors = {}
     for distance in GEOMETRY_M:
         expected = sensor.focal_baseline_px_m / distance
         seen = wall(sensor, distance)
-        found = metrics.shift_px(
+        shift = metrics.shift_px(
             seen.left.projector_direct,
             seen.right.projector_direct,
             near_px=expected,
             margin_px=int(expected) + 40,
         )
-        errors[distance] = found - expected
+        errors[distance] = shift - expected
     return errors
 
 
 def bias_curve(sensor: Sensor) -> dict[float, float]:
-    """Mean disparity error [px] by the fraction of the true disparity, of walls near 1 m."""
+    """Return the mean disparity error [px] by fraction of the disparity, for walls near 1 m."""
     curve = {}
     for fraction in FRACTIONS:
         disparity = np.floor(sensor.focal_baseline_px_m) + fraction
@@ -78,7 +78,7 @@ def bias_curve(sensor: Sensor) -> dict[float, float]:
 
 
 def plane_rms_m(depth_m: np.ndarray) -> float:
-    """RMS distance in z from the plane fitted to the middle 40 % of rows and columns."""
+    """Return the RMS distance in z from a plane fitted to the central 40 % of rows and columns."""
     height, width = depth_m.shape
     rows, columns = np.mgrid[
         int(0.3 * height) : int(0.7 * height), int(0.3 * width) : int(0.7 * width)
@@ -91,22 +91,26 @@ def plane_rms_m(depth_m: np.ndarray) -> float:
 
 
 def noise(sensor: Sensor, walls: dict[float, list[Layers]]) -> dict[float, float]:
-    """Plane-fit RMS [m] by distance [m]."""
+    """Return the plane-fit RMS [m] by distance [m]."""
     return {
         distance: float(
-            np.sqrt(np.mean([plane_rms_m(depth_of(one, sensor).depth_m) ** 2 for one in seen]))
+            np.sqrt(
+                np.mean(
+                    [plane_rms_m(depth_of(layers, sensor).depth_m) ** 2 for layers in wall_layers]
+                )
+            )
         )
-        for distance, seen in walls.items()
+        for distance, wall_layers in walls.items()
     }
 
 
 def exponent(values: dict[float, float]) -> float:
-    """Slope of log(value) over log(distance)."""
+    """Return the slope of log(value) over log(distance)."""
     return float(np.polyfit(np.log(list(values)), np.log(list(values.values())), 1)[0])
 
 
 def fixed_exposure(sensor: Sensor) -> Sensor:
-    """The same sensor with auto exposure off."""
+    """Return the same sensor with auto exposure off."""
     left, right = (
         dataclasses.replace(part, auto_exposure_level=0.0) for part in (sensor.left, sensor.right)
     )
@@ -114,7 +118,7 @@ def fixed_exposure(sensor: Sensor) -> Sensor:
 
 
 def corner() -> Scene:
-    """Two white walls that meet at a right angle, 1.5 m away: the most of indirect light."""
+    """Return two white walls at a right angle, 1.5 m away, with strong indirect light."""
     turned = ((45.0, 1.0), (-45.0, -1.0))
     walls = (
         solids.body(
@@ -131,8 +135,8 @@ def corner() -> Scene:
 
 
 def hole_rates(sensor: Sensor, scene: Scene) -> dict[int, float]:
-    """Share of pixels without depth [percent] by samples of indirect light; mean over seeds."""
-    stage = Stage(dataclasses.replace(scene, interreflection=1.0))
+    """Return the rate of no-depth pixels [%] by samples of indirect light; mean over seeds."""
+    stage = MitsubaScene(dataclasses.replace(scene, interreflection=1.0))
 
     def rate(samples: int, seed: int) -> float:
         shot = simulate(stage, sensor, samples=samples, seed=seed)
@@ -158,7 +162,7 @@ def draw(curves: dict[str, dict[float, float]], path: Path) -> None:
 
 
 def listed(values: Iterable[tuple[float, float]], form: str) -> str:
-    """`key: value` pairs on one line."""
+    """Format `key: value` pairs on one line."""
     return ", ".join(f"{key:g}: {value:{form}}" for key, value in values)
 
 

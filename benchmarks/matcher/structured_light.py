@@ -1,10 +1,10 @@
-"""A structured-light camera beside real Kinect v1 frames: depth steps, noise, planes, holes.
+"""Compare a simulated structured-light camera with real Kinect v1 frames: steps, noise, planes.
 
     python benchmarks/matcher/structured_light.py [--sensor kinect-v1]
 
-Captures: `kinect-v1-tables` in the folder $STARLING_CAPTURES. Each real table is a plane; the same
-plane is simulated and measured with the same function on the same part of the image. Whatever was
-chosen by looking at real frames was chosen on `learn*`; all had been looked at before.
+Captures: `kinect-v1-tables` in the folder $STARLING_CAPTURES. Each real table is a plane. The same
+plane is simulated and measured in the same part of the image. Parameters were chosen on `learn*`
+frames only; all frames had been viewed before.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from starling.sim.simulate import Shot, simulate
 from starling.sim.stereo import depth
 
 STEPS_PER_PX = 8  # Kinect's disparities come in eighths of a pixel of the 640-column image.
-CLIP_M = 0.01  # Depth further off a plane along its normal is no part of the plane.
-TILE_PX = 32  # Side of the tiles whose own planes show the noise alone.
-# A wall has one fraction of disparity, so five around it stand for each.
+CLIP_M = 0.01  # Maximum distance of a plane's points, along its normal.
+TILE_PX = 32  # Side of the tiles with separate planes, for the local noise.
+# A wall has a single fraction of disparity, so five nearby walls are averaged.
 AROUND = (0.97, 0.985, 1.0, 1.015, 1.03)
 WALLS_M = (0.6, 0.8, 1.0, 1.5, 2.0, 2.5, 3.0)
-TABLE = 1  # Its label.
+TABLE = 1  # Label of the table.
 BASELINE_M = 0.075
-FOCAL_BASELINE = 575.8 * BASELINE_M  # Of the device itself [px m]: see `steps`.
-COLOUR_FROM_PROJECTOR_M = 0.05  # Assumed: frames registered to the colour camera 25 mm beside.
+FOCAL_BASELINE = 575.8 * BASELINE_M  # f * b of the device [px m]; see `steps`.
+COLOUR_FROM_PROJECTOR_M = 0.05  # Assumed: frames are registered to the colour camera, 25 mm away.
 
 Points = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -47,17 +47,17 @@ Camera = Sensor | capture.CaptureInfo
 
 
 def folder() -> Path:
-    """Where the frames are, if they are on this machine."""
+    """Return the folder of the frames; it may not exist."""
     return Path(os.environ.get("STARLING_CAPTURES", "")) / "kinect-v1-tables"
 
 
 def published_m(depth_m: float) -> float:
-    """Axial noise of a Kinect v1 [m] (Nguyen, Izadi and Lovell 2012, eq. 2, up to 60 deg)."""
+    """Return the axial noise of a Kinect v1 [m] (Nguyen et al. 2012, eq. 2, up to 60 deg)."""
     return 1.2e-3 + 1.9e-3 * (depth_m - 0.4) ** 2
 
 
 def rays_of(camera: Camera) -> Points:
-    """Ray (h, w, 3) with z = 1 through each pixel's centre."""
+    """Return the ray (h, w, 3) with z = 1 through each pixel's centre."""
     v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
     x, y = (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px
     return np.stack([x, y, np.ones_like(x)], axis=-1)
@@ -65,10 +65,10 @@ def rays_of(camera: Camera) -> Points:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Plane:
-    """All points p with normal . p = distance_m; the normal is unit and looks at the camera."""
+    """Points p with normal . p = distance_m; the unit normal points towards the camera."""
 
     normal: Points
-    distance_m: float  # Below 0: the camera stands in front.
+    distance_m: float  # Below 0 if the camera is in front of the plane.
 
     @property
     def tilt_deg(self) -> float:
@@ -76,29 +76,29 @@ class Plane:
         return float(np.degrees(np.arccos(-self.normal[2])))
 
     def depth_m(self, rays: Points) -> Points:
-        """Where rays of z = 1 meet it."""
+        """Return the depth at which rays with z = 1 meet the plane."""
         return self.distance_m / (rays @ self.normal)
 
 
 def plane(points: Points, *, seed: int = 0) -> Plane:
     """Fit a plane to points (n, 3): RANSAC with +-CLIP_M, then least squares of the inliers."""
     rng = randomness.generator(seed, 0, "benchmark", "ransac")
-    few = points[rng.choice(len(points), min(4000, len(points)), replace=False)]
-    best, most = Plane(normal=np.array([0.0, 0, -1]), distance_m=-1.0), 0
+    sample = points[rng.choice(len(points), min(4000, len(points)), replace=False)]
+    best, highest_count = Plane(normal=np.array([0.0, 0, -1]), distance_m=-1.0), 0
     for _ in range(300):
         a, b, c = points[rng.choice(len(points), 3, replace=False)]
         normal = np.cross(b - a, c - a)
         length = float(np.linalg.norm(normal))
         if length < 1e-9:
             continue
-        found = _facing(normal / length, a)
-        count = int((np.abs(few @ found.normal - found.distance_m) < CLIP_M).sum())
-        if count > most:
-            best, most = found, count
+        candidate = _facing(normal / length, a)
+        count = int((np.abs(sample @ candidate.normal - candidate.distance_m) < CLIP_M).sum())
+        if count > highest_count:
+            best, highest_count = candidate, count
     for _ in range(8):
-        near = points[np.abs(points @ best.normal - best.distance_m) < CLIP_M]
-        middle = near.mean(axis=0)
-        scatter = (near - middle).T @ (near - middle)
+        inliers = points[np.abs(points @ best.normal - best.distance_m) < CLIP_M]
+        middle = inliers.mean(axis=0)
+        scatter = (inliers - middle).T @ (inliers - middle)
         best = _facing(np.linalg.eigh(scatter)[1][:, 0], middle)
     return best
 
@@ -109,16 +109,16 @@ def _facing(normal: Points, point: Points) -> Plane:
 
 
 def nmad(values: Points) -> float:
-    """1.4826 times the median absolute deviation: sigma of a normal distribution."""
+    """Return 1.4826 times the median absolute deviation, the sigma of a normal distribution."""
     return float(1.4826 * np.median(np.abs(values - np.median(values))))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TableFigures:
-    """How a depth image departs from the plane through it.
+    """Deviations of a depth image from its fitted plane.
 
-    Sigma is of depth minus the plane's depth along the pixel's ray (a camera's axial noise), over
-    the labelled table. Across the plane it is less by the cosine of ray and normal.
+    Sigma is that of depth minus the plane's depth along the pixel's ray (axial noise), over the
+    labelled table. Along the normal it is smaller by the cosine of ray and normal.
     """
 
     median_m: float  # Depth.
@@ -126,27 +126,27 @@ class TableFigures:
     sigma_mm: float  # 1.4826 MAD of depth minus the plane's.
     clipped_mm: float  # Standard deviation of the same within +-10 mm.
     normal_mm: float  # Standard deviation along the normal.
-    local_px: float  # Deviation of disparity about tiles' own planes: no warp of the whole image.
-    distinct: int  # Depth codes.
+    local_px: float  # Deviation of disparity from planes of tiles; excludes large-scale warp.
+    distinct: int  # Number of distinct depth codes.
     fill: float
 
 
 def table_figures(depth_m: NDArray, where: Mask, camera: Camera, unit_m: float) -> TableFigures:
-    """Measure the plane seen in `where` (h, w); depth NaN where there is none."""
+    """Measure the plane in the mask `where` (h, w); depth is NaN where missing."""
     known = where & np.isfinite(depth_m)
     rays = rays_of(camera)
     depth = depth_m.astype(np.float64)
     points = (rays * depth[..., None])[known]
-    found = plane(points)
-    off = points @ found.normal - found.distance_m
-    along = depth[known] - found.depth_m(rays[known])
-    on = np.abs(off) < CLIP_M
+    fitted = plane(points)
+    distance = points @ fitted.normal - fitted.distance_m
+    along = depth[known] - fitted.depth_m(rays[known])
+    on = np.abs(distance) < CLIP_M
     return TableFigures(
         median_m=float(np.median(depth[known])),
-        tilt_deg=found.tilt_deg,
+        tilt_deg=fitted.tilt_deg,
         sigma_mm=1e3 * nmad(along),
         clipped_mm=1e3 * float(along[np.abs(along) < CLIP_M].std()),
-        normal_mm=1e3 * float(off[on].std()),
+        normal_mm=1e3 * float(distance[on].std()),
         local_px=float(np.median([sigma for _, sigma in tiles(depth, known)] or [np.nan])),
         distinct=len(np.unique(np.rint(depth[known] / unit_m))),
         fill=float(known.sum() / where.sum()),
@@ -154,9 +154,9 @@ def table_figures(depth_m: NDArray, where: Mask, camera: Camera, unit_m: float) 
 
 
 def tiles(depth_m: NDArray, where: Mask) -> Iterator[tuple[float, float]]:
-    """Median depth [m] and sigma of disparity [px] about the own plane of each whole, flat tile.
+    """Yield median depth [m] and sigma of disparity [px] from the plane of each flat tile.
 
-    A plane's disparity is linear in the image. A tile counts where 95 % of it have depth and lie
+    A plane's disparity is linear in the image. A tile counts if 95 % of it have depth and lie
     within three eighths of a pixel of its plane.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -169,18 +169,18 @@ def tiles(depth_m: NDArray, where: Mask) -> Iterator[tuple[float, float]]:
             known = where[part].ravel() & np.isfinite(disparity[part].ravel())
             if known.mean() < 0.95:
                 continue
-            basis, seen = linear[known], disparity[part].ravel()[known]
-            off = seen - basis @ np.linalg.lstsq(basis, seen, rcond=None)[0]
-            if (np.abs(off) < 3 / STEPS_PER_PX).mean() > 0.95:
-                yield float(np.median(depth_m[part].ravel()[known])), float(off.std())
+            basis, values = linear[known], disparity[part].ravel()[known]
+            residual = values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
+            if (np.abs(residual) < 3 / STEPS_PER_PX).mean() > 0.95:
+                yield float(np.median(depth_m[part].ravel()[known])), float(residual.std())
 
 
 def steps(codes_mm: NDArray) -> tuple[float, float, float]:
-    """Fit z = floor(a / (n + offset)) [mm], n whole, to the depth values that occur.
+    """Fit z = floor(a / (n + offset)) [mm] with integer n to the observed depth values.
 
     Returns:
         a [mm], eight times focal length times baseline; offset in [0, 1); share of values that
-        the law gives to the millimetre.
+        the law reproduces exactly.
     """
     best = (0.0, 0.0, 0.0)
     for scale in np.arange(345_000.0, 346_000.0, 1.0):
@@ -192,15 +192,15 @@ def steps(codes_mm: NDArray) -> tuple[float, float, float]:
     return best
 
 
-def codes_mm(found: capture.CaptureSet) -> NDArray:
-    """All depth values of the frames [mm], ascending."""
-    seen = [scene.frame(0).depth_m for scene in found.scenes]
-    some = [np.unique(np.rint(read[read > 0] * 1e3)) for read in seen if read is not None]
-    return np.unique(np.concatenate(some))
+def codes_mm(captures: capture.CaptureSet) -> NDArray:
+    """Return all depth values of the frames [mm], ascending."""
+    depth_maps = [scene.frame(0).depth_m for scene in captures.scenes]
+    values = [np.unique(np.rint(read[read > 0] * 1e3)) for read in depth_maps if read is not None]
+    return np.unique(np.concatenate(values))
 
 
 def as_seen(where: Mask, real: Camera, sensor: Sensor) -> Mask:
-    """A mask of the real view (h, w) in the sensor's: same directions, another focal length."""
+    """Resample a mask of the real view (h, w) to the sensor's focal length."""
     v, u = np.mgrid[: sensor.height, : sensor.width].astype(np.float32)
     scale = np.float32(real.fx_px / sensor.fx_px)
     column = (u - np.float32(sensor.cx_px)) * scale + np.float32(real.cx_px)
@@ -208,12 +208,12 @@ def as_seen(where: Mask, real: Camera, sensor: Sensor) -> Mask:
     return cv2.remap(where.astype(np.uint8), column, row, cv2.INTER_NEAREST) > 0
 
 
-def table(seen: Plane) -> Scene:
-    """The plane as a sheet from 0.4 m to 2 m of depth, with three boxes on it."""
-    across = np.cross(seen.normal, (0.0, 0.0, 1.0))
+def table(surface: Plane) -> Scene:
+    """Return a scene with the plane from 0.4 m to 2 m of depth, and three boxes on it."""
+    across = np.cross(surface.normal, (0.0, 0.0, 1.0))
     across /= np.linalg.norm(across)
-    along = np.cross(across, seen.normal)
-    middle = np.array([0.0, 0.0, seen.distance_m / seen.normal[2]])
+    along = np.cross(across, surface.normal)
+    middle = np.array([0.0, 0.0, surface.distance_m / surface.normal[2]])
     ends = [(depth - middle[2]) / along[2] for depth in (0.4, 2.0)]
     corners = [
         middle + s * across + t * along
@@ -224,8 +224,8 @@ def table(seen: Plane) -> Scene:
     bodies = [Body(name="table", mesh=sheet, material=materials.PAPER)]
     for x, y, height in ((-0.15, 0.0, 0.08), (0.05, 0.08, 0.18), (0.16, -0.08, 0.05)):
         pose = np.eye(4)
-        pose[:3, :3] = np.stack([across, along, seen.normal], axis=1)
-        pose[:3, 3] = middle + x * across + y * along + seen.normal * height / 2
+        pose[:3, :3] = np.stack([across, along, surface.normal], axis=1)
+        pose[:3, 3] = middle + x * across + y * along + surface.normal * height / 2
         bodies.append(
             solids.body(
                 f"box at {x:g}", solids.box((0.09, 0.07, height)), materials.CARDBOARD, pose
@@ -235,63 +235,68 @@ def table(seen: Plane) -> Scene:
 
 
 def yaw_deg(tables: list[tuple[NDArray, Mask]], camera: Camera) -> float:
-    """Yaw by which a unit's projector is off the one that its reference stands for.
+    """Estimate the yaw of a device's projector relative to its factory reference.
 
-    In the projector's tangent x the yaw moves light along a row by f yaw (1 + x^2), and disparity
-    with it. What is linear cannot be told from another plane: the square remains.
+    At the projector's tangent x, the yaw shifts light along a row, and disparity, by
+    f yaw (1 + x^2). A change of the plane explains a linear shift, so only the square remains.
 
     Args:
-        tables: depth (h, w) [m] and where the table is.
-        camera: of the frames.
+        tables: depth (h, w) [m] and mask of each table.
+        camera: camera of the frames.
     """
     focal = FOCAL_BASELINE / BASELINE_M
-    squares, off = [], []
+    squares, residuals = [], []
     for depth_m, where in tables:
         known = where & np.isfinite(depth_m)
         rays = rays_of(camera)[known][::7]
         depth = depth_m[known][::7].astype(np.float64)
         x = rays[:, 0] - COLOUR_FROM_PROJECTOR_M / depth
-        both = np.stack([focal * x * x, FOCAL_BASELINE / depth], axis=-1)
+        columns = np.stack([focal * x * x, FOCAL_BASELINE / depth], axis=-1)
         linear = np.linalg.qr(rays)[0]
-        both -= linear @ (linear.T @ both)
-        on = np.abs(both[:, 1]) < 6 / STEPS_PER_PX
-        squares.append(both[on, 0])
-        off.append(both[on, 1])
-    square, disparity = np.concatenate(squares), np.concatenate(off)
+        columns -= linear @ (linear.T @ columns)
+        on = np.abs(columns[:, 1]) < 6 / STEPS_PER_PX
+        squares.append(columns[on, 0])
+        residuals.append(columns[on, 1])
+    square, disparity = np.concatenate(squares), np.concatenate(residuals)
     return float(np.degrees(square @ disparity / (square @ square)))
 
 
 def as_written(shot: Shot, sensor: Sensor) -> NDArray[np.float32]:
-    """Depth as a user reads it from the 16-bit image [m]."""
+    """Return depth [m] quantised as in the 16-bit image."""
     unit = sensor.post.depth_unit_m
     return depth.from_code(depth.to_code(shot.depth.depth_m, unit), unit)
 
 
-def simulated_table(seen: Plane, where: Mask, real: Camera, sensor: Sensor) -> TableFigures:
+def simulated_table(surface: Plane, where: Mask, real: Camera, sensor: Sensor) -> TableFigures:
     """Measure a simulated table of the same plane in the same directions."""
-    shot = simulate(table(seen), sensor)
+    shot = simulate(table(surface), sensor)
     true_m = shot.layers.truth.depth_m
-    on_plane = np.abs(true_m - seen.depth_m(rays_of(sensor))) < 1e-3
-    here = as_seen(where, real, sensor) & on_plane
-    return table_figures(as_written(shot, sensor), here, sensor, sensor.post.depth_unit_m)
+    on_plane = np.abs(true_m - surface.depth_m(rays_of(sensor))) < 1e-3
+    mask = as_seen(where, real, sensor) & on_plane
+    return table_figures(as_written(shot, sensor), mask, sensor, sensor.post.depth_unit_m)
 
 
 def walls(sensor: Sensor) -> Iterator[tuple[float, float, float, float]]:
-    """Distance [m], bias and sigma of disparity [px], and share with depth, of walls around it.
+    """Yield distance [m], bias and sigma of disparity [px], and fill rate of walls near it.
 
-    Away from the image's border and within three steps of the truth, which leaves out mismatches.
+    The border and errors above three steps (mismatches) are excluded.
     """
     for distance in WALLS_M:
-        off, known = [], []
+        errors_px, known = [], []
         for near in AROUND:
             true_px = sensor.focal_baseline_px_m / (near * distance)
             read = as_written(simulate(scenes.wall(near * distance), sensor), sensor)
             inner = read[40:-40, 40:-40]
-            wrong = sensor.focal_baseline_px_m / inner[np.isfinite(inner)] - true_px
-            off.append(wrong[np.abs(wrong) < 3 / STEPS_PER_PX])
+            error_px = sensor.focal_baseline_px_m / inner[np.isfinite(inner)] - true_px
+            errors_px.append(error_px[np.abs(error_px) < 3 / STEPS_PER_PX])
             known.append(float(np.isfinite(inner).mean()))
-        sigma = float(np.sqrt(np.mean([one.var() for one in off])))
-        yield distance, float(np.mean([one.mean() for one in off])), sigma, float(np.mean(known))
+        sigma = float(np.sqrt(np.mean([errors.var() for errors in errors_px])))
+        yield (
+            distance,
+            float(np.mean([errors.mean() for errors in errors_px])),
+            sigma,
+            float(np.mean(known)),
+        )
 
 
 def main() -> None:
@@ -303,14 +308,14 @@ def main() -> None:
     if not folder().is_dir():
         print(f"no captures at {folder()}; set STARLING_CAPTURES to the folder above it")
         return
-    found = capture.open_set(folder())
-    print_steps(found)
-    print_tables(found, sensor)
-    print_offices(found)
+    captures = capture.open_set(folder())
+    print_steps(captures)
+    print_tables(captures, sensor)
+    print_offices(captures)
 
 
 def print_walls(sensor: Sensor) -> None:
-    """Noise of simulated walls against distance, as deviation of disparity and of depth."""
+    """Print the noise of simulated walls by distance, in disparity and depth."""
     print("wall m   bias px  sigma px  sigma mm   published mm   fill")
     for distance, bias, sigma, fill in walls(sensor):
         sigma_mm = 1e3 * sigma * distance**2 / sensor.focal_baseline_px_m
@@ -320,28 +325,28 @@ def print_walls(sensor: Sensor) -> None:
         )
 
 
-def print_steps(found: capture.CaptureSet) -> None:
-    """The law of the depth values that occur."""
-    scale, offset, share = steps(codes := codes_mm(found))
+def print_steps(captures: capture.CaptureSet) -> None:
+    """Print the fitted law of the observed depth values."""
+    scale, offset, share = steps(codes := codes_mm(captures))
     print(
         f"depth values {len(codes)}: {share:.1%} are floor({scale:.0f} / (n + {offset:.2f})) mm,"
         f" n whole: f b = {scale / STEPS_PER_PX / 1e3:.3f} px m at 1/{STEPS_PER_PX} px"
     )
 
 
-def labelled(found: capture.CaptureSet) -> dict[str, tuple[NDArray, Mask]]:
-    """Depth [m] and the table's mask of each scene that has labels."""
-    out = {}
-    for scene in found.scenes:
+def labelled(captures: capture.CaptureSet) -> dict[str, tuple[NDArray, Mask]]:
+    """Return depth [m] and table mask of each labelled scene."""
+    tables = {}
+    for scene in captures.scenes:
         path, read = scene.path / "label.png", scene.frame(0).depth_m
         if path.is_file() and read is not None:
-            out[scene.name] = read, cv2.imread(str(path), cv2.IMREAD_UNCHANGED) == TABLE
-    return out
+            tables[scene.name] = read, cv2.imread(str(path), cv2.IMREAD_UNCHANGED) == TABLE
+    return tables
 
 
-def print_tables(found: capture.CaptureSet, sensor: Sensor) -> None:
-    """Real tables beside the same planes simulated, and with the unit's turned projector."""
-    camera, tables = found.info, labelled(found)
+def print_tables(captures: capture.CaptureSet, sensor: Sensor) -> None:
+    """Print figures of real tables, simulated ones, and simulated ones with the projector's yaw."""
+    camera, tables = captures.info, labelled(captures)
     learn = [value for name, value in tables.items() if name.startswith("learn")]
     yaw = yaw_deg(learn, camera)
     light = dataclasses.replace(sensor.projector, rotation_deg=(0.0, yaw, 0.0))
@@ -354,10 +359,10 @@ def print_tables(found: capture.CaptureSet, sensor: Sensor) -> None:
     for name, (read, where) in tables.items():
         rays = rays_of(camera)
         known = where & np.isfinite(read)
-        seen = plane((rays * read[..., None])[known].astype(np.float64))
-        columns["real"].append(table_figures(read, where, camera, found.info.depth_unit_m))
-        columns["preset"].append(simulated_table(seen, where, camera, sensor))
-        columns["turned"].append(simulated_table(seen, where, camera, turned))
+        surface = plane((rays * read[..., None])[known].astype(np.float64))
+        columns["real"].append(table_figures(read, where, camera, captures.info.depth_unit_m))
+        columns["preset"].append(simulated_table(surface, where, camera, sensor))
+        columns["turned"].append(simulated_table(surface, where, camera, turned))
         for column, rows in columns.items():
             print(f"{name:10s}{column:8s}" + _row([getattr(rows[-1], n) for n in names]))
     for title, chosen in (("test*", held_out), ("all", range(len(tables)))):
@@ -366,10 +371,10 @@ def print_tables(found: capture.CaptureSet, sensor: Sensor) -> None:
             print(f"{title:10s}{column:8s}" + _row(medians))
 
 
-def print_offices(found: capture.CaptureSet) -> None:
-    """Noise in flat tiles of the frames of whole rooms against distance."""
+def print_offices(captures: capture.CaptureSet) -> None:
+    """Print the noise in flat tiles of frames of whole rooms, by distance."""
     near_far: dict[float, list[float]] = {distance: [] for distance in WALLS_M}
-    for scene in found.scenes:
+    for scene in captures.scenes:
         read = scene.frame(0).depth_m
         if read is None or not scene.name.startswith("capture"):
             continue

@@ -1,7 +1,7 @@
-"""Time and memory of a calibration from three scenes at 1280x720, and what one iteration costs.
+"""Time and memory of a calibration from three scenes at 1280x720, and the cost of one iteration.
 
-The scenes are simulated with a D435 that is off its preset, and their surfaces are known in
-metres. Every fit runs in a process of its own, so that its peak memory is its own.
+The scenes are simulated with a D435 that differs from its preset. Their surfaces are known in
+metres. Every fit runs in its own process, so that its peak memory can be measured.
 
     python benchmarks/speed/calibrate_speed.py
 """
@@ -46,32 +46,32 @@ def nominal():
 
 
 def captured(folder: Path):
-    """The scenes on disk under a folder."""
+    """Return the scenes of a folder."""
     return [scene for name in SCENES for scene in capture.open_set(str(folder / name)).scenes]
 
 
 def fit(folder: str, name: str) -> None:
     """Fit in this process and print seconds and peak memory."""
     with tempfile.TemporaryDirectory() as patterns:
-        begun, cpu = time.perf_counter(), time.process_time()
-        found = calibration.fit(
+        start, cpu = time.perf_counter(), time.process_time()
+        result = calibration.fit(
             captured(Path(folder)), nominal(), free=FITS[name], heldout=(), folder=Path(patterns)
         )
         figures = {
-            "seconds": round(time.perf_counter() - begun, 1),
+            "seconds": round(time.perf_counter() - start, 1),
             "cpu_s": round(time.process_time() - cpu, 1),
             "memory_gib": bench.peak_gib(),
-            "stages_s": dict(found.seconds),
-            "steps": {key: len(one.cost) for key, one in found.solutions.items()},
+            "stages_s": dict(result.seconds),
+            "steps": {key: len(solution.cost) for key, solution in result.solutions.items()},
         }
     print(json.dumps({name: figures}))
 
 
 def iteration(folder: Path) -> dict[str, float]:
-    """Time one view's part of an iteration beside one bare render of as many rays."""
+    """Time one view's part of an iteration, and a plain render with as many rays."""
     mi, sensor = backend.mitsuba(), nominal()
-    seen = observation.load_all(captured(folder), sensor)[1]
-    view = residuals.views([seen], sensor)[0]
+    view_observation = observation.load_all(captured(folder), sensor)[1]
+    view = residuals.make_views([view_observation], sensor)[0]
     free = parameters.free(GEOMETRY, sensor)
     light = emission.irradiance_at_unit_distance(sensor.projector)
     lit = plugin_scene.lit(view.stage, sensor, light)
@@ -86,20 +86,20 @@ def iteration(folder: Path) -> dict[str, float]:
         residuals.predict(view, sensor, free)
 
     def reduced() -> None:
-        residuals.normal(predicted, size_px=24, blur_px=0.0, variance=None)
+        residuals.normal_equations(predicted, size_px=24, blur_px=0.0, variance=None)
 
     predicted = residuals.predict(view, sensor, free)
     times = {job.__name__: [] for job in (bare, rendered, reduced)}
     for _ in range(ROUNDS + 1):
         for job in (bare, rendered, reduced):
-            begun = time.perf_counter()
+            start = time.perf_counter()
             job()
-            times[job.__name__].append(time.perf_counter() - begun)
-    found = {name: statistics.median(values[1:]) for name, values in times.items()}
-    found["columns"] = len(free)
-    found["ratio_rendered"] = found["rendered"] / found["bare"]
-    found["ratio"] = (found["rendered"] + found["reduced"]) / found["bare"]
-    return found
+            times[job.__name__].append(time.perf_counter() - start)
+    result = {name: statistics.median(values[1:]) for name, values in times.items()}
+    result["columns"] = len(free)
+    result["ratio_rendered"] = result["rendered"] / result["bare"]
+    result["ratio"] = (result["rendered"] + result["reduced"]) / result["bare"]
+    return result
 
 
 def main() -> None:

@@ -1,9 +1,8 @@
-"""How long methods of completion take for one 640x480 frame of a simulated D415, and their size.
+"""Time of completion methods for one 640x480 frame of a simulated D415, and their size.
 
     python benchmarks/speed/completion_speed.py [--repeats 15]
 
-The network's weights are unlearnt: they cost as much as learnt ones. Medians; the first does not
-count.
+The network is untrained, at the cost of a trained one. Medians without the first run.
 """
 
 import argparse
@@ -31,7 +30,7 @@ def main() -> None:
     """Print a row for each method."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=15)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     sensor = resolve.load("d415", edits=SIZE)
     shot = simulate.simulate(sources.load("room:2", sensor), sensor, seed=0)
     depth = shot.depth
@@ -40,14 +39,14 @@ def main() -> None:
         f"{torch.get_num_threads()} threads of torch, {cv2.getNumThreads()} of OpenCV, {device()}"
     )
     print(f"small has {parameter_count(network):,} parameters")
-    for method in (Small(network), *map(methods.asked, methods.CLASSICAL)):
+    for method in (Small(network), *map(methods.create, methods.CLASSICAL)):
         run = partial(complete, method, shot.ir_left, depth.depth_m, depth.valid)
-        spent = []
-        for _ in range(asked.repeats + 1):
-            started = time.perf_counter()
+        durations = []
+        for _ in range(options.repeats + 1):
+            start = time.perf_counter()
             run()
-            spent.append(time.perf_counter() - started)
-        print(f"{method.name:16}{1e3 * statistics.median(spent[1:]):8.1f} ms")
+            durations.append(time.perf_counter() - start)
+        print(f"{method.name:16}{1e3 * statistics.median(durations[1:]):8.1f} ms")
 
 
 if __name__ == "__main__":

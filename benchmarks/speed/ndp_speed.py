@@ -1,8 +1,8 @@
-"""How long a network takes for one 640x480 image, and a hybrid beside the physics it builds on.
+"""Time of a network for one 640x480 image, and of a hybrid with its physics.
 
     python benchmarks/speed/ndp_speed.py [--repeats 30]
 
-Weights are unlearnt: they cost as much as learnt ones. Medians.
+The networks are untrained, at the cost of trained ones. Medians.
 """
 
 import argparse
@@ -19,10 +19,10 @@ from starling.learning.methods.hybrid import Hybrid, HybridPredictor
 from starling.learning.methods.network import Network
 from starling.learning.networks import inference
 from starling.learning.networks.training.channels import channels
-from starling.learning.networks.training.learner import device, placed
+from starling.learning.networks.training.learner import device, to_device
 from starling.sim import simulate
 from starling.sim.captures import writer
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
 from starling.sim.sensor import resolve
 
@@ -30,12 +30,12 @@ SIZE = ("width=640", "height=480", "fx_px=380", "fy_px=380", "cx_px=319.5", "cy_
 
 
 def main() -> None:
-    """Print a row for each part."""
+    """Print a row for each step."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=30)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     sensor = resolve.load("d435", edits=SIZE)
-    stage = Stage(sources.load("clutter", sensor))
+    stage = MitsubaScene(sources.load("clutter", sensor))
     shot = simulate.simulate(stage, sensor, seed=0)
     once_s, physics_s = (
         _median(partial(simulated.physics, stage, sensor, draws=draws), 5) for draws in (1, DRAWS)
@@ -47,36 +47,34 @@ def main() -> None:
         depth_m=shot.layers.truth.depth_m,
         physics=simulated.physics(stage, sensor, draws=DRAWS),
     )
-    network = placed(Network().unlearnt()).eval()
-    hybrid = placed(Hybrid().unlearnt()).eval()
-    seen = channels(example, with_reflectance=False, with_physics=False)
+    network = to_device(Network().untrained()).eval()
+    hybrid = to_device(Hybrid().untrained()).eval()
+    inputs = channels(example, with_reflectance=False, with_physics=False)
     predictor = HybridPredictor(hybrid, False, example.info.shape)
     rows = {
-        "what a network sees": lambda: channels(
-            example, with_reflectance=False, with_physics=False
-        ),
-        "network": lambda: inference.apply(network, seen),
-        "hybrid, all but the physics": lambda: predictor.probability(example),
+        "input channels": lambda: channels(example, with_reflectance=False, with_physics=False),
+        "network": lambda: inference.apply(network, inputs),
+        "hybrid without physics": lambda: predictor.probability(example),
     }
     print(f"{torch.get_num_threads()} threads, {device()}")
     print(f"{'physics, 1 draw':32}{1e3 * once_s:9.1f} ms")
     print(f"{f'physics, {DRAWS} draws':32}{1e3 * physics_s:9.1f} ms")
-    taken_s = {name: _median(work, asked.repeats) for name, work in rows.items()}
+    taken_s = {name: _median(work, options.repeats) for name, work in rows.items()}
     for name, seconds in taken_s.items():
         print(f"{name:32}{1e3 * seconds:9.1f} ms")
-    whole_s = physics_s + taken_s["hybrid, all but the physics"]
+    whole_s = physics_s + taken_s["hybrid without physics"]
     print(f"{'hybrid against physics':32}{whole_s / physics_s:9.2f}")
     print(f"{'hybrid against one frame':32}{whole_s / once_s:9.2f}")
 
 
 def _median(work, repeats):
     work()
-    taken = []
+    durations = []
     for _ in range(repeats):
-        begun = time.perf_counter()
+        start = time.perf_counter()
         work()
-        taken.append(time.perf_counter() - begun)
-    return statistics.median(taken)
+        durations.append(time.perf_counter() - start)
+    return statistics.median(durations)
 
 
 if __name__ == "__main__":

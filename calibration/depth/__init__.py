@@ -1,1 +1,1 @@
-"""What depth and holes alone tell, where there is no infrared."""
+"""Calibration from depth and missing depth only, without infrared images."""

@@ -1,4 +1,4 @@
-"""Scale and offset of a device's disparity, found by simulating what is seen until both agree."""
+"""Fit scale and offset of a device's disparity by repeated simulation (indirect inference)."""
 
 from __future__ import annotations
 
@@ -14,60 +14,64 @@ from starling.sim.console import progress
 from starling.sim.effects import setting as setting
 from starling.sim.sensor.sensor import Sensor
 
-_MORE = 3  # Steps after the first, at most; each renders every scene once.
-_SETTLED = 0.2  # Of its standard deviation: a smaller change of geometry ends the steps.
+_MORE = 3  # Maximum steps after the first; each step renders all scenes once.
+_SETTLED = 0.2  # Change of geometry below which steps end [standard deviations].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DepthGeometry:
-    """Where the steps ended."""
+    """Result of the steps."""
 
     sensor: Sensor  # With `baseline_error` and the right image's offset set.
-    twins: tuple[DepthTwin, ...]  # Rendered by it.
-    last: DisparityScale  # The last step: what was added, and with which covariance.
+    twins: tuple[DepthTwin, ...]  # Rendered with that sensor.
+    last: DisparityScale  # Correction of the last step, with its covariance.
 
 
-def settle(
+def fit_by_simulation(
     twins: Sequence[DepthTwin],
     sensor: Sensor,
     free: Sequence[str],
     *,
     track: progress.Progress = progress.silent,
 ) -> DepthGeometry:
-    """Add to scale and offset what the device's disparity has beyond the simulated one.
+    """Correct scale and offset until simulated and device disparity agree.
 
-    A matcher pulls disparities by up to a tenth of a pixel with their fraction, slope and
-    surroundings. The same scene simulated has the same pull, so the difference has little of it.
-    Source of the idea, indirect inference: Gourieroux, Monfort and Renault 1993, Journal of
+    A matcher biases disparity by up to 0.1 px, depending on its fraction, slope and surroundings.
+    The simulation of the same scene has the same bias, so the difference has little of it.
+    Source of the method (indirect inference): Gourieroux, Monfort and Renault 1993, Journal of
     Applied Econometrics 8.
 
     Args:
-        twins: rendered by the sensor.
-        sensor: to start from.
+        twins: scenes rendered with the sensor.
+        sensor: initial sensor.
         free: `scale`, `offset` or both.
-        track: wraps the steps.
+        track: progress callback around the steps.
 
     Raises:
-        InputError: as `disparity_scale.fit`, or an error beyond the sensor's range.
+        InputError: as `disparity_scale.fit`, or if a value leaves the sensor's range.
     """
-    at = _step(twins, sensor, free)
+    geometry = _step(twins, sensor, free)
     for _ in track(range(_MORE), "geometry"):
-        change = np.array([at.last.scale, at.last.offset_px])
-        if (np.abs(change) <= _SETTLED * np.sqrt(np.diagonal(at.last.covariance))).all():
+        change = np.array([geometry.last.scale, geometry.last.offset_px])
+        if (np.abs(change) <= _SETTLED * np.sqrt(np.diagonal(geometry.last.covariance))).all():
             break
-        at = _step(at.twins, at.sensor, free)
-    return at
+        geometry = _step(geometry.twins, geometry.sensor, free)
+    return geometry
 
 
 def _step(twins: Sequence[DepthTwin], sensor: Sensor, free: Sequence[str]) -> DepthGeometry:
-    found = disparity_scale.fit([one.beside(one.reading(sensor)) for one in twins], free=free)
-    moved = setting.on_sensor(
+    correction = disparity_scale.fit(
+        [depth_twin.pair_with(depth_twin.reading(sensor)) for depth_twin in twins], free=free
+    )
+    corrected = setting.on_sensor(
         sensor,
         {
-            "baseline_error": sensor.baseline_error + found.scale,
-            "disparity_offset": sensor.right.alignment.offset_x_px - found.offset_px,
+            "baseline_error": sensor.baseline_error + correction.scale,
+            "disparity_offset": sensor.right.alignment.offset_x_px - correction.offset_px,
         },
     )
     return DepthGeometry(
-        sensor=moved, twins=tuple(one.rendered(moved) for one in twins), last=found
+        sensor=corrected,
+        twins=tuple(depth_twin.rendered(corrected) for depth_twin in twins),
+        last=correction,
     )

@@ -1,4 +1,4 @@
-"""Calibration from depth and holes alone, where captures have no infrared."""
+"""Calibrate from depth and missing depth only, for captures without infrared images."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from starling.calibration.depth import depth_geometry, hole_places, thresholds
-from starling.calibration.depth.depth_figures import Figures, side_by_side
+from starling.calibration.depth.depth_figures import Figures, compare_readings
 from starling.calibration.depth.depth_geometry import DepthGeometry
-from starling.calibration.depth.depth_twin import DepthTwin, twin
+from starling.calibration.depth.depth_twin import DepthTwin, render_twin
 from starling.calibration.depth.disparity_scale import ROOMS
 from starling.calibration.observation import Observation
 from starling.calibration.solution import Estimate, Solution
@@ -24,29 +24,29 @@ from starling.sim.sensor.sensor import Sensor
 GROUPS = ("baseline", "offset", "noise", "thresholds")
 
 _NEVER = (
-    "Focal length and baseline cannot be told from depth alone, only their product "
-    "(an error of the reference's scale looks the same): capture infrared of a posed mesh.",
-    "Projector position, rotation and field of view cannot be told from depth alone: "
+    "Focal length and baseline cannot be estimated from depth alone, only their product "
+    "(a scale error of the reference has the same effect): capture infrared of a posed mesh.",
+    "Projector position, rotation and field of view cannot be estimated from depth alone: "
     "capture infrared.",
-    "The pattern cannot be told from depth alone: capture infrared.",
-    "Gain, ambient light, reflectance and black level cannot be told from depth alone, so a "
-    "texture threshold holds for the brightness assumed: capture infrared.",
-    "Blur, falloff and vignetting cannot be told from depth alone: capture infrared.",
+    "The pattern cannot be estimated from depth alone: capture infrared.",
+    "Gain, ambient light, reflectance and black level cannot be estimated from depth alone, so a "
+    "texture threshold is valid only for the assumed brightness: capture infrared.",
+    "Blur, falloff and vignetting cannot be estimated from depth alone: capture infrared.",
 )
 _REMEDY = {
     "laser_speckle": "capture plain walls at several distances",
     "uniqueness": "capture repeating and dim surfaces",
     "texture_threshold": "capture dark and far surfaces",
-    "left_right_threshold": "capture things before a far background",
+    "left_right_threshold": "capture objects in front of a far background",
 }
-_COLUMNS = {"scale": "baseline", "offset": "offset"}  # Group of each.
-_ALIKE = (0.8, 1.25)  # Device's disparity over the reference's: beyond, something is wrong.
-_BENT_PX = 0.03  # A smooth residual below is nothing to speak of.
+_COLUMNS = {"scale": "baseline", "offset": "offset"}  # Group of each column.
+_ALIKE = (0.8, 1.25)  # Permitted ratio of device to reference disparity.
+_BENT_PX = 0.03  # Smooth residual below which no sentence is reported.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Fit:
-    """What twins tell of a sensor."""
+class _DepthFit:
+    """Fit of a sensor to depth twins."""
 
     estimates: tuple[Estimate, ...]
     covariance: NDArray[np.float64]
@@ -62,39 +62,43 @@ def fit_depth(
     free: Sequence[str] = GROUPS,
     track: progress.Progress = progress.silent,
 ) -> Solution:
-    """Fit what depth and its holes tell: f b, disparity offset, scatter and thresholds.
+    """Fit f * b, disparity offset, scatter and matcher thresholds to depth and missing depth.
 
-    Each scene is simulated from its mesh or reference depth. Scale and offset come from robust
-    regression of the device's disparity less the simulated one, so that what the matcher itself
-    adds cancels (see `disparity_scale`); scatter and thresholds from trials on the simulated
-    images (see `thresholds`). The sensor keeps the f b that the captures name, by which a device
-    triangulates: the true one goes to `baseline_error`, as the table of effects has it.
+    Each scene is simulated from its mesh or reference depth. Scale and offset come from a robust
+    regression of the difference between device and simulated disparity, which cancels the
+    matcher's bias (see `disparity_scale`). Scatter and thresholds come from a search on the
+    simulated images (see `thresholds`). The sensor keeps the f * b of the captures, with which
+    the device triangulates. The true value is stored as `baseline_error`.
 
     Args:
-        observations: with device depth, and reference depth or a posed mesh.
-        sensor: to start from; it takes the captures' size, intrinsics and baseline.
-        free: of `GROUPS`, what is fitted.
-        track: wraps the loops over scenes and stages.
+        observations: scenes with device depth, and reference depth or a posed mesh.
+        sensor: initial sensor; it takes size, intrinsics and baseline from the captures.
+        free: names in `GROUPS`.
+        track: progress callback around the loops over scenes and stages.
 
     Returns:
-        Estimates `focal_baseline` [px m], and by the table of effects `disparity_offset`,
-        `laser_speckle`, `uniqueness`, `texture_threshold`, `left_right_threshold`. `cost` is the
-        score of `hole_places.difference` at the start and after each stage. `scenes` has each
-        scene's figures (see `depth_figures`), `_device`, `_before` and `_after` the fit.
+        Estimates `focal_baseline` [px m] and the effects `disparity_offset`, `laser_speckle`,
+        `uniqueness`, `texture_threshold`, `left_right_threshold`.
+
+        `cost` is the score of
+        `hole_places.difference` at the start and after each stage.
+
+        `scenes` has figures of each scene (see `depth_figures`) with the suffix `_device`,
+        `_before` or `_after`.
 
     Raises:
-        InputError: unknown groups, no captures or several cameras', a scene without device depth
-            or without reference, or a reference of another scale.
+        InputError: if a group is unknown, or the captures are missing or from several cameras.
+        InputError: if a scene lacks device depth or reference, or their scales differ.
     """
-    twins, start = _prepared(observations, sensor, free, track)
-    fit = _fit(twins, start, free, track)
+    twins, start = _prepare(observations, sensor, free, track)
+    depth_fit = _fit(twins, start, free, track)
     return Solution(
-        estimates=fit.estimates,
-        covariance=fit.covariance,
-        undetermined=fit.undetermined,
-        cost=fit.cost,
-        sensor=fit.sensor,
-        scenes=side_by_side(twins, start, fit.sensor),
+        estimates=depth_fit.estimates,
+        covariance=depth_fit.covariance,
+        undetermined=depth_fit.undetermined,
+        cost=depth_fit.cost,
+        sensor=depth_fit.sensor,
+        scenes=compare_readings(twins, start, depth_fit.sensor),
     )
 
 
@@ -106,54 +110,58 @@ def cross_validate(
     folds: int = 3,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Figures]:
-    """Score every scene by a fit to the other rooms.
+    """Cross-validate over rooms: score each scene with a fit to other rooms.
 
     Args:
-        observations: as in `fit_depth`, of two rooms or more.
-        sensor: likewise.
-        free: likewise.
-        folds: groups of rooms that are held out in turn, >= 2.
-        track: wraps the loop over folds.
+        observations: as in `fit_depth`, from at least two rooms.
+        sensor: as in `fit_depth`.
+        free: as in `fit_depth`.
+        folds: number of groups of rooms that are held out in turn, >= 2.
+        track: progress callback around the loop over folds.
 
     Returns:
-        Each scene's figures as `Solution.scenes` of `fit_depth`, from fits that never saw its room.
+        Figures of each scene, as `Solution.scenes` of `fit_depth`, with the scene's room held out.
 
     Raises:
-        InputError: as `fit_depth`, or fewer than two rooms or folds.
+        InputError: as `fit_depth`, or if there are fewer than two rooms or folds.
     """
-    errors.in_interval("folds", folds, 2, 1000, "Hold out a half at most.")
+    errors.in_interval("folds", folds, 2, 1000, "Hold out at most half of the rooms.")
     rooms = sorted({observation.room for observation in observations})
     if len(rooms) < 2:
         raise errors.refuse(
             "captures", "must be of two rooms", len(rooms), "One is held out, one is fitted."
         )
-    twins, start = _prepared(observations, sensor, free, track)
+    twins, start = _prepare(observations, sensor, free, track)
     held: dict[str, Figures] = {}
     for fold in track(range(min(folds, len(rooms))), "cross-validate"):
-        out = set(rooms[fold::folds])
-        fit = _fit([t for t in twins if t.room not in out], start, free, progress.silent)
-        held |= side_by_side([t for t in twins if t.room in out], start, fit.sensor)
+        held_rooms = set(rooms[fold::folds])
+        depth_fit = _fit(
+            [t for t in twins if t.room not in held_rooms], start, free, progress.silent
+        )
+        held |= compare_readings(
+            [t for t in twins if t.room in held_rooms], start, depth_fit.sensor
+        )
     return held
 
 
-def _prepared(
+def _prepare(
     observations: Sequence[Observation],
     sensor: Sensor,
     free: Sequence[str],
     track: progress.Progress,
 ) -> tuple[list[DepthTwin], Sensor]:
-    """Refuse what cannot be fitted, and render each scene as the start sees it."""
+    """Refuse captures that cannot be fitted; render each scene with the initial sensor."""
     for group in free:
         if group not in GROUPS:
             raise errors.refuse(
                 "free",
                 f"must be among {', '.join(GROUPS)} without infrared",
                 repr(group),
-                "Depth alone does not tell it: capture infrared.",
+                "Depth alone does not determine it: capture infrared.",
             )
     if not observations or not free:
-        what = "captures" if not observations else "free"
-        raise errors.refuse(what, "must not be empty", "none", "Name at least one.")
+        name = "captures" if not observations else "free"
+        raise errors.refuse(name, "must not be empty", "none", "Name at least one.")
     if sensor.kind == "structured_light":
         raise errors.refuse(
             "sensor.kind",
@@ -162,77 +170,79 @@ def _prepared(
             "Structured light has no right image that could be offset: capture infrared.",
         )
     info = observations[0].info
-    for other in observations[1:]:
-        if other.info.geometry_into(sensor) != info.geometry_into(sensor):
+    for observation in observations[1:]:
+        if observation.info.geometry_into(sensor) != info.geometry_into(sensor):
             raise errors.refuse(
-                f"geometry of {other.name}",
+                f"geometry of {observation.name}",
                 f"must be that of {observations[0].name}",
                 "another camera's",
                 "Calibrate each camera on its own.",
             )
     start = info.geometry_into(sensor)
     twins = [
-        twin(observation, start, seed=number)
+        render_twin(observation, start, seed=number)
         for number, observation in enumerate(track(observations, "render"))
     ]
-    for one in twins:
-        _refuse_scale(one)
+    for depth_twin in twins:
+        _refuse_scale(depth_twin)
     return twins, start
 
 
-def _refuse_scale(one: DepthTwin) -> None:
-    ratio = one.device_px / one.truth_px
+def _refuse_scale(depth_twin: DepthTwin) -> None:
+    ratio = depth_twin.device_px / depth_twin.truth_px
     known = ratio[np.isfinite(ratio)]
     if known.size and not _ALIKE[0] <= np.median(known) <= _ALIKE[1]:
         raise errors.refuse(
-            f"depth of {one.name}",
+            f"depth of {depth_twin.name}",
             "must be the reference's within 25 %",
             f"{1 / np.median(known):.4g} times it",
-            "Is one in millimetres, is depth_unit_m wrong, or the device's preset another?",
+            "Check the unit of both depths, depth_unit_m, and the preset of the device.",
         )
 
 
 def _fit(
     twins: Sequence[DepthTwin], start: Sensor, free: Sequence[str], track: progress.Progress
-) -> _Fit:
-    """Fit geometry, then holes and scatter by it, then geometry once more by those."""
-    moved = [name for name, group in _COLUMNS.items() if group in free]
+) -> _DepthFit:
+    """Fit geometry, then scatter and thresholds, then geometry again with those."""
+    columns = [name for name, group in _COLUMNS.items() if group in free]
     names = (thresholds.SCATTER,) if "noise" in free else ()
     names += thresholds.CHECKS if "thresholds" in free else ()
-    sensor, geometry, tuned = start, None, None
-    if moved:
-        geometry = depth_geometry.settle(twins, sensor, moved, track=track)
+    sensor, geometry, tuning = start, None, None
+    if columns:
+        geometry = depth_geometry.fit_by_simulation(twins, sensor, columns, track=track)
         sensor, twins = geometry.sensor, geometry.twins
     if names:
-        tuned = thresholds.tune(hole_places.compared(twins), sensor, names, track=track)
-        sensor = tuned.sensor
-    if geometry and tuned:
-        geometry = depth_geometry.settle(twins, sensor, moved, track=track)
+        tuning = thresholds.tune(hole_places.classify(twins), sensor, names, track=track)
+        sensor = tuning.sensor
+    if geometry and tuning:
+        geometry = depth_geometry.fit_by_simulation(twins, sensor, columns, track=track)
         sensor = geometry.sensor
-    return _Fit(
+    return _DepthFit(
         estimates=(
-            *(_placed(geometry, start, free) if geometry else ()),
-            *(_tuned(tuned, start) if tuned else ()),
+            *(_geometry_estimates(geometry, start, free) if geometry else ()),
+            *(_threshold_estimates(tuning, start) if tuning else ()),
         ),
         covariance=np.asarray(
             block_diag(
-                *([_scaled(geometry, start, free)] if geometry else ()),
-                *([tuned.covariance] if tuned else ()),
+                *([_geometry_covariance(geometry, start, free)] if geometry else ()),
+                *([tuning.covariance] if tuning else ()),
             ),
             np.float64,
         ),
         undetermined=(
-            *(_geometry_said(geometry) if geometry else ()),
-            *(_untold(tuned) if tuned else ()),
+            *(_geometry_sentences(geometry) if geometry else ()),
+            *(_threshold_sentences(tuning) if tuning else ()),
             *_NEVER,
         ),
-        cost=tuned.scores if tuned else (),
+        cost=tuning.scores if tuning else (),
         sensor=sensor,
     )
 
 
-def _placed(geometry: DepthGeometry, start: Sensor, free: Sequence[str]) -> list[Estimate]:
-    """Scale as f b, offset as the table of effects has it: of the right image, d' = d - offset."""
+def _geometry_estimates(
+    geometry: DepthGeometry, start: Sensor, free: Sequence[str]
+) -> list[Estimate]:
+    """Return scale as f * b, and offset as the effect on the right image, d' = d - offset."""
     focal_baseline, sensor = start.focal_baseline_px_m, geometry.sensor
     deviation = np.sqrt(np.diagonal(geometry.last.covariance))
     rows = {
@@ -254,58 +264,60 @@ def _placed(geometry: DepthGeometry, start: Sensor, free: Sequence[str]) -> list
     return [row for group, row in rows.items() if group in free]
 
 
-def _scaled(geometry: DepthGeometry, start: Sensor, free: Sequence[str]) -> NDArray[np.float64]:
-    """Covariance of the estimates of `_placed`, in their units."""
+def _geometry_covariance(
+    geometry: DepthGeometry, start: Sensor, free: Sequence[str]
+) -> NDArray[np.float64]:
+    """Return the covariance of `_geometry_estimates`, in their units."""
     unit = np.array([start.focal_baseline_px_m, -1.0])
-    at = [index for index, group in enumerate(_COLUMNS.values()) if group in free]
-    return (geometry.last.covariance * np.outer(unit, unit))[np.ix_(at, at)]
+    indices = [index for index, group in enumerate(_COLUMNS.values()) if group in free]
+    return (geometry.last.covariance * np.outer(unit, unit))[np.ix_(indices, indices)]
 
 
-def _geometry_said(geometry: DepthGeometry) -> list[str]:
-    said, found = [], geometry.last
-    if not found.told_apart:
-        said.append(
-            "Baseline x focal length and disparity offset cannot be told apart, for all surfaces "
-            "lie at about one distance: capture a wall at a second distance."
+def _geometry_sentences(geometry: DepthGeometry) -> list[str]:
+    texts, correction = [], geometry.last
+    if not correction.separable:
+        texts.append(
+            "Baseline x focal length and disparity offset cannot be separated, because all "
+            "surfaces lie at about one distance: capture a wall at a second distance."
         )
-    rooms = len({one.room for one in geometry.twins})
+    rooms = len({depth_twin.room for depth_twin in geometry.twins})
     if rooms < ROOMS:
-        said.append(
-            f"How far rooms differ, as references are placed, is not in the uncertainty of f b and "
-            f"offset from {rooms}: capture {ROOMS} rooms."
+        texts.append(
+            "The uncertainty of f b and offset does not include the scatter between rooms "
+            f"(captured: {rooms}): capture {ROOMS} rooms."
         )
-    if found.bend_px > max(_BENT_PX, 3 * found.bend_sd_px):
-        said.append(
-            f"Disparity is off by {found.bend_px:.2f} +- {found.bend_sd_px:.2f} px RMS in a smooth "
-            "shape over the image, of a lens or a turned imager, which is not fitted from depth "
-            "alone: capture infrared."
+    if correction.bend_px > max(_BENT_PX, 3 * correction.bend_sd_px):
+        texts.append(
+            f"Disparity has a smooth error of {correction.bend_px:.2f} +- "
+            f"{correction.bend_sd_px:.2f} px RMS over the image, as from a lens or a rotated "
+            "imager, which is not fitted from depth alone: capture infrared."
         )
-    return said
+    return texts
 
 
-def _tuned(tuned: thresholds.Tuning, start: Sensor) -> list[Estimate]:
+def _threshold_estimates(tuned: thresholds.Tuning, start: Sensor) -> list[Estimate]:
     deviation = np.sqrt(np.diagonal(tuned.covariance))
     rows = []
     for name, value, sd in zip(tuned.names, tuned.values, deviation, strict=True):
         parameter = setting.parameter_of(name)[1]
-        began = setting.value(parameter, start)
+        initial = setting.value(parameter, start)
         rows.append(
             Estimate(
                 name=name,
                 value=float(value),
                 sd=float(sd),
                 unit=parameter.unit,
-                start=float(began) if began is not None else float("nan"),
+                start=float(initial) if initial is not None else float("nan"),
             )
         )
     return rows
 
 
-def _untold(tuned: thresholds.Tuning) -> list[str]:
+def _threshold_sentences(tuned: thresholds.Tuning) -> list[str]:
     blind = np.isinf(np.diagonal(tuned.covariance))
     return [
-        f"{name} moves neither holes nor scatter of these captures enough to be told: "
+        f"{name} changes missing depth and scatter of these captures too little to be estimated: "
         f"{_REMEDY[name]}."
-        for name, none in zip(tuned.names, blind, strict=True)
-        if none
+        for name, is_blind in zip(tuned.names, blind, strict=True)
+        if is_blind
     ]

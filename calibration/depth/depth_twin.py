@@ -1,4 +1,4 @@
-"""One captured scene beside its simulation: what the device read, and what a sensor would read."""
+"""A captured depth scene and its simulated twin: device depth and simulated depth."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from starling.sim import simulate
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.render import direct
 from starling.sim.render.layers import Layers
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.captured import depth_surface
 from starling.sim.scene.scene import Material
 from starling.sim.sensor.sensor import Sensor
@@ -24,44 +24,44 @@ from starling.sim.stereo.measurement import measure
 
 Array = NDArray[np.float32]
 
-# Without infrared nobody knows a surface's reflectance.
+# Without infrared images the reflectance of a surface is unknown.
 _GREY = Material(name="assumed", reflectance=0.5)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DepthTwin:
-    """A captured scene and its rendering by one geometry; maps are (h, w), NaN where unknown."""
+    """A captured scene and its rendering with one geometry; maps are (h, w), NaN = unknown."""
 
     name: str
     room: str
     info: CaptureInfo
-    seed: int  # Common to all readings, so that they differ by the sensor alone.
-    device_px: Array  # Disparity that the device's depth means, by the captures' f b.
+    seed: int  # The same for all readings, so that they differ only by the sensor.
+    device_px: Array  # Disparity of the device's depth, with f * b of the captures.
     truth_px: Array
-    stage: Stage
+    stage: MitsubaScene
     layers: Layers
 
     def rendered(self, sensor: Sensor) -> DepthTwin:
-        """Return the same scene as another geometry sees it."""
+        """Return the same scene, rendered with another geometry."""
         return dataclasses.replace(self, layers=direct.layers(self.stage, sensor))
 
-    def infrared(self, sensor: Sensor) -> simulate.Pair:
-        """Return the images (see `starling.sim.simulate.infrared`)."""
+    def infrared(self, sensor: Sensor) -> simulate.InfraredPair:
+        """Simulate the infrared images (see `starling.sim.simulate.infrared`)."""
         return simulate.infrared(self.layers, self.stage.scene, sensor, seed=self.seed)
 
-    def matched(self, pair: simulate.Pair, sensor: Sensor) -> Array:
-        """Disparity (h, w) [px] that the sensor's depth codes mean, NaN = no depth."""
-        # Not by the images put out: a device matches all bits of its converter.
+    def matched(self, pair: simulate.InfraredPair, sensor: Sensor) -> Array:
+        """Match the images and return disparity (h, w) [px] of the depth codes, NaN = no depth."""
+        # A device matches all bits of its converter, not the output images.
         depth_m = measure(pair.matched_left, pair.matched_right, sensor, causes={}).depth_m
         step_m = self.info.depth_unit_m
         return self.info.disparity_px(from_code(to_code(depth_m, step_m), step_m))
 
     def reading(self, sensor: Sensor) -> Array:
-        """Disparity (h, w) [px] that the sensor reads, NaN = no depth."""
+        """Simulate the sensor's disparity (h, w) [px], NaN = no depth."""
         return self.matched(self.infrared(sensor), sensor)
 
-    def beside(self, expected_px: Array) -> DisparityPair:
-        """Return the device's disparities beside those that a sensor reads."""
+    def pair_with(self, expected_px: Array) -> DisparityPair:
+        """Return the device's disparity paired with an expected disparity."""
         return DisparityPair(
             name=self.name,
             room=self.room,
@@ -73,19 +73,19 @@ class DepthTwin:
         )
 
 
-def twin(observation: Observation, sensor: Sensor, *, seed: int = 0) -> DepthTwin:
-    """Render what a scene's captures are of.
+def render_twin(observation: Observation, sensor: Sensor, *, seed: int = 0) -> DepthTwin:
+    """Render the surface of a captured scene.
 
-    The surface is the posed mesh where there is one, else the reference depth under an assumed
-    reflectance: light and pattern are the sensor's own, not the scene's.
+    The surface is the posed mesh, or else the reference depth with an assumed reflectance. Light
+    and pattern come from the sensor.
 
     Args:
-        observation: with the device's depth, and a mesh or reference depth.
-        sensor: of the captures' geometry.
-        seed: of its readings.
+        observation: scene with the device's depth, and a mesh or reference depth.
+        sensor: sensor with the geometry of the captures.
+        seed: random seed of the simulated readings.
 
     Raises:
-        InputError: if the device's depth is missing, or both mesh and reference depth are.
+        InputError: if the device's depth is missing, or mesh and reference depth are both missing.
     """
     if observation.depth_m is None:
         raise errors.refuse(
@@ -103,10 +103,10 @@ def twin(observation: Observation, sensor: Sensor, *, seed: int = 0) -> DepthTwi
                 f"scene {observation.name}",
                 "must have truth.png or a mesh in scene.toml",
                 "neither",
-                "Depth alone does not show how far off it is: capture a scene of known geometry.",
+                "Depth alone does not show its error: capture a scene of known geometry.",
             )
         truth_px = info.disparity_px(truth_m)
-        stage = Stage(depth_surface.scene(observation.name, truth_px, info, _GREY))
+        stage = MitsubaScene(depth_surface.scene(observation.name, truth_px, info, _GREY))
     layers = direct.layers(stage, sensor)
     return DepthTwin(
         name=observation.name,

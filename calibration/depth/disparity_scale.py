@@ -1,10 +1,10 @@
-"""Scale and offset of a device's disparity, from its depth beside a reference depth.
+"""Regress scale and offset of a device's disparity against reference depth.
 
-The device triangulates with the f b that its captures name, so z f b is what it matched:
-d_device = (1 + s) d_truth + o. Here s is the share by which the true f b is off the named one, and
-o a shift of the disparity: rectification's offset, or a yaw of f times the angle.
+The device triangulates with the f * b in its captures, so its disparity is f * b / z. The model is
+d_device = (1 + s) d_truth + o. Here s is the relative error of f * b, and o is a shift of the
+disparity: a rectification offset, or the yaw angle times f.
 
-Depth alone determines no more: f and b move it by their product only.
+Depth alone determines nothing else: f and b affect it only by their product.
 """
 
 from __future__ import annotations
@@ -24,32 +24,32 @@ Array = NDArray[np.float32]
 Column = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_EDGE_REACH_PX = 8  # As far as a matcher's windows smear a depth edge.
-_STRIDE_PX = 4  # Errors of neighbours are alike: every fourth row and column tells as much.
-_TILE_PX = 64  # Errors in different tiles are taken as independent.
-_BINS = 12  # Of disparity, in which the spread of the errors is measured.
-_TUKEY = 4.685  # 95 % efficient where errors are normal (Huber, Robust Statistics).
-_STEPS = 50
-_FEWEST = 500  # Pixels [count].
-_LEAST_RANGE = 0.15  # Of disparities, over their median: below, s and o look alike.
-_ALIKE = 1e-5  # Of the largest singular value: columns no more different tell nothing.
-ROOMS = 3  # Fewer do not show how much rooms differ.
+_EDGE_REACH_PX = 8  # Distance over which matching windows smear a depth edge.
+_STRIDE_PX = 4  # Sampling step; errors of adjacent pixels are correlated.
+_TILE_PX = 64  # Errors in different tiles are assumed to be independent.
+_BINS = 12  # Bins of disparity for the spread of the errors.
+_TUKEY = 4.685  # 95 % efficiency for normal errors (Huber, Robust Statistics).
+_STEPS = 50  # Maximum number of reweighting steps.
+_FEWEST = 500  # Minimum number of pixels.
+_LEAST_RANGE = 0.15  # Minimum range of disparity over its median, to separate s from o.
+_ALIKE = 1e-5  # Relative singular value below which columns are linearly dependent.
+ROOMS = 3  # Minimum number of rooms for an estimate of the scatter between rooms.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DisparityPair:
-    """One scene's disparities, each (h, w) [px], NaN where unknown; all mean the same f b."""
+    """Disparities of one scene, each (h, w) [px], NaN = unknown; all use the same f * b."""
 
     name: str
     room: str
     device_px: Array
     truth_px: Array
-    expected_px: Array  # As a simulation reads it at a scale and offset tried before.
-    step_m: float  # Of the device's and the simulation's depth codes [m].
-    focal_baseline_px_m: float  # That all were made with.
+    expected_px: Array  # Simulated reading at the previous scale and offset.
+    step_m: float  # Step of the depth codes of device and simulation [m].
+    focal_baseline_px_m: float  # f * b of all three disparities.
 
     def counted(self) -> Mask:
-        """Pixels with all three values, away from the truth's depth edges."""
+        """Select pixels with all three values, away from depth edges of the reference."""
         known = np.isfinite(self.device_px + self.truth_px + self.expected_px)
         edge = metrics.depth_edges(self.truth_px).astype(np.uint8)
         return known & ~cv2.dilate(edge, _disc(_EDGE_REACH_PX)).astype(bool)
@@ -57,19 +57,19 @@ class DisparityPair:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DisparityScale:
-    """What fits a device's disparity: d_device = d_expected + scale d_truth + offset_px."""
+    """Fitted correction of disparity: d_device = d_expected + scale d_truth + offset_px."""
 
-    scale: float  # To add to the s that was expected.
-    offset_px: float  # To add to the o that was expected.
-    covariance: NDArray[np.float64]  # (2, 2) of scale and offset_px; inf where not told apart.
+    scale: float  # Correction of the expected s.
+    offset_px: float  # Correction of the expected o.
+    covariance: NDArray[np.float64]  # (2, 2) of scale and offset_px; inf if not separable.
     spread_px: float  # 1.4826 x median absolute residual [px].
     bend_px: float  # RMS over the image of a smooth second-order residual [px].
-    bend_sd_px: float  # Its own standard deviation by chance.
-    pixels: int  # Used.
+    bend_sd_px: float  # Standard deviation of `bend_px` by chance.
+    pixels: int  # Number of pixels used.
 
     @cached_property
-    def told_apart(self) -> bool:
-        """Whether the captures span enough distances to tell scale from offset."""
+    def separable(self) -> bool:
+        """Whether the range of distances separates scale from offset."""
         return bool(np.isfinite(self.covariance).all())
 
 
@@ -79,8 +79,8 @@ class _Samples:
 
     truth_px: Column
     error_px: Column
-    quantum_var: Column  # Variance of both codes' rounding [px^2].
-    x: Column  # Place in the image, -1 ... 1.
+    quantum_var: Column  # Quantisation variance of both depth codes [px^2].
+    x: Column  # Image position, -1 ... 1.
     y: Column
     tile: NDArray[np.intp]
     room: NDArray[np.intp]
@@ -89,18 +89,18 @@ class _Samples:
 def fit(pairs: Sequence[DisparityPair], *, free: Sequence[str]) -> DisparityScale:
     """Fit scale and offset to all scenes together.
 
-    Robust regression (Tukey's biweight, iterated) weighted by the errors' spread at each disparity
-    and by the rounding of both depths, (d^2 step / f b)^2 / 12 each. Errors of one tile of 64 px,
-    and where there are three rooms and more those of one room, are not taken as independent: the
-    covariance is the larger of both clustered sandwiches.
+    The fit is a robust regression (iterated Tukey biweight). Its weights combine the errors' spread
+    at each disparity with the quantisation of both depths, (d^2 step / f b)^2 / 12 each. The
+    covariance is a sandwich clustered by tiles of 64 px. From three rooms on, the sandwich
+    clustered by rooms replaces it if that one is larger.
 
     Args:
-        pairs: scenes; those without common pixels add nothing.
-        free: which of `scale` and `offset` are fitted; the other stays 0. Where all surfaces lie
-            at about one distance the offset stands for both, and neither is told.
+        pairs: scenes; a scene without common pixels does not contribute.
+        free: fitted parameters, `scale`, `offset` or both; the other one stays 0. If all surfaces
+            lie at about one distance, only the offset is fitted, and both deviations are infinite.
 
     Raises:
-        InputError: if fewer than 500 pixels are left.
+        InputError: if fewer than 500 pixels remain.
 
     Sources: Huber and Ronchetti, Robust Statistics, 2nd ed., ch. 7; Cameron and Miller 2015,
     Journal of Human Resources 50(2), eqs. 11 and 12 (clustered covariance).
@@ -113,17 +113,19 @@ def fit(pairs: Sequence[DisparityPair], *, free: Sequence[str]) -> DisparityScal
             len(samples.error_px),
             "Is the reference in the left infrared view?",
         )
-    together = {"scale", "offset"} <= set(free)
-    apart = not together or _range(samples.truth_px) >= _LEAST_RANGE
-    columns = _columns(samples, free if apart else ("offset",))
+    both_free = {"scale", "offset"} <= set(free)
+    separable = not both_free or _range(samples.truth_px) >= _LEAST_RANGE
+    columns = _columns(samples, free if separable else ("offset",))
     theta, weight = _regress(samples, columns)
     residual = samples.error_px - columns @ theta
     covariance = np.zeros((2, 2))
-    at = [index for index, name in enumerate(("scale", "offset")) if name in free]
+    indices = [index for index, name in enumerate(("scale", "offset")) if name in free]
     value = np.zeros(2)
-    value[at if apart else [1]] = theta
-    own = _clustered(samples, columns, weight, residual) if apart else np.diag([np.inf] * 2)
-    covariance[np.ix_(at, at)] = own
+    value[indices if separable else [1]] = theta
+    coefficient_covariance = (
+        _clustered(samples, columns, weight, residual) if separable else np.diag([np.inf] * 2)
+    )
+    covariance[np.ix_(indices, indices)] = coefficient_covariance
     bend, chance = _bend(samples, columns, weight)
     return DisparityScale(
         scale=float(value[0]),
@@ -142,7 +144,7 @@ def _disc(reach: int) -> NDArray[np.uint8]:
 
 
 def _samples(pairs: Sequence[DisparityPair]) -> _Samples:
-    parts: list[list[NDArray]] = []
+    columns: list[list[NDArray]] = []
     rooms = sorted({pair.room for pair in pairs})
     for number, pair in enumerate(pairs):
         height, width = pair.truth_px.shape
@@ -154,7 +156,7 @@ def _samples(pairs: Sequence[DisparityPair]) -> _Samples:
         expected = pair.expected_px[row, column].astype(np.float64)
         step = pair.step_m / pair.focal_baseline_px_m
         tile = (row // _TILE_PX) * 4096 + column // _TILE_PX + number * 4096**2
-        parts.append(
+        columns.append(
             [
                 truth,
                 device - expected,
@@ -165,7 +167,7 @@ def _samples(pairs: Sequence[DisparityPair]) -> _Samples:
                 np.full(len(row), rooms.index(pair.room)),
             ]
         )
-    truth, error, quantum, x, y, tile, room = map(np.concatenate, zip(*parts, strict=True))
+    truth, error, quantum, x, y, tile, room = map(np.concatenate, zip(*columns, strict=True))
     return _Samples(
         truth_px=truth, error_px=error, quantum_var=quantum, x=x, y=y, tile=tile, room=room
     )
@@ -182,11 +184,11 @@ def _columns(samples: _Samples, free: Sequence[str]) -> NDArray[np.float64]:
 
 
 def _regress(samples: _Samples, columns: NDArray[np.float64]) -> tuple[Column, Column]:
-    """Coefficients, and the weights that they were found with."""
+    """Return the coefficients and the final weights of the robust regression."""
     bins = _binned(samples.truth_px)
     middle = [_row(columns, samples.error_px, bins == number) for number in range(bins.max() + 1)]
     theta = np.linalg.lstsq(
-        np.array([row for row, _ in middle]), np.array([at for _, at in middle]), rcond=None
+        np.array([row for row, _ in middle]), np.array([value for _, value in middle]), rcond=None
     )[0].astype(np.float64)
     weight = np.ones(len(samples.error_px))
     for _ in range(_STEPS):
@@ -205,14 +207,14 @@ def _row(columns: NDArray[np.float64], error: Column, inside: Mask) -> tuple[Col
 
 
 def _binned(disparity: Column) -> NDArray[np.intp]:
-    """Number of the bin each disparity lies in; bins hold about equally many."""
+    """Return the bin number of each disparity; bins have about equal counts."""
     limits = np.unique(np.quantile(disparity, np.linspace(0, 1, _BINS + 1)[1:-1]))
     _, number = np.unique(np.searchsorted(limits, disparity), return_inverse=True)
     return number
 
 
 def _spread(residual: Column, bins: NDArray[np.intp], floor_var: Column) -> Column:
-    """Standard deviation of each sample: its bin's, but no less than the rounding's."""
+    """Return the standard deviation of each sample: that of its bin, at least the rounding's."""
     by_bin = np.array([_nmad(residual[bins == number]) for number in range(bins.max() + 1)])
     return np.sqrt(np.maximum(by_bin[bins] ** 2, floor_var) + 1e-12)
 
@@ -225,7 +227,7 @@ def _nmad(residual: Column) -> float:
 def _clustered(
     samples: _Samples, columns: NDArray[np.float64], weight: Column, residual: Column
 ) -> NDArray[np.float64]:
-    """Covariance of the coefficients: of tiles, or of rooms where those say more."""
+    """Return the larger covariance of the coefficients, clustered by tiles or by rooms."""
     by_tile = _sandwich(columns, weight, residual, samples.tile)
     if len(np.unique(samples.room)) < ROOMS:
         return by_tile
@@ -245,7 +247,7 @@ def _sandwich(
 
 
 def _inverse(columns: NDArray[np.float64], weight: Column) -> NDArray[np.float64]:
-    """Inverse of the normal equations; what columns do not tell gets no part of it."""
+    """Return the pseudo-inverse of the normal equations; undetermined directions are 0."""
     size = np.sqrt((weight[:, None] * columns**2).sum(axis=0))
     unit = columns / size
     inverse = np.linalg.pinv(unit.T @ (weight[:, None] * unit), rcond=_ALIKE, hermitian=True)
@@ -253,16 +255,16 @@ def _inverse(columns: NDArray[np.float64], weight: Column) -> NDArray[np.float64
 
 
 def _bend(samples: _Samples, columns: NDArray[np.float64], weight: Column) -> tuple[float, float]:
-    """RMS over the image of a residual x, y, x^2, x y, y^2, and what chance would make of it."""
+    """Fit x, y, x^2, x y, y^2 to the residual; return their RMS in the image, and by chance."""
     x, y = samples.x, samples.y
-    # Without mean over the square, so that an offset is none of them.
+    # Shapes have zero mean over the square, so that they do not include an offset.
     shapes = np.stack([x, y, x * x - 1 / 3, x * y, y * y - 1 / 3], axis=1)
     square = np.diag([1 / 3, 1 / 3, 4 / 45, 1 / 9, 4 / 45])  # Mean products over the square.
     normal = _inverse(columns, weight) @ (columns.T * weight)
-    # Only what scale and offset cannot take: on one leaning plane x and y are disparity itself.
-    beside = shapes - columns @ (normal @ shapes)
+    # Remove what scale and offset can explain: on a slanted plane, x and y are the disparity.
+    remaining_shapes = shapes - columns @ (normal @ shapes)
     residual = samples.error_px - columns @ (normal @ samples.error_px)
-    theta = _inverse(beside, weight) @ (beside.T @ (weight * residual))
-    own = _clustered(samples, beside, weight, residual - beside @ theta)
+    theta = _inverse(remaining_shapes, weight) @ (remaining_shapes.T @ (weight * residual))
+    covariance = _clustered(samples, remaining_shapes, weight, residual - remaining_shapes @ theta)
     variance = theta @ square @ theta
-    return float(np.sqrt(variance)), float(np.sqrt(np.trace(square @ own)))
+    return float(np.sqrt(variance)), float(np.sqrt(np.trace(square @ covariance)))

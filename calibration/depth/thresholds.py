@@ -1,7 +1,7 @@
-"""A matcher's thresholds and the scatter of disparity, found by trying them on simulated images.
+"""Fit a matcher's thresholds and the scatter of disparity by search on simulated images.
 
-Neither has a derivative: pixels pass a check or do not. All trials see the same images and the
-same grains (common random numbers), so that they differ by the setting alone.
+The comparison has no derivative, because pixels pass a check or fail it. All trials use the same
+images and speckle (common random numbers), so that they differ only by the setting.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from starling.calibration.depth import hole_places
-from starling.calibration.depth.hole_places import Compared
+from starling.calibration.depth.hole_places import ComparedScene
 from starling.sim import simulate
 from starling.sim.console import progress
 from starling.sim.effects import Parameter
@@ -24,47 +24,48 @@ from starling.sim.sensor.sensor import Sensor
 Array = NDArray[np.float32]
 Column = NDArray[np.float64]
 
-# Speckle differs in the two imagers and scales with the light, so its contrast means the same at
-# any brightness; the effect of noise in electrons hangs on a level that depth does not show.
+# Scatter is modelled by speckle. Speckle differs in the two imagers and scales with the light, so
+# its contrast is independent of brightness. Electron noise would depend on the unknown level.
 SCATTER = "laser_speckle"
 CHECKS = ("uniqueness", "texture_threshold", "left_right_threshold")
 
-_SCAN = (0.0, 0.25, 0.5, 0.75, 1.0)  # Of each threshold's range, before the search.
-_TRIALS = 40  # At most, of the search.
-_SIMPLEX = 0.12  # Its first side, of the range.
-_BETTER = 0.98  # Of the score: what gains less leaves a threshold where it was.
-_FINE = 0.01  # Of the range: a closer setting is not asked for.
-_STEP = 0.08  # Of the range, of the differences that the uncertainty is from.
-_BLIND = 0.6  # Of the range's own deviation: a parameter no better known is not told.
-_RANGE_SD = 1 / np.sqrt(12)
+# Lengths are in units of a setting's range.
+_SCAN = (0.0, 0.25, 0.5, 0.75, 1.0)  # Grid of each threshold before the search.
+_TRIALS = 40  # Maximum number of trials of the simplex search.
+_SIMPLEX = 0.12  # Initial side of the simplex.
+_BETTER = 0.98  # Minimum relative improvement of the score that changes a threshold.
+_FINE = 0.01  # Resolution of the search.
+_STEP = 0.08  # Half step of the finite differences for the covariance.
+_BLIND = 0.6  # Relative to `_RANGE_SD`: a parameter with a larger deviation is unidentifiable.
+_RANGE_SD = 1 / np.sqrt(12)  # Standard deviation of a uniform distribution over the range.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Tuning:
-    """What a search found; names are those of the table of effects."""
+    """Result of a search; names are effect names."""
 
     names: tuple[str, ...]
     values: Column  # (n,) in the effects' units.
-    covariance: NDArray[np.float64]  # (n, n); inf on the diagonal where nothing is told.
+    covariance: NDArray[np.float64]  # (n, n); inf on the diagonal of unidentifiable parameters.
     sensor: Sensor  # With the values set.
     scores: tuple[float, ...]  # Mean squared difference in tolerances, after each stage.
 
 
 class _Trial:
-    """Readings of all scenes by one sensor; images are kept while only the matcher changes."""
+    """Simulated readings of all scenes; images are reused while only the matcher changes."""
 
-    def __init__(self, scenes: Sequence[Compared], sensor: Sensor) -> None:
+    def __init__(self, scenes: Sequence[ComparedScene], sensor: Sensor) -> None:
         self.scenes, self.sensor = scenes, sensor
         self._contrast: float | None = None
-        self._pairs: list[simulate.Pair] = []
+        self._pairs: list[simulate.InfraredPair] = []
         self.tolerance = hole_places.tolerance(scenes, self._readings({}))
 
     def score(self, settings: dict[str, float]) -> float:
-        """Mean squared difference from the device under some effects, in tolerances."""
+        """Return the mean squared difference from the device, in tolerances."""
         return float(np.mean((self.difference(settings) / self.tolerance) ** 2))
 
     def difference(self, settings: dict[str, float]) -> Column:
-        """Compare the readings under some effects with the device's (7,)."""
+        """Compare the readings under the given effects with the device (7,)."""
         return hole_places.difference(self.scenes, self._readings(settings))
 
     def _readings(self, settings: dict[str, float]) -> list[Array]:
@@ -80,52 +81,52 @@ class _Trial:
 
 
 def tune(
-    scenes: Sequence[Compared],
+    scenes: Sequence[ComparedScene],
     sensor: Sensor,
     names: Sequence[str],
     *,
     track: progress.Progress = progress.silent,
 ) -> Tuning:
-    """Fit the scatter and the thresholds of a sensor to the device's holes and scatter.
+    """Fit scatter and thresholds of a sensor to the device's missing depth and scatter.
 
-    The scatter's setting is the root where simulated and real scatter are equal (Brent); the
-    thresholds minimise the score of `hole_places.difference` over a scan of each and a simplex
-    (Nelder and Mead). Where both are free, the scatter is found before and after the thresholds.
-    Rates by place are compared, not holes pixel by pixel: a score that asks for the same pixel
-    prefers fewer holes wherever their exact place is chance.
+    Brent's method finds the setting at which simulated and device scatter are equal. The
+    thresholds minimise the score of `hole_places.difference`: a scan of each, then a simplex
+    search (Nelder and Mead). If both are free, the scatter is fitted before and after the
+    thresholds. The score compares rates by place, not single pixels. A score by pixel would favour
+    fewer no-depth pixels wherever their exact position is random.
 
     Args:
-        scenes: rendered by the sensor's geometry.
-        sensor: to start from.
-        names: of `SCATTER` and `CHECKS`, those to find.
-        track: wraps the stages.
+        scenes: scenes rendered with the sensor's geometry.
+        sensor: initial sensor.
+        names: names in `SCATTER` and `CHECKS` to fit.
+        track: progress callback around the stages.
 
     Raises:
-        InputError: if the sensor has no such setting.
+        InputError: if the sensor lacks a setting.
 
     Source of the method, moments of simulations: McFadden 1989, Econometrica 57(5).
     """
     trial = _Trial(scenes, sensor)
-    found = {name: float(setting.value(_parameter(name), sensor) or 0.0) for name in names}
+    settings = {name: float(setting.value(_parameter(name), sensor) or 0.0) for name in names}
     checks = [name for name in CHECKS if name in names]
-    stages = [stage for stage in ("scatter", "checks", "scatter again") if _due(stage, names)]
-    scores = [trial.score(found)]
+    stages = [stage for stage in ("scatter", "checks", "scatter again") if _is_needed(stage, names)]
+    scores = [trial.score(settings)]
     for stage in track(stages, "search"):
         if stage == "checks":
-            found |= _searched(trial, checks, found)
+            settings |= _search_checks(trial, checks, settings)
         else:
-            found[SCATTER] = _scatter(trial, found)
-        scores.append(trial.score(found))
+            settings[SCATTER] = _solve_scatter(trial, settings)
+        scores.append(trial.score(settings))
     return Tuning(
         names=tuple(names),
-        values=np.array([found[name] for name in names]),
-        covariance=_covariance(trial, names, found),
-        sensor=setting.on_sensor(sensor, found),
+        values=np.array([settings[name] for name in names]),
+        covariance=_covariance(trial, names, settings),
+        sensor=setting.on_sensor(sensor, settings),
         scores=tuple(scores),
     )
 
 
-def _due(stage: str, names: Sequence[str]) -> bool:
+def _is_needed(stage: str, names: Sequence[str]) -> bool:
     checks, scatter = set(CHECKS) & set(names), SCATTER in names
     return bool({"scatter": scatter, "checks": checks, "scatter again": scatter and checks}[stage])
 
@@ -135,7 +136,7 @@ def _parameter(name: str) -> Parameter:
 
 
 def _value(name: str, share: float) -> float:
-    """Setting at a share of its range: thresholds that start at 0 are told finer there."""
+    """Return the setting at a share of its range; thresholds from 0 have finer steps near 0."""
     parameter = _parameter(name)
     low, high = float(parameter.low or 0.0), float(parameter.high or 0.0)
     share = min(max(float(share), 0.0), 1.0)
@@ -145,7 +146,7 @@ def _value(name: str, share: float) -> float:
 
 
 def _share(name: str, value: float) -> float:
-    """Invert `_value`, inside the range."""
+    """Invert `_value`, limited to the range."""
     parameter = _parameter(name)
     low, high = float(parameter.low or 0.0), float(parameter.high or 0.0)
     value = min(max(value, low), high)
@@ -154,12 +155,12 @@ def _share(name: str, value: float) -> float:
     return float(np.log(value / low) / np.log(high / low)) if low > 0 else (value / high) ** 0.5
 
 
-def _scatter(trial: _Trial, found: dict[str, float]) -> float:
-    """Contrast at which the readings scatter as the device's, or the end of its range."""
+def _solve_scatter(trial: _Trial, settings: dict[str, float]) -> float:
+    """Return the contrast that matches the device's scatter, or the nearest end of its range."""
     count = len(hole_places.SCATTERS)
 
     def excess(share: float) -> float:
-        values = trial.difference({**found, SCATTER: _value(SCATTER, share)})
+        values = trial.difference({**settings, SCATTER: _value(SCATTER, share)})
         weight = trial.tolerance[-count:] ** -2
         return float(values[-count:] @ weight / weight.sum())
 
@@ -169,25 +170,27 @@ def _scatter(trial: _Trial, found: dict[str, float]) -> float:
     return _value(SCATTER, optimize.root_scalar(excess, bracket=(0.0, 1.0), xtol=_FINE).root)
 
 
-def _searched(trial: _Trial, checks: Sequence[str], found: dict[str, float]) -> dict[str, float]:
-    """Thresholds of the least score."""
-    best = np.array([_share(name, found[name]) for name in checks])
+def _search_checks(
+    trial: _Trial, checks: Sequence[str], initial: dict[str, float]
+) -> dict[str, float]:
+    """Return the thresholds with the lowest score."""
+    best = np.array([_share(name, initial[name]) for name in checks])
 
     def score(shares: Column) -> float:
         settings = {name: _value(name, share) for name, share in zip(checks, shares, strict=True)}
-        return trial.score({**found, **settings})
+        return trial.score({**initial, **settings})
 
-    least = score(best)
+    lowest_score = score(best)
     for index in range(len(checks)):
         for share in _SCAN:
-            tried = best.copy()
-            tried[index] = share
-            value = score(tried)
-            if value < _BETTER * least:
-                least, best = value, tried
+            candidate = best.copy()
+            candidate[index] = share
+            value = score(candidate)
+            if value < _BETTER * lowest_score:
+                lowest_score, best = value, candidate
     steps = np.where(best < 0.5, _SIMPLEX, -_SIMPLEX)
     simplex = np.vstack([best, best + np.diag(steps)])
-    ended = optimize.minimize(
+    result = optimize.minimize(
         score,
         best,
         method="Nelder-Mead",
@@ -196,37 +199,38 @@ def _searched(trial: _Trial, checks: Sequence[str], found: dict[str, float]) -> 
             "initial_simplex": simplex,
             "maxfev": _TRIALS,
             "xatol": _FINE,
-            "fatol": 1e-2 * max(least, 1e-6),
+            "fatol": 1e-2 * max(lowest_score, 1e-6),
         },
     )
-    shares = ended.x if ended.fun < _BETTER * least else best
+    shares = result.x if result.fun < _BETTER * lowest_score else best
     return {name: _value(name, share) for name, share in zip(checks, shares, strict=True)}
 
 
 def _covariance(
-    trial: _Trial, names: Sequence[str], found: dict[str, float]
+    trial: _Trial, names: Sequence[str], settings: dict[str, float]
 ) -> NDArray[np.float64]:
-    """Linearise about what was found, with each range as what is known beforehand.
+    """Return the linearised covariance, with a uniform prior over each range.
 
-    A misfit beyond the tolerances widens it. What stays as wide as its range is not told.
+    A misfit beyond the tolerances increases it. A parameter whose deviation stays close to that
+    of its range is unidentifiable.
     """
-    at = np.array([_share(name, found[name]) for name in names])
-    misfit = max(trial.score(found), 1.0)
-    slopes = np.stack([_slope(trial, found, name) for name in names], axis=1)
+    shares = np.array([_share(name, settings[name]) for name in names])
+    misfit = max(trial.score(settings), 1.0)
+    slopes = np.stack([_slope(trial, settings, name) for name in names], axis=1)
     weighted = slopes / (trial.tolerance[:, None] * np.sqrt(misfit))
     spread = np.linalg.inv(weighted.T @ weighted + np.eye(len(names)) / _RANGE_SD**2)
-    unit = np.array([_derivative(name, share) for name, share in zip(names, at, strict=True)])
-    told = np.sqrt(np.diagonal(spread)) < _BLIND * _RANGE_SD
-    covariance = np.where(np.outer(told, told), spread * np.outer(unit, unit), 0.0)
-    covariance[np.diag_indices_from(covariance)] += np.where(told, 0.0, np.inf)
+    unit = np.array([_derivative(name, share) for name, share in zip(names, shares, strict=True)])
+    determined = np.sqrt(np.diagonal(spread)) < _BLIND * _RANGE_SD
+    covariance = np.where(np.outer(determined, determined), spread * np.outer(unit, unit), 0.0)
+    covariance[np.diag_indices_from(covariance)] += np.where(determined, 0.0, np.inf)
     return covariance
 
 
-def _slope(trial: _Trial, found: dict[str, float], name: str) -> Column:
-    """Change of what is compared with a parameter's share of its range."""
-    share = _share(name, found[name])
+def _slope(trial: _Trial, settings: dict[str, float], name: str) -> Column:
+    """Return the derivative of the difference by a parameter's share of its range."""
+    share = _share(name, settings[name])
     low, high = max(share - _STEP, 0.0), min(share + _STEP, 1.0)
-    below, above = (trial.difference({**found, name: _value(name, end)}) for end in (low, high))
+    below, above = (trial.difference({**settings, name: _value(name, end)}) for end in (low, high))
     return (above - below) / (high - low)
 
 

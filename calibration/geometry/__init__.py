@@ -1,1 +1,1 @@
-"""Geometry of imagers and projector, by differentiable rendering."""
+"""Fit the geometry of imagers and projector by differentiable rendering."""

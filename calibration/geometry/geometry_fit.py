@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from starling.calibration import parameters
 from starling.calibration.geometry import residuals, start
-from starling.calibration.geometry.residuals import Normal, Predicted, View
+from starling.calibration.geometry.residuals import ImagerView, PredictedView, ViewEquations
 from starling.calibration.least_squares import solve, uncertainty
 from starling.calibration.least_squares.uncertainty import Uncertainty
 from starling.calibration.observation import Observation
-from starling.calibration.parameters import DOT_BLUR, FIELD, Parameter
+from starling.calibration.parameters import DOT_BLUR, FIELD, CalibrationParameter
 from starling.calibration.solution import Estimate, Solution
 from starling.patterns import errors
 from starling.sim.sensor.sensor import Sensor
 
-_BLUR_SHARE = 1 / 640  # Of the image's width: sigma of the blur that the fit begins with.
-_LEAST_CORRELATION = 0.1  # Of the windows at their places: below, no dots were found.
+_BLUR_SHARE = 1 / 640  # Sigma of the coarse stage's blur over the image width.
+_LEAST_CORRELATION = 0.1  # Minimum correlation of the windows; below, no dots were found.
 
 
 def fit_geometry(
@@ -29,82 +29,86 @@ def fit_geometry(
     free: Sequence[str] = ("baseline", "focal", "centre", "projector"),
     subpixels: int = 2,
 ) -> Solution:
-    """Fit where imagers and projector stand, look and focus.
+    """Fit pose and focal length of the imagers and the projector.
 
-    Reflectance, ambient light, gain and falloff are eliminated place by place and need not be
-    right. The result is the most likely sensor given the captures and that a unit is within its
-    tolerances (see `starling.calibration.parameters`) of the sensor given.
+    Reflectance, ambient light, gain and falloff are eliminated locally and need not be correct.
+    The result is the maximum a posteriori sensor. The prior is normal about the initial sensor,
+    with the tolerances of `starling.calibration.parameters` as standard deviations.
 
     Args:
-        observations: captured scenes with infrared images and a surface: posed meshes, or
-            reference depth, which leaves a common scale open (see `Solution.undetermined`).
-        sensor: where to begin; pattern, lens and electronics are taken from it.
+        observations: captured scenes with infrared images and a surface. Reference depth leaves a
+            common scale undetermined (see `Solution.undetermined`); posed meshes determine it.
+        sensor: initial sensor, with pattern, lens and electronics.
         free: groups of parameters (see `starling.calibration.parameters.GEOMETRY`).
-        subpixels: n of the n x n positions in a pixel at which dots are sampled.
+        subpixels: n of the n x n sampling positions per pixel.
 
     Raises:
-        InputError: no usable scene, an unknown group, or dots that cannot be found again.
-        BackendError: in a variant that does not differentiate.
+        InputError: if no scene is usable, a group is unknown, or the dots cannot be found.
+        BackendError: if the renderer's variant is not differentiable.
     """
     rows = parameters.free(free, sensor)
-    views = residuals.views(observations, sensor)
-    begun = start.found(views, sensor, rows)
-    if begun.correlation < _LEAST_CORRELATION:
+    views = residuals.make_views(observations, sensor)
+    initial = start.find_start(views, sensor, rows)
+    if initial.correlation < _LEAST_CORRELATION:
         raise errors.refuse(
             "captures",
             "must show the sensor's dots",
-            f"a correlation of {begun.correlation:.2f} with them",
+            f"a correlation of {initial.correlation:.2f} with them",
             "Is the emitter on, and is it this sensor's pattern?",
         )
-    fit = _Fit(views, sensor, rows, subpixels)
+    fit = _GeometryFit(views, sensor, rows, subpixels)
     blur = _BLUR_SHARE * sensor.width
     solved = solve.solve(
         fit.equations(blur),
         fit.equations(0.0),
-        begun.step,
-        # As many fewer pixels are independent as the Gaussian's squared integral says.
+        initial.step,
+        # Blur reduces the number of independent pixels by the Gaussian's effective area.
         inflation=max(4 * np.pi * blur**2, 1.0),
     )
-    found = uncertainty.of(solved.equations)
-    if FIELD in (row.name for row in rows) and not any(seen.metric for seen in observations):
-        found = uncertainty.scale_open(found, rows)
-    return solution(solved, found, sensor, rows)
+    uncertainties = uncertainty.estimate(solved.equations)
+    if FIELD in (row.name for row in rows) and not any(
+        observation.metric for observation in observations
+    ):
+        uncertainties = uncertainty.with_open_scale(uncertainties, rows)
+    return solution(solved, uncertainties, sensor, rows)
 
 
-class _Fit:
-    """Views, rendered once for each sensor that is tried."""
+class _GeometryFit:
+    """Views with the last rendering cached."""
 
     def __init__(
         self,
-        views: Sequence[View],
+        views: Sequence[ImagerView],
         sensor: Sensor,
-        free: Sequence[Parameter],
+        free: Sequence[CalibrationParameter],
         subpixels: int,
     ) -> None:
         self._views, self._sensor, self._free = views, sensor, free
         self._subpixels = subpixels
         self._size = 0
-        self._last: tuple[bytes, list[Predicted]] = (b"", [])
+        self._last: tuple[bytes, list[PredictedView]] = (b"", [])
 
-    def equations(self, blur_px: float) -> solve.Evaluate[Normal]:
-        """Equations at one blur."""
+    def equations(self, blur_px: float) -> solve.Evaluate[ViewEquations]:
+        """Return the evaluation of the equations at one blur."""
 
-        def evaluate(step: NDArray[np.float64], like: Normal | None) -> Normal:
+        def evaluate(step: NDArray[np.float64], reference: ViewEquations | None) -> ViewEquations:
             predicted = self._predicted(step)
-            weights = like.variances if like else (None,) * len(predicted)
-            return Normal.total(
+            weights = reference.variances if reference else (None,) * len(predicted)
+            return ViewEquations.total(
                 [
-                    residuals.normal(part, size_px=self._size, blur_px=blur_px, variance=weight)
-                    for part, weight in zip(predicted, weights, strict=True)
+                    residuals.normal_equations(
+                        view, size_px=self._size, blur_px=blur_px, variance=weight
+                    )
+                    for view, weight in zip(predicted, weights, strict=True)
                 ]
             )
 
         return evaluate
 
-    def _predicted(self, step: NDArray[np.float64]) -> list[Predicted]:
+    def _predicted(self, step: NDArray[np.float64]) -> list[PredictedView]:
         key = step.tobytes()
         if self._last[0] != key:
-            sensor = start.stepped(self._sensor, self._free, step)
+            sensor = start.apply_step(self._sensor, self._free, step)
             self._last = (
                 key,
                 [
@@ -117,54 +121,54 @@ class _Fit:
 
 
 def solution(
-    solved: solve.Solved[Normal],
-    found: Uncertainty,
+    solved: solve.SolveResult[ViewEquations],
+    uncertainties: Uncertainty,
     sensor: Sensor,
-    free: Sequence[Parameter],
+    free: Sequence[CalibrationParameter],
 ) -> Solution:
-    """Put where a fit ended into the parameters' own units.
+    """Convert the result of a fit to the units of the parameters.
 
     Args:
-        solved: in tolerances.
-        found: how sure it is.
-        sensor: where it began.
-        free: its parameters.
+        solved: result in tolerances.
+        uncertainties: uncertainty in tolerances.
+        sensor: initial sensor.
+        free: fitted parameters.
     """
-    ended = start.stepped(sensor, free, solved.step)
-    unit = np.array([_unit(row, ended) for row in free])
-    covariance = found.covariance * np.outer(unit, unit)
+    fitted = start.apply_step(sensor, free, solved.step)
+    unit = np.array([_unit(row, fitted) for row in free])
+    covariance = uncertainties.covariance * np.outer(unit, unit)
     deviation = np.sqrt(np.diagonal(covariance))
     shown = covariance.copy()
-    shown[found.open, found.open] = np.inf
+    shown[uncertainties.open, uncertainties.open] = np.inf
     estimates = tuple(
         Estimate(
             name=row.name,
-            value=parameters.value(ended, row.name),
+            value=parameters.value(fitted, row.name),
             sd=float("inf") if is_open else float(sd),
             unit=row.unit,
             start=parameters.value(sensor, row.name),
         )
-        for row, sd, is_open in zip(free, deviation, found.open, strict=True)
+        for row, sd, is_open in zip(free, deviation, uncertainties.open, strict=True)
     )
     return Solution(
         estimates=estimates,
         covariance=shown,
-        undetermined=uncertainty.sentences(found, free),
+        undetermined=uncertainty.sentences(uncertainties, free),
         cost=solved.costs,
-        sensor=ended,
-        derived=derived(sensor, ended, free, found, unit),
+        sensor=fitted,
+        derived=derived(sensor, fitted, free, uncertainties, unit),
     )
 
 
-def _unit(row: Parameter, sensor: Sensor) -> float:
-    """What a parameter moves by in its own unit for a step of one tolerance."""
+def _unit(row: CalibrationParameter, sensor: Sensor) -> float:
+    """Return the change of a parameter, in its unit, for a step of one tolerance."""
     if row.name != DOT_BLUR:
         return row.tolerance
     width = max(parameters.value(sensor, DOT_BLUR), row.tolerance / 10)
-    return row.tolerance**2 / (2 * width)  # Steps are in variance.
+    return row.tolerance**2 / (2 * width)  # Steps are in the variance of the blur.
 
 
-# Combinations that reference depth determines where it leaves their parts open: powers of each.
+# Products that reference depth determines although it does not determine each factor: exponents.
 _COMBINED = {
     "focal_baseline_px_m": ("px m", {"fx_px": 1, "baseline_m": 1}),
     "projector.position_x_over_baseline": ("1", {"projector.position_m.x": 1, "baseline_m": -1}),
@@ -174,33 +178,33 @@ _COMBINED = {
 
 def derived(
     sensor: Sensor,
-    ended: Sensor,
-    free: Sequence[Parameter],
-    found: Uncertainty,
+    fitted: Sensor,
+    free: Sequence[CalibrationParameter],
+    uncertainties: Uncertainty,
     unit: NDArray[np.float64],
 ) -> tuple[Estimate, ...]:
-    """Combinations of parameters, with deviations by the first derivative.
+    """Compute products of parameters, with linearised standard deviations.
 
     Args:
-        sensor: where the fit began.
-        ended: where it ended.
-        free: its parameters; combinations of which none is free are left out.
-        found: how sure they are, in tolerances.
-        unit: (p,) of a tolerance of each.
+        sensor: initial sensor.
+        fitted: fitted sensor.
+        free: fitted parameters; a product without a free factor is skipped.
+        uncertainties: uncertainty in tolerances.
+        unit: (p,) change of each parameter per tolerance, in its unit.
     """
-    out = []
+    estimates = []
     for name, (text, powers) in _COMBINED.items():
         slope = np.zeros(len(free))
-        value, begun = (_product(where, powers) for where in (ended, sensor))
+        value, initial = (_product(point, powers) for point in (fitted, sensor))
         for number, row in enumerate(free):
             if row.name in powers:
                 power = powers[row.name]
                 lowered = powers | {row.name: power - 1}
-                slope[number] = power * _product(ended, lowered) * unit[number]
+                slope[number] = power * _product(fitted, lowered) * unit[number]
         if slope.any():
-            sd = float(np.sqrt(slope @ found.covariance @ slope))
-            out.append(Estimate(name=name, value=value, sd=sd, unit=text, start=begun))
-    return tuple(out)
+            sd = float(np.sqrt(slope @ uncertainties.covariance @ slope))
+            estimates.append(Estimate(name=name, value=value, sd=sd, unit=text, start=initial))
+    return tuple(estimates)
 
 
 def _product(sensor: Sensor, powers: dict[str, int]) -> float:

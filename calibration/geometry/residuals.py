@@ -1,4 +1,4 @@
-"""Infrared images against what a sensor would see of the same surface."""
+"""Residuals of infrared images against the prediction of a sensor model, with derivatives."""
 
 from __future__ import annotations
 
@@ -14,82 +14,85 @@ from scipy import optimize
 from starling.calibration import parameters
 from starling.calibration.least_squares import variable_projection
 from starling.calibration.observation import Observation
-from starling.calibration.parameters import DOT_BLUR, FIELD, Parameter
+from starling.calibration.parameters import DOT_BLUR, FIELD, CalibrationParameter
 from starling.patterns import errors
 from starling.sim import metrics
 from starling.sim.differentiable import image as differentiable_image
 from starling.sim.differentiable import light as differentiable
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.imaging.imager.converter import bent
+from starling.sim.imaging.imager.converter import apply_gamma
 from starling.sim.sensor.sensor import Imager, Sensor
 from starling.sim.stereo.depth import disparity_from_depth
 
 Array = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_BURNT_SHARE = 0.98  # Of the highest code: levels from here on are clipped.
-_REACH_PX = 3  # Pixels this near a depth or shadow edge, or the border, are left out.
-_CAUCHY = 2.5  # Deviations beyond which a residual counts for less.
-_CLUSTER_SHARE = 0.075  # Of the image's width: squares in which residuals may go together.
-_BINS = 24  # Levels at which the residuals' variance is measured.
+_BURNT_SHARE = 0.98  # Saturation threshold over the highest code.
+_REACH_PX = 3  # Width of the excluded margin along depth edges, shadow edges and the border.
+_CAUCHY = 2.5  # Scale of the Cauchy weights [standard deviations].
+_CLUSTER_SHARE = 0.075  # Side of a cluster of correlated residuals over the image width.
+_BINS = 24  # Bins of level for the measured variance.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class View:
-    """What one imager saw of one scene."""
+class ImagerView:
+    """One imager's image of one scene."""
 
     scene: str
     side: differentiable.Side
     stage: Any
-    reference: Pinhole | None  # That a reference depth map was seen with; None: known in metres.
-    level: Array  # (h, w) linear in light [DN].
-    usable: Mask  # (h, w) not saturated.
+    reference: Pinhole | None  # Camera of the reference depth map; None for a metric surface.
+    level: Array  # (h, w) level above black, linear in light [DN].
+    usable: Mask  # (h, w) unsaturated pixels.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Predicted:
-    """What the sensor would see in a view, up to what a surface does to light."""
+class PredictedView:
+    """Predicted light of a view, without the surface's reflectance."""
 
-    view: View
+    view: ImagerView
     light: Array  # (h, w)
     columns: dict[str, Array]
-    usable: Mask  # (h, w) where image and derivatives can be believed.
-    disparity_px: Array  # (h, w) of this view's surface, NaN where there is none.
-    body: NDArray[np.uint32]  # (h, w) number of the body.
+    usable: Mask  # (h, w) pixels with valid image and derivatives.
+    disparity_px: Array  # (h, w) disparity of the surface, NaN without a surface.
+    body: NDArray[np.uint32]  # (h, w) number of the visible body.
 
 
 @dataclass(frozen=True, slots=True)
-class Variance:
-    """Of residuals at level L: a + b L + c L^2 [DN^2], by read noise, shot noise and speckle."""
+class LevelVariance:
+    """Variance of residuals at level L: a + b L + c L^2 [DN^2].
+
+    The terms model read noise, shot noise and speckle.
+    """
 
     a: float
     b: float
     c: float
 
-    def at(self, level: Array) -> Array:
-        """(h, w) at levels above black."""
+    def at_level(self, level: Array) -> Array:
+        """Return the variance (h, w) at levels above black."""
         above = np.maximum(level, 0)
-        whole = np.float32(self.a) + np.float32(self.b) * above + np.float32(self.c) * above**2
-        return np.maximum(whole, np.float32(1e-6))
+        variance = np.float32(self.a) + np.float32(self.b) * above + np.float32(self.c) * above**2
+        return np.maximum(variance, np.float32(1e-6))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Normal:
-    """Normal equations of residuals, summed: p parameters in units of their tolerances."""
+class ViewEquations:
+    """Summed normal equations of p parameters, in units of their tolerances."""
 
     information: NDArray[np.float64]  # (p, p)
     gradient: NDArray[np.float64]  # (p,)
-    scores: NDArray[np.float64]  # (clusters, p) the gradient's parts.
-    shares: NDArray[np.float64]  # (clusters, p, p) the information's parts.
-    stiffness: float  # The robust cost's curvature over what the weights say, below 1.
+    scores: NDArray[np.float64]  # (clusters, p) gradient by cluster.
+    shares: NDArray[np.float64]  # (clusters, p, p) information by cluster.
+    stiffness: float  # Curvature of the robust cost over that of the weighted squares, below 1.
     cost: float  # Robust sum of squares.
-    freedom: int  # Pixels that count, less what their tiles fitted to them.
-    deviation: float  # Mean variance that residuals were weighed with [DN^2].
-    variances: tuple[Variance, ...]  # Of each view.
+    freedom: int  # Degrees of freedom: used pixels minus coefficients fitted in tiles.
+    deviation: float  # Mean variance of the residuals' weights [DN^2].
+    variances: tuple[LevelVariance, ...]  # One for each view.
 
     @staticmethod
-    def total(parts: Sequence[Normal]) -> Normal:
-        return Normal(
+    def total(parts: Sequence[ViewEquations]) -> ViewEquations:
+        return ViewEquations(
             information=np.sum([part.information for part in parts], axis=0),
             gradient=np.sum([part.gradient for part in parts], axis=0),
             scores=np.concatenate([part.scores for part in parts]),
@@ -102,37 +105,37 @@ class Normal:
             deviation=float(
                 np.average([part.deviation for part in parts], weights=[p.freedom for p in parts])
             ),
-            variances=tuple(one for part in parts for one in part.variances),
+            variances=tuple(variance for part in parts for variance in part.variances),
         )
 
 
-def views(observations: Iterable[Observation], sensor: Sensor) -> tuple[View, ...]:
-    """Make the views of observations, left and right.
+def make_views(observations: Iterable[Observation], sensor: Sensor) -> tuple[ImagerView, ...]:
+    """Return the left and right views of observations.
 
     Raises:
-        InputError: if there is none, or one lacks infrared images or a surface.
+        InputError: if there is no view, or an observation lacks infrared images or a surface.
     """
-    found = []
-    for seen in observations:
-        if seen.scene is None or seen.left is None:
+    imager_views = []
+    for observation in observations:
+        if observation.scene is None or observation.left is None:
             raise errors.refuse(
-                f"scene {seen.name}",
+                f"scene {observation.name}",
                 "must have infrared images and a posed mesh or reference depth",
                 "less",
-                "Leave it out, or fit what depth alone can tell.",
+                "Leave it out, or fit only the groups that depth supports.",
             )
-        stage = seen.stage
-        reference = None if seen.metric else Pinhole.of(seen.info)
+        stage = observation.stage
+        reference = None if observation.metric else Pinhole.from_camera(observation.info)
         pair: tuple[tuple[differentiable.Side, Array | None, Imager], ...] = (
-            ("left", seen.left, sensor.left),
-            ("right", seen.right, sensor.right),
+            ("left", observation.left, sensor.left),
+            ("right", observation.right, sensor.right),
         )
         for side, level, part in pair:
             if level is None or (side == "right" and sensor.kind == "structured_light"):
                 continue
-            found.append(
-                View(
-                    scene=seen.name,
+            imager_views.append(
+                ImagerView(
+                    scene=observation.name,
                     side=side,
                     stage=stage,
                     reference=reference,
@@ -140,41 +143,45 @@ def views(observations: Iterable[Observation], sensor: Sensor) -> tuple[View, ..
                     usable=level < _BURNT_SHARE * part.saturation_dn,
                 )
             )
-    if not found:
+    if not imager_views:
         raise errors.refuse("captures", "must hold a scene", "none", "Name a capture set.")
-    return tuple(found)
+    return tuple(imager_views)
 
 
 def _linear(part: Imager, level: Array) -> Array:
-    """Level above black that goes with the light, gamma undone."""
+    """Return the level above black, linear in light (gamma inverted)."""
     above = level - np.float32(part.black_level_dn)
-    return bent(above, 1 / part.gamma, part.ceiling_dn)
+    return apply_gamma(above, 1 / part.gamma, part.ceiling_dn)
 
 
 def predict(
-    view: View, sensor: Sensor, free: Sequence[Parameter] = (), *, subpixels: int = 2
-) -> Predicted:
-    """Render a view's dots and their derivatives by free parameters, in units of tolerance."""
+    view: ImagerView,
+    sensor: Sensor,
+    free: Sequence[CalibrationParameter] = (),
+    *,
+    subpixels: int = 2,
+) -> PredictedView:
+    """Render the dots of a view and their derivatives by free parameters, per tolerance."""
     traced = differentiable.trace(
         view.stage, sensor, view.side, subpixels=subpixels, reference=view.reference
     )
-    asked = tuple(_DERIVED.get(row.name, row.name) for row in free)
-    linear = differentiable_image.formed(traced, asked)
+    names = tuple(_DERIVED.get(row.name, row.name) for row in free)
+    linear = differentiable_image.form(traced, names)
     columns = {
         row.name: linear.columns[name] * np.float32(_per_tolerance(row, sensor))
-        for row, name in zip(free, asked, strict=True)
+        for row, name in zip(free, names, strict=True)
     }
     disparity = disparity_from_depth(
         traced.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
     )
-    good = traced.clear & ~metrics.depth_edges(disparity)
-    good[:_REACH_PX] = good[-_REACH_PX:] = False
-    good[:, :_REACH_PX] = good[:, -_REACH_PX:] = False
-    return Predicted(
+    usable = traced.clear & ~metrics.depth_edges(disparity)
+    usable[:_REACH_PX] = usable[-_REACH_PX:] = False
+    usable[:, :_REACH_PX] = usable[:, -_REACH_PX:] = False
+    return PredictedView(
         view=view,
         light=linear.image,
         columns=columns,
-        usable=_eroded(good, _REACH_PX) & _eroded(view.usable, 1),
+        usable=_eroded(usable, _REACH_PX) & _eroded(view.usable, 1),
         disparity_px=disparity,
         body=traced.body,
     )
@@ -183,17 +190,17 @@ def predict(
 _DERIVED = {DOT_BLUR: differentiable_image.DOT_VARIANCE}
 
 
-def _per_tolerance(row: Parameter, sensor: Sensor) -> float:
-    """How far a column's own variable moves while a parameter moves by its tolerance."""
-    if row.name == FIELD:  # The column is of a relative step.
+def _per_tolerance(row: CalibrationParameter, sensor: Sensor) -> float:
+    """Return the change of a column's variable for a change of the parameter by its tolerance."""
+    if row.name == FIELD:  # The column is the derivative by a relative change.
         return row.tolerance / parameters.value(sensor, FIELD)
     if row.name == DOT_BLUR:
-        return row.tolerance**2  # In variance, which unlike the width moves the image from 0 on.
+        return row.tolerance**2  # Variance, because the derivative by the width is 0 at width 0.
     return row.tolerance
 
 
-def tile_px(predicted: Sequence[Predicted]) -> int:
-    """Side of a tile that holds about six dots, from 12 to 48 px."""
+def tile_px(predicted: Sequence[PredictedView]) -> int:
+    """Return the side of a tile with about six dots, from 12 to 48 px."""
     spacing = []
     for part in predicted:
         smooth = cv2.GaussianBlur(part.light, (0, 0), 1.0)
@@ -202,20 +209,20 @@ def tile_px(predicted: Sequence[Predicted]) -> int:
     return int(np.clip(4 * round(2.5 * float(np.median(spacing)) / 4), 12, 48))
 
 
-def normal(
-    predicted: Predicted,
+def normal_equations(
+    predicted: PredictedView,
     *,
     size_px: int,
     blur_px: float,
-    variance: Variance | None,
-) -> Normal:
+    variance: LevelVariance | None,
+) -> ViewEquations:
     """Reduce a view to normal equations.
 
     Args:
-        predicted: of one view.
+        predicted: prediction of one view.
         size_px: side of a tile.
-        blur_px: sigma of a Gaussian that image and model alike are blurred by first.
-        variance: of the residual; None measures it.
+        blur_px: sigma of the Gaussian blur of image and prediction.
+        variance: variance of the residual; None measures it.
     """
     view = predicted.view
     level, light = (_blurred(image, blur_px) for image in (view.level, predicted.light))
@@ -225,26 +232,26 @@ def normal(
     if variance is None:
         even = usable.astype(np.float32)
         plain = variable_projection.eliminate(level, [light], even, size_px=size_px)
-        variance = _variance(
+        variance = _fit_variance(
             plain,
             variable_projection.cut(height, size_px),
             variable_projection.cut(usable, size_px) > 0,
         )
-    expected = variance.at(height)
+    expected = variance.at_level(height)
     weight = np.where(usable, 1 / expected, 0).astype(np.float32)
     first = variable_projection.eliminate(level, [light], weight, size_px=size_px)
-    down = variable_projection.joined(_cauchy_weight(first.residual), weight.shape, size_px)
-    fitted = variable_projection.eliminate(level, [light], weight * down, size_px=size_px)
+    robust_weight = variable_projection.join(_cauchy_weight(first.residual), weight.shape, size_px)
+    fitted = variable_projection.eliminate(level, [light], weight * robust_weight, size_px=size_px)
     residual = fitted.residual
-    slope = fitted.projected([[column] for column in columns])
+    slope = fitted.project([[column] for column in columns])
     slope = slope * (fitted.amplitude.max(axis=1) > 0)[:, None, None]
     parts = (slope.transpose(0, 2, 1) @ residual[..., None])[..., 0].astype(np.float64)
     shares = (slope.transpose(0, 2, 1) @ slope).astype(np.float64)
-    return Normal(
+    return ViewEquations(
         information=shares.sum(axis=0),
         gradient=parts.sum(axis=0),
-        scores=_clustered(parts, predicted, size_px),
-        shares=_clustered(shares, predicted, size_px),
+        scores=_sum_clusters(parts, predicted, size_px),
+        shares=_sum_clusters(shares, predicted, size_px),
         stiffness=_stiffness(first.residual),
         cost=_cauchy_cost(first.residual),
         freedom=max(first.freedom, 1),
@@ -254,35 +261,39 @@ def normal(
 
 
 def _main_body(body: NDArray[np.uint32], size_px: int) -> Mask:
-    """Pixels (h, w) of the body that fills most of their tile: others return light otherwise."""
+    """Select pixels (h, w) of each tile's main body, because bodies differ in reflectance."""
     parts = np.sort(variable_projection.cut(body, size_px), axis=1)
-    middle = parts[:, parts.shape[1] // 2]  # Of two bodies, the one with more than half.
+    middle = parts[
+        :, parts.shape[1] // 2
+    ]  # The median is the body with more than half of the pixels.
     whole = np.broadcast_to(middle[:, None], parts.shape)
-    return body == variable_projection.joined(whole, body.shape, size_px)
+    return body == variable_projection.join(whole, body.shape, size_px)
 
 
-def _clustered(parts: NDArray[np.float64], predicted: Predicted, size_px: int) -> NDArray:
-    """Sum tiles' scores over squares of the left image: both imagers' views of one place."""
+def _sum_clusters(parts: NDArray[np.float64], predicted: PredictedView, size_px: int) -> NDArray:
+    """Sum tiles' scores over squares of the left image, which pool both imagers' views."""
     shape = predicted.light.shape
     centre = variable_projection.centres((shape[0], shape[1]), size_px)
     if predicted.view.side == "right":
         known = np.nan_to_num(variable_projection.cut(predicted.disparity_px, size_px), nan=0.0)
         centre[:, 0] += np.median(known, axis=1)
     side = size_px * max(round(_CLUSTER_SHARE * shape[1] / size_px), 1)
-    place = np.floor(centre / side).astype(int)
-    wide = shape[1] // side + 2
-    number = np.clip(place[:, 0], 0, wide - 1) + place[:, 1] * wide
-    out = np.zeros((wide * (shape[0] // side + 1), *parts.shape[1:]))
-    np.add.at(out, number, parts)
-    return out
+    cell = np.floor(centre / side).astype(int)
+    columns = shape[1] // side + 2
+    number = np.clip(cell[:, 0], 0, columns - 1) + cell[:, 1] * columns
+    sums = np.zeros((columns * (shape[0] // side + 1), *parts.shape[1:]))
+    np.add.at(sums, number, parts)
+    return sums
 
 
-def _variance(fitted: variable_projection.Eliminated, height: Array, counted: Mask) -> Variance:
-    """Fit the residuals' robust variance at growing levels."""
+def _fit_variance(
+    fitted: variable_projection.EliminatedTiles, height: Array, counted: Mask
+) -> LevelVariance:
+    """Fit the variance model to robust variances of the residuals in bins of level."""
     counted = counted & fitted.used[:, None]
     level, residual = height[counted], fitted.residual[counted]
     if level.size < 10 * _BINS:
-        return Variance(max(float(np.var(residual)) if residual.size else 1.0, 1e-3), 0.0, 0.0)
+        return LevelVariance(max(float(np.var(residual)) if residual.size else 1.0, 1e-3), 0.0, 0.0)
     level = np.maximum(level, 0)
     edges = np.quantile(level, np.linspace(0, 1, _BINS + 1))
     bins = np.clip(np.searchsorted(edges, level, side="right") - 1, 0, _BINS - 1)
@@ -292,10 +303,10 @@ def _variance(fitted: variable_projection.Eliminated, height: Array, counted: Ma
         if inside.size > 30:
             rows.append(float(level[bins == number].mean()))
             spread.append((metrics.MAD_TO_SIGMA * float(np.median(np.abs(inside)))) ** 2)
-    at, wanted = np.array(rows), np.maximum(np.array(spread), 1e-6)
-    basis = np.stack([np.ones_like(at), at, at**2], axis=1) / wanted[:, None]
-    (a, b, c), _ = optimize.nnls(basis, np.ones_like(wanted))
-    return Variance(max(float(a), 1e-3), float(b), float(c))
+    levels, measured = np.array(rows), np.maximum(np.array(spread), 1e-6)
+    basis = np.stack([np.ones_like(levels), levels, levels**2], axis=1) / measured[:, None]
+    (a, b, c), _ = optimize.nnls(basis, np.ones_like(measured))
+    return LevelVariance(max(float(a), 1e-3), float(b), float(c))
 
 
 def _cauchy_weight(residual: Array) -> Array:
@@ -303,7 +314,7 @@ def _cauchy_weight(residual: Array) -> Array:
 
 
 def _stiffness(residual: Array) -> float:
-    """Mean curvature of the robust cost over its mean weight, where there are residuals."""
+    """Return the mean curvature of the robust cost over its mean weight."""
     square = (residual[residual != 0] / np.float32(_CAUCHY)) ** 2
     if square.size == 0:
         return 1.0

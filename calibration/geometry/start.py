@@ -1,9 +1,9 @@
-"""Where a fit begins: dots found again by large windows, over tens of pixels.
+"""Initial values of a geometry fit, from window matching over tens of pixels.
 
-Dots repeat every few pixels, so that a fit of images finds the right ones only from less than
-half that distance. A window that holds a hundred of them is unlike its surroundings. Windows of
-the predicted image are looked for in the observed one by normalised correlation; the shifts of
-all windows must come from one sensor, which tells right places from chance.
+Dots repeat every few pixels, so a fit of images converges only from less than half that distance.
+A window with a hundred dots is unique in its surroundings. Normalised correlation locates windows
+of the predicted image in the observed one. Shifts that are consistent with one sensor separate
+correct matches from chance.
 
 Sources: normalised correlation: Lewis, Vision Interface 1995; hypotheses from few windows, scored
 by all: Fischler and Bolles, CACM 24(6), 1981.
@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration import parameters
-from starling.calibration.geometry.residuals import View
-from starling.calibration.parameters import DOT_BLUR, FIELD, Parameter
+from starling.calibration.geometry.residuals import ImagerView
+from starling.calibration.parameters import DOT_BLUR, FIELD, CalibrationParameter
 from starling.sim import randomness
 from starling.sim.differentiable import image as differentiable_image
 from starling.sim.differentiable import light as differentiable
@@ -28,23 +28,23 @@ from starling.sim.sensor.sensor import Sensor
 
 Array = NDArray[np.float32]
 
-_WIDTH_PX = 640  # Larger images are matched at about this width.
-# (window, how far it is looked for, their distance) [px] of each round.
+_WIDTH_PX = 640  # Larger images are downsampled to about this width.
+# (window side, search range, distance of windows) of each round [px].
 _ROUNDS = ((112, 24, 40), (72, 9, 32), (56, 5, 28))
 _HYPOTHESES = 400
-_SAMPLE = 5  # Windows that make a hypothesis, with the tolerances behind them.
-_SPREAD_PX = 0.7  # Of right windows' shifts about a model's.
-_HIGH_PASS_PX = 5.0
-_LOCAL_PX = 9.0
-_LEAST_SHARE = 0.5  # Of a window that must show dots.
+_SAMPLE = 5  # Windows of a hypothesis, in addition to the prior.
+_SPREAD_PX = 0.7  # Standard deviation of correct shifts about the model.
+_HIGH_PASS_PX = 5.0  # Sigma of the subtracted local mean.
+_LOCAL_PX = 9.0  # Sigma of the local deviation.
+_LEAST_SHARE = 0.5  # Minimum valid share of a window.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Windows:
-    """Windows of all views: correlation at every shift, and how parameters would shift them."""
+    """Windows of all views: correlation by shift, and derivative of the shift by parameters."""
 
     maps: Array  # (n, 2 r + 1, 2 r + 1), y then x
-    slopes: NDArray[np.float64]  # (n, 2, p) shift x, y [px] a tolerance of each parameter
+    slopes: NDArray[np.float64]  # (n, 2, p) shift x, y [px] per tolerance of each parameter
 
     @property
     def reach(self) -> int:
@@ -52,54 +52,60 @@ class _Windows:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Start:
-    """Where a fit may begin."""
+class GeometryStart:
+    """Initial values of a fit."""
 
-    step: NDArray[np.float64]  # Of the free parameters, in tolerances.
-    correlation: float  # Median of the windows at their shifts: chance gives about 0.
+    step: NDArray[np.float64]  # Step of the free parameters, in tolerances.
+    correlation: float  # Median correlation of the windows at their shifts; chance gives about 0.
 
 
-def found(
-    views: Sequence[View], sensor: Sensor, free: Sequence[Parameter], *, seed: int = 0
-) -> Start:
-    """Find the free parameters with which the dots lie right to a fraction of a pixel.
+def find_start(
+    views: Sequence[ImagerView],
+    sensor: Sensor,
+    free: Sequence[CalibrationParameter],
+    *,
+    seed: int = 0,
+) -> GeometryStart:
+    """Estimate the free parameters so that the dots match to a fraction of a pixel.
 
     Args:
-        views: of all scenes.
-        sensor: within its tolerances of the truth.
-        free: the parameters; the dots' width stays.
-        seed: of the hypotheses.
+        views: views of all scenes.
+        sensor: initial sensor, within its tolerances of the true one.
+        free: free parameters; the dots' width is not changed.
+        seed: random seed of the hypotheses.
     """
     step, correlation = np.zeros(len(free)), 0.0
     for number, (window, reach, stride) in enumerate(_ROUNDS):
-        now = stepped(sensor, free, step)
-        windows = _matched(views, now, free, window=window, reach=reach, stride=stride)
+        current = apply_step(sensor, free, step)
+        windows = _match_windows(views, current, free, window=window, reach=reach, stride=stride)
         if len(windows.maps) == 0:
             break
-        more = np.zeros(len(free))
+        change = np.zeros(len(free))
         if number == 0:
-            more = _best_hypothesis(windows, randomness.generator(seed, 0, "start", "windows"))
-        step, correlation = _refined(windows, more, step)
-    return Start(step=step, correlation=correlation)
+            change = _best_hypothesis(windows, randomness.generator(seed, 0, "start", "windows"))
+        step, correlation = _refine(windows, change, step)
+    return GeometryStart(step=step, correlation=correlation)
 
 
-def stepped(sensor: Sensor, free: Sequence[Parameter], step: NDArray[np.float64]) -> Sensor:
-    """Move parameters by steps in units of their tolerances; the dots' width in variance."""
+def apply_step(
+    sensor: Sensor, free: Sequence[CalibrationParameter], step: NDArray[np.float64]
+) -> Sensor:
+    """Apply a step in tolerances to the parameters; the step of the dot width is in variance."""
     values = []
-    for row, part in zip(free, step, strict=True):
-        now = parameters.value(sensor, row.name)
+    for row, change in zip(free, step, strict=True):
+        old = parameters.value(sensor, row.name)
         if row.name == DOT_BLUR:
-            new = float(np.sqrt(max(now**2 + part * row.tolerance**2, 0.0)))
+            new = float(np.sqrt(max(old**2 + change * row.tolerance**2, 0.0)))
         else:
-            new = now + float(part) * row.tolerance
+            new = old + float(change) * row.tolerance
         values.append((row.name, new))
     return parameters.with_values(sensor, values)
 
 
-def _matched(
-    views: Sequence[View],
+def _match_windows(
+    views: Sequence[ImagerView],
     sensor: Sensor,
-    free: Sequence[Parameter],
+    free: Sequence[CalibrationParameter],
     *,
     window: int,
     reach: int,
@@ -111,19 +117,19 @@ def _matched(
         traced = differentiable.trace(
             view.stage, sensor, view.side, subpixels=1, reference=view.reference
         )
-        moving = tuple(row.name for row in free if row.name != DOT_BLUR)
-        flows = differentiable_image.flow(traced, moving)
-        light = _even(_shrunk(differentiable_image.formed(traced).image, shrink))
-        clear = _shrunk(traced.clear.astype(np.float32), shrink)
+        names = tuple(row.name for row in free if row.name != DOT_BLUR)
+        flows = differentiable_image.flow(traced, names)
+        light = _normalised(_downsampled(differentiable_image.form(traced).image, shrink))
+        clear = _downsampled(traced.clear.astype(np.float32), shrink)
         light *= clear
-        level = _even(_shrunk(view.level, shrink))
-        rate = np.zeros((*clear.shape, 2, len(free)), np.float32)
+        level = _normalised(_downsampled(view.level, shrink))
+        flow = np.zeros((*clear.shape, 2, len(free)), np.float32)
         for number, row in enumerate(free):
             if row.name in flows:
                 unit = row.tolerance / shrink
                 if row.name == FIELD:
                     unit /= parameters.value(sensor, FIELD)
-                rate[..., number] = _shrunk(flows[row.name], shrink) * unit
+                flow[..., number] = _downsampled(flows[row.name], shrink) * unit
         height, width = clear.shape
         for top in range(reach, height - window - reach + 1, stride):
             for left in range(reach, width - window - reach + 1, stride):
@@ -131,12 +137,12 @@ def _matched(
                 weight = clear[inside]
                 if weight.mean() < _LEAST_SHARE:
                     continue
-                around = level[
+                surroundings = level[
                     top - reach : top + window + reach, left - reach : left + window + reach
                 ]
-                maps.append(cv2.matchTemplate(around, light[inside], cv2.TM_CCOEFF_NORMED))
-                # Where nothing is seen the rate is 0 already.
-                slopes.append(rate[inside].sum(axis=(0, 1)) / weight.sum())
+                maps.append(cv2.matchTemplate(surroundings, light[inside], cv2.TM_CCOEFF_NORMED))
+                # The flow is 0 at invalid pixels.
+                slopes.append(flow[inside].sum(axis=(0, 1)) / weight.sum())
     side = 2 * reach + 1
     return _Windows(
         maps=np.array(maps, np.float32).reshape(-1, side, side),
@@ -145,99 +151,107 @@ def _matched(
 
 
 def _best_hypothesis(windows: _Windows, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Step of the parameters that most windows agree with."""
+    """Return the step with the highest mean correlation over random hypotheses (RANSAC)."""
     flat = windows.maps.reshape(len(windows.maps), -1)
     peak = flat.argmax(axis=1)
     side, reach = 2 * windows.reach + 1, windows.reach
     shift = np.stack([peak % side, peak // side], axis=1) - float(reach)
     trust = np.maximum(flat.max(axis=1), 0) ** 2
     trust /= max(trust.sum(), 1e-12)
-    best, most = np.zeros(windows.slopes.shape[2]), -np.inf
+    best, highest_score = np.zeros(windows.slopes.shape[2]), -np.inf
     count = min(_SAMPLE, len(flat))
     for _ in range(_HYPOTHESES):
-        chosen = rng.choice(len(flat), size=count, replace=False, p=_spread(trust, count))
-        step = _solved(windows.slopes[chosen], shift[chosen], np.ones(count))
-        score = float(_looked_up(windows, step).mean())
-        if score > most:
-            best, most = step, score
+        chosen = rng.choice(len(flat), size=count, replace=False, p=_probabilities(trust, count))
+        step = _solve_step(windows.slopes[chosen], shift[chosen], np.ones(count))
+        score = float(_correlation_at(windows, step).mean())
+        if score > highest_score:
+            best, highest_score = step, score
     return best
 
 
-def _spread(trust: NDArray[np.float64], count: int) -> NDArray[np.float64] | None:
-    """Chances of windows; None, all alike, where too few have any."""
+def _probabilities(trust: NDArray[np.float64], count: int) -> NDArray[np.float64] | None:
+    """Return the sampling probabilities of windows; None (uniform) if too few are nonzero."""
     return trust if np.count_nonzero(trust) > count else None
 
 
-def _looked_up(windows: _Windows, step: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Correlation (n,) of the windows at the shifts that a step gives; 0 beyond their reach."""
+def _correlation_at(windows: _Windows, step: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the correlation (n,) of the windows at the shifts of a step; 0 out of range."""
     x, y = np.rint(windows.slopes @ step).astype(int).T + windows.reach
     side = 2 * windows.reach + 1
     inside = (x >= 0) & (x < side) & (y >= 0) & (y < side)
-    at = windows.maps[np.arange(len(x)), np.clip(y, 0, side - 1), np.clip(x, 0, side - 1)]
-    return np.where(inside, at, 0.0)
+    correlation = windows.maps[np.arange(len(x)), np.clip(y, 0, side - 1), np.clip(x, 0, side - 1)]
+    return np.where(inside, correlation, 0.0)
 
 
-def _refined(
-    windows: _Windows, step: NDArray[np.float64], past: NDArray[np.float64]
+def _refine(
+    windows: _Windows, step: NDArray[np.float64], previous: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
-    """Follow the windows' nearest peaks; the whole step, and the median correlation there."""
+    """Follow the windows' nearest peaks; return the total step and the median correlation."""
     height = np.zeros(1)
     for radius in (4, 3, 2, 2):
         shift, height = _nearest_peaks(windows, windows.slopes @ step, radius)
         weight = np.maximum(height, 0) ** 2
         for _ in range(10):
-            off = np.linalg.norm(shift - windows.slopes @ step, axis=1)
-            robust = weight / (1 + (off / _SPREAD_PX) ** 2)
-            whole = shift + windows.slopes @ past
-            step = _solved(windows.slopes, whole, robust) - past
-    return past + step, float(np.median(height))
+            distance = np.linalg.norm(shift - windows.slopes @ step, axis=1)
+            robust = weight / (1 + (distance / _SPREAD_PX) ** 2)
+            total_shift = shift + windows.slopes @ previous
+            step = _solve_step(windows.slopes, total_shift, robust) - previous
+    return previous + step, float(np.median(height))
 
 
 def _nearest_peaks(
-    windows: _Windows, about: NDArray[np.float64], radius: int
+    windows: _Windows, shifts: NDArray[np.float64], radius: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Highest correlation of each window near a shift: where (n, 2), to sub-pixels, and it."""
+    """Return the sub-pixel position (n, 2) and height of each window's peak near a shift."""
     reach = windows.reach
-    place = np.clip(np.rint(about).astype(int), radius - reach + 1, reach - radius - 1) + reach
-    shift, height = np.zeros(about.shape), np.zeros(len(about))
-    for number, (x, y) in enumerate(place):
-        near = windows.maps[number, y - radius : y + radius + 1, x - radius : x + radius + 1]
-        down, across = np.unravel_index(int(near.argmax()), near.shape)
+    centres = np.clip(np.rint(shifts).astype(int), radius - reach + 1, reach - radius - 1) + reach
+    shift, height = np.zeros(shifts.shape), np.zeros(len(shifts))
+    for number, (x, y) in enumerate(centres):
+        neighbourhood = windows.maps[
+            number, y - radius : y + radius + 1, x - radius : x + radius + 1
+        ]
+        down, across = np.unravel_index(int(neighbourhood.argmax()), neighbourhood.shape)
         top, left = int(y - radius + down), int(x - radius + across)
-        height[number] = near.max()
+        height[number] = neighbourhood.max()
         shift[number] = left - reach, top - reach
         if 0 < left < 2 * reach and 0 < top < 2 * reach:
-            one = windows.maps[number]
-            shift[number, 0] += _vertex(one[top, left - 1], one[top, left], one[top, left + 1])
-            shift[number, 1] += _vertex(one[top - 1, left], one[top, left], one[top + 1, left])
+            correlation = windows.maps[number]
+            shift[number, 0] += _vertex(
+                correlation[top, left - 1], correlation[top, left], correlation[top, left + 1]
+            )
+            shift[number, 1] += _vertex(
+                correlation[top - 1, left], correlation[top, left], correlation[top + 1, left]
+            )
     return shift, height
 
 
-def _vertex(before: float, at: float, after: float) -> float:
-    """Where a parabola through three samples peaks, from the middle one."""
-    bend = before - 2 * at + after
-    return float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < -1e-9 else 0.0
+def _vertex(before: float, middle: float, after: float) -> float:
+    """Return the peak of a parabola through three samples, from the middle one."""
+    curvature = before - 2 * middle + after
+    return (
+        float(np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)) if curvature < -1e-9 else 0.0
+    )
 
 
-def _solved(
+def _solve_step(
     slopes: NDArray[np.float64], shift: NDArray[np.float64], weight: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Most likely step: tolerances of one behind shifts of some deviation."""
+    """Return the maximum a posteriori step: unit prior, shifts of deviation `_SPREAD_PX`."""
     root = np.sqrt(np.repeat(weight, 2)) / _SPREAD_PX
     matrix = slopes.reshape(-1, slopes.shape[2]) * root[:, None]
     normal = matrix.T @ matrix + np.eye(matrix.shape[1])
     return np.asarray(np.linalg.solve(normal, matrix.T @ (shift.ravel() * root)), np.float64)
 
 
-def _even(image: Array) -> Array:
-    """High-passed image over its local deviation."""
+def _normalised(image: Array) -> Array:
+    """Return the high-passed image over its local deviation."""
     high = image - cv2.GaussianBlur(image, (0, 0), _HIGH_PASS_PX)
     local = cv2.GaussianBlur(high * high, (0, 0), _LOCAL_PX)
     floor = np.float32(0.05 * max(float(local.mean()), 1e-20))
     return np.asarray(high / np.sqrt(local + floor), np.float32)
 
 
-def _shrunk(image: Array, factor: int) -> Array:
+def _downsampled(image: Array, factor: int) -> Array:
     if factor == 1:
         return image.astype(np.float32)
     height, width = (length // factor * factor for length in image.shape[:2])

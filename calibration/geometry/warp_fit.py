@@ -1,8 +1,8 @@
-"""Fit what no lens model holds: a smooth map of disparity errors that stays with the camera.
+"""Fit a smooth map of disparity errors of the camera that the lens model does not explain.
 
-Captured and simulated pairs of the same surface are matched alike. Where their disparities differ
-by the same amount in all rooms, one image is warped against the other. Medians of cells are taken,
-so that neither noise nor edges of things count.
+The same matcher runs on captured and simulated pairs of a surface. A disparity difference that is
+equal in all rooms is a warp of one image against the other. The fit uses medians of cells, which
+are robust against noise and object edges.
 """
 
 from __future__ import annotations
@@ -25,18 +25,17 @@ from starling.sim.stereo.matching import match, readable
 from starling.sim.stereo.memory import Memory
 
 NAME = "right.alignment.warp_px"
-COLUMNS = 32  # Cells across the image; down as many as make them square.
+COLUMNS = 32  # Columns of cells; rows follow from square cells.
 FEWEST_ROOMS = 2
-_KNOWN = 0.2  # Least share of a cell's pixels that both pairs have.
-_FARTHEST_PX = 1.5  # Differences beyond are wrong matches.
+_KNOWN = 0.2  # Minimum share of a cell's pixels with disparity in both pairs.
+_FARTHEST_PX = 1.5  # Larger differences are wrong matches.
 _SPREAD = 0.7  # Sigma of the smoothing over cells [cell].
-_DIGITS = 4
-_ROUNDS = (
-    2  # A matcher's bias goes with the fraction of a pixel: in the second round both have one.
-)
+_DIGITS = 4  # Decimals of the written warp.
+# Matcher bias depends on the fraction of the disparity, which agrees in the second round.
+_ROUNDS = 2
 _OPEN = (
-    "Which imager is warped is not told: the right one is given all of it, errors of the reference "
-    "that are the same in all rooms included."
+    "Which imager is warped cannot be determined: the right imager takes the whole warp, including "
+    "errors of the reference that are equal in all rooms."
 )
 
 Cells = NDArray[np.float64]
@@ -46,18 +45,22 @@ def fit_warp(observations: Sequence[Observation], sensor: Sensor) -> Solution:
     """Fit the right image's warp to the disparities of captured pairs.
 
     Args:
-        observations: of two rooms at least, loaded with `heldout.SMOOTHING_PX`.
-        sensor: whose other geometry is right.
+        observations: observations of at least two rooms, loaded with `heldout.SMOOTHING_PX`.
+        sensor: sensor with all other geometry calibrated.
 
     Returns:
-        The sensor with the warp, and as estimate its root mean square over the image, with that of
-        its deviation over rooms.
+        The sensor with the warp. The estimate is the warp's root mean square over the image, with
+        the root mean square of its standard error over rooms.
 
     Raises:
         InputError: if there are too few rooms with pairs and surfaces.
     """
-    usable = [one for one in observations if one.right is not None and one.scene is not None]
-    rooms = list(dict.fromkeys(one.room for one in usable))
+    usable = [
+        observation
+        for observation in observations
+        if observation.right is not None and observation.scene is not None
+    ]
+    rooms = list(dict.fromkeys(observation.room for observation in usable))
     if len(rooms) < FEWEST_ROOMS:
         raise errors.refuse(
             "captures",
@@ -66,18 +69,30 @@ def fit_warp(observations: Sequence[Observation], sensor: Sensor) -> Solution:
             "Capture another room, or leave out warp.",
         )
     memory = Memory(most=len(usable))
-    fitted, of_rooms = sensor, np.empty(0)
+    fitted, room_cells = sensor, np.empty(0)
     for _ in range(_ROUNDS):
-        seen = [(one.room, difference(one, fitted, memory=memory)) for one in usable]
-        of_rooms = np.stack(
-            [mean_known(np.stack([made for own, made in seen if own == room]), 0) for room in rooms]
+        differences = [
+            (observation.room, difference(observation, fitted, memory=memory))
+            for observation in usable
+        ]
+        room_cells = np.stack(
+            [
+                mean_known(
+                    np.stack([cells for cell_room, cells in differences if cell_room == room]), 0
+                )
+                for room in rooms
+            ]
         )
-        fitted = _with(fitted, _cells(fitted, of_rooms.shape[1:]) - _smoothed(of_rooms))
-    known = np.isfinite(of_rooms).sum(axis=0)
+        fitted = _with_warp(
+            fitted, _cells(fitted, room_cells.shape[1:]) - _smooth_rooms(room_cells)
+        )
+    known = np.isfinite(room_cells).sum(axis=0)
     counted = known >= FEWEST_ROOMS
-    spread = np.nanstd(of_rooms[:, counted], axis=0, ddof=1) / np.sqrt(known[counted])
-    begun, ended = (_rms(_cells(one, known.shape)) for one in (sensor, fitted))
-    estimate = Estimate(name=NAME, value=ended, sd=_rms(spread), unit="px", start=begun)
+    spread = np.nanstd(room_cells[:, counted], axis=0, ddof=1) / np.sqrt(known[counted])
+    initial_px, fitted_px = (
+        _rms(_cells(observation, known.shape)) for observation in (sensor, fitted)
+    )
+    estimate = Estimate(name=NAME, value=fitted_px, sd=_rms(spread), unit="px", start=initial_px)
     return Solution(
         estimates=(estimate,),
         covariance=np.array([[estimate.sd**2]]),
@@ -88,81 +103,81 @@ def fit_warp(observations: Sequence[Observation], sensor: Sensor) -> Solution:
 
 
 def difference(observation: Observation, sensor: Sensor, *, memory: Memory | None = None) -> Cells:
-    """Disparity of a captured pair less that of the simulated one [px].
+    """Compute captured minus simulated disparity [px].
 
     Args:
-        observation: with a pair and a surface, loaded with `heldout.SMOOTHING_PX`.
-        sensor: that it is simulated with.
-        memory: of searches of captured pairs.
+        observation: scene with a pair and a surface, loaded with `heldout.SMOOTHING_PX`.
+        sensor: sensor of the simulation.
+        memory: cache of matched captured pairs.
 
     Returns:
-        (rows, COLUMNS) medians of cells of the right image, NaN where too little is known.
+        (rows, COLUMNS) medians of cells of the right image, NaN with too few pixels.
     """
     assert observation.left is not None and observation.right is not None
     scale = sensor.projector.pattern_scale
     simulated, _ = heldout.simulate(observation.stage, sensor, scale)
-    captured = _matched(observation.left, observation.right, sensor, memory)
-    expected = _matched(simulated["left"], simulated["right"], sensor)
-    apart = captured - expected
-    apart[np.abs(apart) > _FARTHEST_PX] = np.nan
-    return _medians(apart, expected)
+    captured = _match_pair(observation.left, observation.right, sensor, memory)
+    expected = _match_pair(simulated["left"], simulated["right"], sensor)
+    difference_px = captured - expected
+    difference_px[np.abs(difference_px) > _FARTHEST_PX] = np.nan
+    return _medians(difference_px, expected)
 
 
-def _matched(
+def _match_pair(
     left: NDArray, right: NDArray, sensor: Sensor, memory: Memory | None = None
 ) -> NDArray[np.float32]:
     ceiling = sensor.left.ceiling_dn
     kind = np.uint8 if ceiling <= np.iinfo(np.uint8).max else np.uint16
     bits = int(ceiling).bit_length()
     first, second = (
-        readable(np.clip(np.rint(one), 0, ceiling).astype(kind), bits) for one in (left, right)
+        readable(np.clip(np.rint(image), 0, ceiling).astype(kind), bits) for image in (left, right)
     )
     return match(first, second, sensor.matcher, memory=memory).disparity_px
 
 
 def _medians(values: NDArray[np.float32], disparity_px: NDArray[np.float32]) -> Cells:
-    """Medians over cells of the right image, where a match lies."""
+    """Return medians over cells of the right image, at the matched columns."""
     height, width = values.shape
     rows = max(1, round(COLUMNS * height / width))
     row, column = np.nonzero(np.isfinite(values))
-    there = column - disparity_px[row, column]
-    inside = (there > -0.5) & (there < width - 0.5)
-    row, there, known = row[inside], there[inside], values[row, column][inside]
-    cell = row * rows // height * COLUMNS + ((there + 0.5) * COLUMNS / width).astype(int)
+    right_column = column - disparity_px[row, column]
+    inside = (right_column > -0.5) & (right_column < width - 0.5)
+    row, right_column, known = row[inside], right_column[inside], values[row, column][inside]
+    cell = row * rows // height * COLUMNS + ((right_column + 0.5) * COLUMNS / width).astype(int)
     order = np.argsort(cell, kind="stable")
     ends = np.searchsorted(cell[order], np.arange(rows * COLUMNS + 1))
     least = _KNOWN * height * width / (rows * COLUMNS)
-    found = np.full(rows * COLUMNS, np.nan)
+    medians = np.full(rows * COLUMNS, np.nan)
     for number, (first, end) in enumerate(itertools.pairwise(ends)):
         if end - first >= max(1, least):
-            found[number] = np.median(known[order[first:end]])
-    return found.reshape(rows, COLUMNS)
+            medians[number] = np.median(known[order[first:end]])
+    return medians.reshape(rows, COLUMNS)
 
 
-def _smoothed(of_rooms: Cells) -> Cells:
-    """Mean over rooms and cells nearby; of cells that too few rooms know what those nearby have."""
-    known = np.isfinite(of_rooms).sum(axis=0)
+def _smooth_rooms(room_cells: Cells) -> Cells:
+    """Smooth the mean over rooms; cells with too few rooms take the value of their neighbours."""
+    known = np.isfinite(room_cells).sum(axis=0)
     weight = np.where(known >= FEWEST_ROOMS, known, 0).astype(float)
-    mean = np.where(weight > 0, np.nan_to_num(mean_known(of_rooms, 0)), 0.0)
-    near, total = (
-        cv2.GaussianBlur(one, (0, 0), _SPREAD, borderType=cv2.BORDER_CONSTANT)
-        for one in (mean * weight, weight)
+    mean = np.where(weight > 0, np.nan_to_num(mean_known(room_cells, 0)), 0.0)
+    weighted, total = (
+        cv2.GaussianBlur(values, (0, 0), _SPREAD, borderType=cv2.BORDER_CONSTANT)
+        for values in (mean * weight, weight)
     )
-    return np.where(total > 0, near / np.where(total > 0, total, 1.0), 0.0)
+    return np.where(total > 0, weighted / np.where(total > 0, total, 1.0), 0.0)
 
 
-def _with(sensor: Sensor, cells: Cells) -> Sensor:
+def _with_warp(sensor: Sensor, cells: Cells) -> Sensor:
     warp = tuple(tuple(map(float, row)) for row in np.round(cells, _DIGITS))
     aligned = dataclasses.replace(sensor.right.alignment, warp_px=warp)
     return dataclasses.replace(sensor, right=dataclasses.replace(sensor.right, alignment=aligned))
 
 
 def _cells(sensor: Sensor, shape: tuple[int, ...]) -> Cells:
-    """The warp that the sensor has already, in as many cells."""
-    begun = sensor.right.alignment.warp_px
-    if not begun:
+    """Resample the sensor's current warp to a shape of cells."""
+    warp = sensor.right.alignment.warp_px
+    if not warp:
         return np.zeros(shape)
-    resized = cv2.resize(np.array(begun), shape[::-1], interpolation=cv2.INTER_CUBIC)
+    resized = cv2.resize(np.array(warp), shape[::-1], interpolation=cv2.INTER_CUBIC)
     return resized.astype(np.float64)
 
 

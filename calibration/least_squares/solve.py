@@ -1,8 +1,8 @@
-"""Levenberg-Marquardt over few parameters, in stages from coarse to fine.
+"""Levenberg-Marquardt for few parameters, with a coarse and a fine stage.
 
-Steps are in units of the parameters' tolerances, and so is the one thing that is believed before
-any capture: that a unit is within its tolerances of where the fit begins. It weighs nothing against
-what the captures determine, and holds the rest in place.
+Steps are in units of the parameters' tolerances. The prior is standard normal in these units,
+about the initial value. It is negligible for parameters that the captures determine, and keeps
+the others near their initial value.
 
 Sources: Marquardt, SIAM J. 11(2), 1963; robust weights by iteration: Holland and Welsch,
 Comm. Stat. A6(9), 1977.
@@ -19,26 +19,26 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 
-_DAMPING = 1e-5  # The least, of the information's diagonal, where an undamped step fails.
-_WORST = 1e4  # Damping beyond which no step helps.
-_MOST_STEPS = 10  # In each stage.
-_DONE = 0.05  # Squared step in its standard deviations below which no other is tried.
-_COARSE_DONE = 3.0  # Likewise where a finer stage follows.
-# Rise of the mean cost, of itself, that is no worse: with a step a few pixels come and go.
+_DAMPING = 1e-5  # First damping after a failed step, relative to the information's diagonal.
+_WORST = 1e4  # Maximum damping.
+_MOST_STEPS = 10  # Maximum steps of a stage.
+_DONE = 0.05  # Squared step below which a stage ends [squared standard deviations].
+_COARSE_DONE = 3.0  # The same for the coarse stage.
+# Permitted relative rise of the mean cost, because a step changes which pixels are used.
 _NOTHING = 1e-3
 
 
 class Equations(Protocol):
-    """Normal equations at one place."""
+    """Normal equations at one parameter vector."""
 
     @property
     def information(self) -> NDArray[np.float64]:
-        """(p, p) of the parameters in tolerances."""
+        """Information matrix (p, p), parameters in tolerances."""
         ...
 
     @property
     def gradient(self) -> Vector:
-        """(p,) of half the cost."""
+        """Gradient (p,) of half the cost."""
         ...
 
     @property
@@ -48,57 +48,60 @@ class Equations(Protocol):
 
     @property
     def deviation(self) -> float:
-        """Mean variance that residuals were weighed with."""
+        """Mean variance of the residuals' weights."""
         ...
 
     @property
     def freedom(self) -> int:
-        """Residuals less what was fitted to them beside the parameters."""
+        """Degrees of freedom: residuals minus eliminated coefficients."""
         ...
 
 
 E = TypeVar("E", bound=Equations)
-# Equations after a step, weighed as given ones were; None weighs anew.
+# Returns the equations after a step. It uses the weights of the second argument, or new weights
+# if that is None.
 Evaluate = Callable[[Vector, E | None], E]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Solved(Generic[E]):
-    """Where the steps ended."""
+class SolveResult(Generic[E]):
+    """Result of the steps."""
 
-    step: Vector  # (p,) from where the fit begins, in tolerances.
+    step: Vector  # (p,) total step from the initial parameters, in tolerances.
     equations: E
-    costs: tuple[float, ...]  # Mean squared residual of the last stage, 1 at its end.
+    costs: tuple[float, ...]  # Mean squared residual in the last stage, over its final value.
 
 
-def solve(coarse: Evaluate[E], fine: Evaluate[E], step: Vector, *, inflation: float) -> Solved[E]:
-    """Minimise the robust cost and the squared step together, first roughly on coarse residuals.
+def solve(
+    coarse: Evaluate[E], fine: Evaluate[E], step: Vector, *, inflation: float
+) -> SolveResult[E]:
+    """Minimise robust cost plus squared step, first on coarse and then on fine residuals.
 
     Args:
-        coarse: equations of images blurred alike.
-        fine: equations of the images as they are.
-        step: (p,) to begin with, in tolerances.
-        inflation: variance of sums of coarse residuals over what it were if they were
-            independent: smoothed images seem surer than they are.
+        coarse: equations of blurred images.
+        fine: equations of the original images.
+        step: (p,) initial step, in tolerances.
+        inflation: variance of sums of coarse residuals over that of independent residuals. It
+            corrects for the correlation that blur adds.
     """
-    step, _, _ = _descended(coarse, step, done=_COARSE_DONE * inflation)
-    step, equations, costs = _descended(fine, step, done=_DONE)
-    return Solved(step=step, equations=equations, costs=tuple(cost / costs[-1] for cost in costs))
+    step, _, _ = _descend(coarse, step, done=_COARSE_DONE * inflation)
+    step, equations, costs = _descend(fine, step, done=_DONE)
+    return SolveResult(
+        step=step, equations=equations, costs=tuple(cost / costs[-1] for cost in costs)
+    )
 
 
-def _descended(
-    evaluate: Evaluate[E], step: Vector, *, done: float
-) -> tuple[Vector, E, list[float]]:
-    """Step until it is short: where to, the equations there, and the mean cost on the way."""
+def _descend(evaluate: Evaluate[E], step: Vector, *, done: float) -> tuple[Vector, E, list[float]]:
+    """Step until steps are short; return the last step, its equations and the mean costs."""
     equations = evaluate(step, None)
     costs = [_mean(equations)]
     damping = 0.0
     for _ in range(_MOST_STEPS):
-        trial, length, damping = _tried(evaluate, equations, step, damping, done)
+        trial, length, damping = _try_step(evaluate, equations, step, damping, done)
         if trial is None:
             break
         step = trial
-        if length < done:  # The equations are still right.
+        if length < done:  # The step is too short to change the equations.
             break
         equations = evaluate(step, None)
         costs.append(_mean(equations))
@@ -109,31 +112,34 @@ def _mean(equations: Equations) -> float:
     return equations.cost / equations.freedom * equations.deviation
 
 
-def _tried(
+def _try_step(
     evaluate: Evaluate[E],
     equations: E,
     step: Vector,
     damping: float,
     done: float,
 ) -> tuple[Vector | None, float, float]:
-    """One step that lowers the cost, the squared way left in deviations, and the damping after.
+    """Take one step that lowers the cost.
 
-    A step too short to matter is not looked at again.
+    Returns the step, the squared length of the undamped step in standard deviations, and the new
+    damping. A step shorter than `done` is accepted without evaluation.
     """
     information = equations.information + np.eye(len(step))
     cost = (equations.cost + float(step @ step)) / equations.freedom
     downhill = -(equations.gradient + step)
-    # Damping shortens steps most where least is known, so that a damped one says nothing of the
-    # way that is left.
-    whole = np.linalg.solve(information, downhill)
-    length = float(whole @ information @ whole)
+    # Convergence is judged on the undamped step, because damping shortens poorly determined steps.
+    full_step = np.linalg.solve(information, downhill)
+    length = float(full_step @ information @ full_step)
     if length < done:
-        return step + whole, length, damping
+        return step + full_step, length, damping
     scale = np.diag(np.diagonal(information))
     while damping < _WORST:
         trial = step + np.linalg.solve(information + damping * scale, downhill)
-        there = evaluate(trial, equations)
-        mean = there.cost / there.freedom + float(trial @ trial) / equations.freedom
+        trial_equations = evaluate(trial, equations)
+        mean = (
+            trial_equations.cost / trial_equations.freedom
+            + float(trial @ trial) / equations.freedom
+        )
         if mean < (1 + _NOTHING) * cost:
             return trial, length, damping / 10 if damping > _DAMPING else 0.0
         damping = max(10 * damping, _DAMPING)

@@ -1,17 +1,17 @@
-"""Variable projection by tiles: what a surface does to the light is eliminated place by place.
+"""Variable projection by tiles: eliminate unknown reflectance, ambient light and gain locally.
 
-An image is cut into square tiles. In each the observed levels are fitted by weighted linear least
-squares with a plane and the predicted layers of light,
+An image is cut into square tiles. In each tile, weighted linear least squares fits a plane and the
+predicted layers of light to the observed levels,
 
-    y = c0 + c1 x + c2 y + sum_k a_k T_k + noise,
+    y = c0 + c1 x + c2 y + sum_k a_k T_k + noise.
 
-so that reflectance, ambient light, gain, black level and falloff, none of which is known, drop out
-of what is left: how the dots lie and how they are shaped. Residual and derivatives are
-projected onto what the tile's basis cannot explain.
+This removes the unknown reflectance, ambient light, gain, black level and falloff. The remaining
+information is the position and shape of the dots. Residual and derivatives are projected onto the
+orthogonal complement of the tile's basis.
 
-`starling.calibration.least_squares.tiles` eliminates less, a reflectance that several images share, and from
-products of columns; here each image's strengths are its own, and a pixel that fits badly must be
-seen to count less.
+`starling.calibration.least_squares.tiles` eliminates only a reflectance that several images share,
+and works on products of columns. Here each image has its own strengths, and robust weights need the
+residuals of single pixels.
 
 Sources: Golub and Pereyra, SIAM J. Numer. Anal. 10(2), 1973 (variable projection); Kaufman, BIT 15,
 1975 (the derivative without its second term, which is small where residuals are).
@@ -28,60 +28,60 @@ from numpy.typing import NDArray
 from starling.patterns import errors
 
 Array = NDArray[np.float32]
-_PLANE = 3  # Columns of a tile's basis that are not light: 1, x, y.
-_LEAST_SHARE = 0.35  # Of its pixels that a tile must keep to count.
-_RIDGE = 1e-6  # Of a basis whose columns have unit norm: keeps equal columns apart.
+_PLANE = 3  # Number of basis columns of the plane: 1, x, y.
+_LEAST_SHARE = 0.35  # Minimum share of used pixels in a tile.
+_RIDGE = 1e-6  # Eigenvalue below which a direction of the unit-norm basis is dropped.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Eliminated:
-    """An image of which the tiles' bases have been fitted; n tiles of m pixels, k layers."""
+class EliminatedTiles:
+    """Fit of an image's tiles: n tiles of m pixels, k layers."""
 
-    residual: Array  # (n, m) weighted, observed less fitted; 0 where a pixel does not count.
-    amplitude: Array  # (n, k) of each layer, >= 0.
-    used: NDArray[np.bool_]  # (n,) tiles that count.
-    pixels: int  # That count, in all.
-    freedom: int  # Pixels that count, less the coefficients fitted to them.
+    residual: Array  # (n, m) weighted, observed minus fitted; 0 for unused pixels.
+    amplitude: Array  # (n, k) strength of each layer, >= 0.
+    used: NDArray[np.bool_]  # (n,) used tiles.
+    pixels: int  # Number of used pixels.
+    freedom: int  # Degrees of freedom: used pixels minus fitted coefficients.
     _root: Array  # (n, m) square roots of the weights.
     _basis: Array  # (n, m, k + 3) orthonormal, weighted.
     _size: int
 
-    def unweighed(self, weight: Array) -> Array:
-        """Residuals (n, m) as other weights (h, w) have them; 0 where a pixel does not count."""
+    def reweighted(self, weight: Array) -> Array:
+        """Return the residuals (n, m) with other weights (h, w); 0 for unused pixels."""
         root = np.sqrt(cut(np.asarray(weight, np.float32), self._size))
-        back = root / np.where(self._root > 0, self._root, np.float32(np.inf))
-        return np.asarray(self.residual * back, np.float32)
+        ratio = root / np.where(self._root > 0, self._root, np.float32(np.inf))
+        return np.asarray(self.residual * ratio, np.float32)
 
-    def projected(self, columns: Sequence[Sequence[Array]]) -> Array:
-        """Derivative of the residual by each parameter.
+    def project(self, columns: Sequence[Sequence[Array]]) -> Array:
+        """Compute the derivative of the residual by each parameter.
 
         Args:
-            columns: of each parameter, the derivatives of all k layers, (h, w) each.
+            columns: for each parameter, the derivatives of all k layers, (h, w) each.
 
         Returns:
             (n, m, p).
         """
         n, m = self.residual.shape
-        out = np.empty((n, m, len(columns)), np.float32)
+        derivative = np.empty((n, m, len(columns)), np.float32)
         for number, layers in enumerate(columns):
             change = np.zeros((n, m), np.float32)
             for k, layer in enumerate(layers):
                 change += self.amplitude[:, k, None] * cut(layer, self._size)
-            out[:, :, number] = -self._root * change
-        out -= self._basis @ (self._basis.transpose(0, 2, 1) @ out)
-        return out
+            derivative[:, :, number] = -self._root * change
+        derivative -= self._basis @ (self._basis.transpose(0, 2, 1) @ derivative)
+        return derivative
 
 
 def cut(image: NDArray, size_px: int) -> NDArray:
-    """Cut (h, w) into tiles (n, size^2), row by row, dropping the rest at the right and below."""
+    """Cut (h, w) into tiles (n, size^2), row by row; incomplete tiles are dropped."""
     rows, columns = (length // size_px for length in image.shape)
     parts = image[: rows * size_px, : columns * size_px]
     parts = parts.reshape(rows, size_px, columns, size_px).swapaxes(1, 2)
     return parts.reshape(rows * columns, size_px * size_px)
 
 
-def joined(parts: NDArray, shape: tuple[int, ...], size_px: int) -> NDArray:
-    """Put tiles (n, size^2) together as an image (h, w), 0 where there was no whole tile."""
+def join(parts: NDArray, shape: tuple[int, ...], size_px: int) -> NDArray:
+    """Assemble tiles (n, size^2) to an image (h, w), 0 outside complete tiles."""
     rows, columns = (length // size_px for length in shape)
     image = np.zeros(shape, parts.dtype)
     tiles = parts.reshape(rows, columns, size_px, size_px).swapaxes(1, 2)
@@ -90,7 +90,7 @@ def joined(parts: NDArray, shape: tuple[int, ...], size_px: int) -> NDArray:
 
 
 def centres(shape: tuple[int, ...], size_px: int) -> NDArray[np.float64]:
-    """Image coordinates (x, y) of the tiles' centres (n, 2), in the order of `cut`."""
+    """Return image coordinates (x, y) of the tiles' centres (n, 2), in the order of `cut`."""
     rows, columns = (length // size_px for length in shape)
     y, x = np.mgrid[:rows, :columns]
     return (np.stack([x, y], axis=-1).reshape(-1, 2) + 0.5) * size_px - 0.5
@@ -98,19 +98,19 @@ def centres(shape: tuple[int, ...], size_px: int) -> NDArray[np.float64]:
 
 def eliminate(
     observed: Array, layers: Sequence[Array], weight: Array, *, size_px: int
-) -> Eliminated:
-    """Fit a plane and layers of light to every tile.
+) -> EliminatedTiles:
+    """Fit a plane and layers of light to each tile.
 
-    Layers of light that would have to be negative are left out of their tile.
+    A layer with a negative strength is removed from its tile.
 
     Args:
         observed: (h, w) [DN], linear in light.
         layers: k predicted images (h, w) of any scale.
-        weight: (h, w) inverse variances [1 / DN^2], 0 where a pixel does not count.
+        weight: (h, w) inverse variances [1 / DN^2], 0 for unused pixels.
         size_px: side of a tile.
 
     Raises:
-        InputError: if the images differ in shape, or hold no whole tile.
+        InputError: if the images differ in shape, or are smaller than a tile.
 
     Source: Golub and Pereyra (1973), sec. 2.
     """
@@ -136,7 +136,7 @@ def eliminate(
     orthonormal = basis @ spread
     residual = level - (orthonormal @ (orthonormal.transpose(0, 2, 1) @ level[..., None]))[..., 0]
     pixels = int(counted[used].sum())
-    return Eliminated(
+    return EliminatedTiles(
         residual=residual,
         amplitude=amplitude.astype(np.float32),
         used=used,
@@ -149,10 +149,9 @@ def eliminate(
 
 
 def _basis(root: Array, light: list[Array], size_px: int) -> tuple[Array, Array]:
-    """Weighted basis (n, m, k + 3) of unit columns, and the layers' norms (n, k).
+    """Return the weighted basis (n, m, k + 3) of unit columns, and the layers' norms (n, k).
 
-    Layers are taken about their weighted mean, which changes nothing that the basis can fit and
-    keeps it well conditioned.
+    Layers are centred at their weighted mean. This keeps the span and improves conditioning.
     """
     axis = np.linspace(-1, 1, size_px, dtype=np.float32)
     y, x = (a.ravel() for a in np.meshgrid(axis, axis, indexing="ij"))
@@ -165,11 +164,11 @@ def _basis(root: Array, light: list[Array], size_px: int) -> tuple[Array, Array]
 
 
 def _fit(basis: Array, level: Array) -> tuple[NDArray[np.float64], Array]:
-    """Coefficients (n, k + 3), and what makes the basis orthonormal (n, k + 3, k + 3)."""
+    """Return coefficients (n, k + 3) and the orthonormalising matrix (n, k + 3, k + 3)."""
     gram = (basis.transpose(0, 2, 1) @ basis).astype(np.float64)
     value, vector = np.linalg.eigh(gram)
     inverse = np.where(value > _RIDGE, 1 / np.sqrt(np.maximum(value, _RIDGE)), 0)
     spread = vector * inverse[:, None, :]
-    at = (basis.transpose(0, 2, 1) @ level[..., None]).astype(np.float64)
-    fitted = (spread @ (spread.transpose(0, 2, 1) @ at))[..., 0]
+    moments = (basis.transpose(0, 2, 1) @ level[..., None]).astype(np.float64)
+    fitted = (spread @ (spread.transpose(0, 2, 1) @ moments))[..., 0]
     return fitted, spread.astype(np.float32)

@@ -1,1 +1,1 @@
-"""The projector's pattern and emitters, recovered from captures."""
+"""Recover the projector's pattern and emitters from captures."""

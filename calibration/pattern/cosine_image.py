@@ -1,4 +1,4 @@
-"""An image over direction cosines: read, and added to, between its pixels."""
+"""Bilinear reading of, and accumulation in, an image over direction cosines."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Array = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Grid:
-    """Pixels over direction cosines, the axis in the middle."""
+    """Pixel grid over direction cosines, centred on the axis."""
 
     half_a: float  # Largest |a|.
     half_b: float
-    step: float  # Cosine a pixel.
+    step: float  # Cosine per pixel.
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -29,13 +29,13 @@ class Grid:
         ) + 1
 
     def place(self, cosines: Array) -> Array:
-        """Pixel coordinates (n, 2), x and y, of cosines (n, 2)."""
+        """Convert cosines (n, 2) to pixel coordinates x, y (n, 2)."""
         height, width = self.shape
         middle = np.array([(width - 1) / 2, (height - 1) / 2], np.float32)
         return cosines * np.float32(1 / self.step) + middle
 
     def cosines(self) -> tuple[Array, Array]:
-        """Cosines a (w,) of the columns and b (h,) of the rows."""
+        """Return the cosines a (w,) of the columns and b (h,) of the rows."""
         height, width = self.shape
         return (
             (np.arange(width) - (width - 1) / 2) * self.step,
@@ -45,7 +45,7 @@ class Grid:
 
 @nb.njit(nogil=True, cache=True)
 def read(image, place, out):  # pragma: no cover - compiled
-    """Add to `out` (n,) the image between its pixels at `place` (n, 2); nothing outside."""
+    """Add the bilinearly interpolated image at `place` (n, 2) to `out` (n,); 0 outside."""
     h, w = image.shape
     for i in range(out.size):
         x, y = place[i, 0], place[i, 1]
@@ -59,7 +59,7 @@ def read(image, place, out):  # pragma: no cover - compiled
 
 @nb.njit(nogil=True, cache=True)
 def slope(image, place, out):  # pragma: no cover - compiled
-    """Write to `out` (n, 2) the image's slope at `place` (n, 2) [1 / pixel]; 0 outside."""
+    """Write the image's gradient at `place` (n, 2) to `out` (n, 2) [1 / pixel]; 0 outside."""
     h, w = image.shape
     for i in range(out.shape[0]):
         x, y = place[i, 0], place[i, 1]
@@ -78,7 +78,7 @@ def slope(image, place, out):  # pragma: no cover - compiled
 
 @nb.njit(nogil=True, cache=True)
 def add(image, place, values):  # pragma: no cover - compiled
-    """Add `values` (n,) to the image's pixels about `place` (n, 2): the transpose of `read`."""
+    """Add `values` (n,) to the image's pixels around `place` (n, 2): the transpose of `read`."""
     h, w = image.shape
     for i in range(values.size):
         x, y = place[i, 0], place[i, 1]

@@ -1,7 +1,7 @@
-"""In which direction from an emitter surface points lie, and how that moves with its place.
+"""Direction cosines of surface points from an emitter, and their derivatives.
 
-Directions are cosines (a, b) about the projector's axes: a diffractive element lays its dots evenly
-in them, and a laser whose wavelength drifts by a share scales them by it about the axis.
+The cosines (a, b) refer to the projector's axes. The dots of a diffractive element are regular in
+them. A relative change of the laser's wavelength scales them about the axis.
 """
 
 from __future__ import annotations
@@ -16,63 +16,64 @@ from starling.sim.geometry import frames
 
 Array = NDArray[np.floating[Any]]
 
-PLACE = ("x", "y", "z")  # Names of what `partials` are with respect to, in their order.
+# Names of the parameters of the derivatives below, in order.
+PLACE = ("x", "y", "z")
 TURN = ("pitch", "yaw")
 RIGHT = ("offset_y", "roll", "offset_x", "focal_baseline")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Alignment:
-    """How the right image lies off where its pixels' rays say, in pixels."""
+class RightAlignment:
+    """Shift of the right image against its nominal rays."""
 
-    offset_y: float = 0.0  # Down [px].
-    roll: float = 0.0  # Clockwise: shift at a tangent of 1 [px].
-    offset_x: float = 0.0  # To the right [px].
-    focal_baseline: float = 0.0  # To the right, of a point at 1 m [px m]: less f b than believed.
+    offset_y: float = 0.0  # Downward shift [px].
+    roll: float = 0.0  # Clockwise rotation, as the shift at a tangent of 1 [px].
+    offset_x: float = 0.0  # Shift to the right [px].
+    focal_baseline: float = 0.0  # Nominal minus true f * b: shift to the right at 1 m [px m].
 
     def as_vector(self) -> NDArray[np.float64]:
-        """The four values in the order of `RIGHT`."""
+        """Return the four values in the order of `RIGHT`."""
         return np.array([self.offset_y, self.roll, self.offset_x, self.focal_baseline])
 
     @staticmethod
-    def of(values: NDArray[np.float64]) -> Alignment:
-        """The inverse of `as_vector`."""
+    def from_vector(values: NDArray[np.float64]) -> RightAlignment:
+        """Invert `as_vector`."""
         offset_y, roll, offset_x, focal_baseline = map(float, values)
-        return Alignment(
+        return RightAlignment(
             offset_y=offset_y, roll=roll, offset_x=offset_x, focal_baseline=focal_baseline
         )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Seen:
-    """Surface points of some pixels of one view, flat."""
+class SurfacePoints:
+    """Surface points of n pixels of one view."""
 
-    points_m: Array  # (n, 3) left frame.
+    points_m: Array  # (n, 3) in the left frame.
     slopes: Array  # (n, 2) tangents of the imager's rays.
     side: Literal["left", "right"]
     focal_px: float
 
-    def moved(self, alignment: Alignment) -> Array:
-        """Points (n, 3) that the pixels really show where the right image is off."""
+    def shifted(self, alignment: RightAlignment) -> Array:
+        """Return the points (n, 3) that the pixels show with a misaligned right image."""
         if self.side == "left":
             return self.points_m
         x, y = self.slopes.T
         depth = self.points_m[:, 2]
         shift_x = alignment.offset_x - alignment.roll * y + alignment.focal_baseline / depth
         shift_y = alignment.offset_y + alignment.roll * x
-        moved = self.points_m.copy()
-        moved[:, 0] -= shift_x * depth / self.focal_px
-        moved[:, 1] -= shift_y * depth / self.focal_px
-        return moved
+        points_m = self.points_m.copy()
+        points_m[:, 0] -= shift_x * depth / self.focal_px
+        points_m[:, 1] -= shift_y * depth / self.focal_px
+        return points_m
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Directions:
-    """Where points lie from an emitter."""
+    """Directions of points from an emitter."""
 
-    cosines: Array  # (n, 2) nominal: over the scene's scale.
-    unit: Array  # (n, 3) in the projector's axes.
-    range_m: Array  # (n,)
+    cosines: Array  # (n, 2) nominal cosines, divided by the scene's scale.
+    unit: Array  # (n, 3) unit vectors in the projector's axes.
+    range_m: Array  # (n,) distances.
     scale: float
     axes: NDArray[np.float64]  # (3, 3) columns: the projector's axes in the left frame.
 
@@ -84,13 +85,13 @@ def directions(
     rotation_deg: tuple[float, float, float],
     scale: float,
 ) -> Directions:
-    """Direction cosines of points from an emitter.
+    """Compute direction cosines of points from an emitter.
 
     Args:
         points_m: (n, 3) in the left frame.
-        position_m: (3,) of the emitter, left frame.
-        rotation_deg: of the projector's axes (see `starling.sim.geometry.frames.rotation`).
-        scale: pattern scale of the scene; cosines are over it.
+        position_m: (3,) position of the emitter in the left frame.
+        rotation_deg: rotation of the projector (see `starling.sim.geometry.frames.rotation`).
+        scale: pattern scale of the scene; it divides the cosines.
     """
     axes = frames.rotation(rotation_deg)
     offset = points_m - position_m.astype(np.float32)
@@ -106,41 +107,43 @@ def directions(
     )
 
 
-def place_partials(there: Directions) -> Array:
-    """Derivatives (3, n, 2) of the cosines by the emitter's position in the left frame [1/m]."""
-    # d unit / d local = (1 - u u') / range, and local moves against the emitter, in its own axes.
-    u = there.unit
+def place_partials(rays: Directions) -> Array:
+    """Return derivatives (3, n, 2) of the cosines by the emitter's position, left frame [1/m]."""
+    # d unit / d local = (1 - u u') / range; d local / d position = -1 in the projector's axes.
+    u = rays.unit
     local = -(np.eye(3, dtype=np.float32)[None, :, :2] - u[:, :, None] * u[:, None, :2])
-    local /= (there.range_m * there.scale)[:, None, None]
-    return np.tensordot(there.axes.astype(np.float32), local, axes=(1, 1))
+    local /= (rays.range_m * rays.scale)[:, None, None]
+    return np.tensordot(rays.axes.astype(np.float32), local, axes=(1, 1))
 
 
-def turn_partials(there: Directions) -> Array:
-    """Derivatives (2, n, 2) by turns about the projector's own x and y axes [1/rad].
+def turn_partials(rays: Directions) -> Array:
+    """Return derivatives (2, n, 2) by rotations about the projector's x and y axes [1/rad].
 
-    A turn by the rotation vector w adds -w x u to a direction seen from the turned axes.
+    A rotation vector w adds -w x u to a direction u in the rotated axes.
     """
-    zero = np.zeros_like(there.range_m)
-    forward = there.unit[:, 2] / np.float32(there.scale)
+    zero = np.zeros_like(rays.range_m)
+    forward = rays.unit[:, 2] / np.float32(rays.scale)
     return np.stack([np.stack([zero, forward], axis=1), np.stack([-forward, zero], axis=1)])
 
 
-def scale_partial(there: Directions) -> Array:
-    """Derivative (n, 2) by the scene's pattern scale."""
-    return -there.cosines / np.float32(there.scale)
+def scale_partial(rays: Directions) -> Array:
+    """Return the derivative (n, 2) by the scene's pattern scale."""
+    return -rays.cosines / np.float32(rays.scale)
 
 
-def right_partials(seen: Seen, there: Directions) -> Array:
-    """Derivatives (4, n, 2) by the right image's alignment [1/px]; zeros for the left image."""
-    out = np.zeros((4, len(seen.points_m), 2), np.float32)
-    if seen.side == "left":
-        return out
-    across, down, _ = -place_partials(there)  # Moving the point is moving the emitter back.
-    depth = seen.points_m[:, 2:3]
-    pixel = depth / np.float32(seen.focal_px)
-    x, y = seen.slopes[:, :1], seen.slopes[:, 1:]
-    out[0] = -down * pixel
-    out[1] = (across * y - down * x) * pixel
-    out[2] = -across * pixel
-    out[3] = -across * pixel / depth
-    return out
+def right_partials(points: SurfacePoints, rays: Directions) -> Array:
+    """Return derivatives (4, n, 2) by the right image's alignment [1/px]; 0 for the left image."""
+    partials = np.zeros((4, len(points.points_m), 2), np.float32)
+    if points.side == "left":
+        return partials
+    dx, dy, _ = -place_partials(
+        rays
+    )  # A shift of the point equals the opposite shift of the emitter.
+    depth = points.points_m[:, 2:3]
+    pixel = depth / np.float32(points.focal_px)
+    x, y = points.slopes[:, :1], points.slopes[:, 1:]
+    partials[0] = -dy * pixel
+    partials[1] = (dx * y - dy * x) * pixel
+    partials[2] = -dx * pixel
+    partials[3] = -dx * pixel / depth
+    return partials

@@ -1,8 +1,8 @@
-"""Recover a pattern that is an image, and where its emitter stands: solved in turn.
+"""Recover a pattern image and the position of its emitter alternately.
 
-An image follows its emitter, but for how views of other distances differ. Each round takes one
-Gauss-Newton step of the place, of which is left out what the image takes over, and solves the image
-anew from there.
+A re-solved image follows its emitter, except for differences between views at different distances.
+Each round takes one Gauss-Newton step of the position, without the motion that the image absorbs.
+It then solves for the image at the new position.
 """
 
 from __future__ import annotations
@@ -25,33 +25,33 @@ from starling.calibration.pattern import (
     tile_equations,
     unprojected,
 )
-from starling.calibration.pattern.absorbed import Absorbed
+from starling.calibration.pattern.absorbed import AbsorbedMotion
 from starling.calibration.pattern.cosine_image import Grid
-from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
 from starling.calibration.pattern.modulation import Modulation
-from starling.calibration.pattern.pattern_fit import Fitted
-from starling.calibration.pattern.tile_equations import Normal
-from starling.calibration.pattern.unprojected import PatternImage, Placed
-from starling.calibration.pattern.views import Array, View
+from starling.calibration.pattern.pattern_fit import PatternFit
+from starling.calibration.pattern.tile_equations import NormalEquations
+from starling.calibration.pattern.unprojected import PatternImage, PlacedView
+from starling.calibration.pattern.views import Array, PatternView
 from starling.sim.console import progress
 from starling.sim.render import emission as light
 from starling.sim.sensor.sensor import Sensor
 
-_TEXELS_PER_PIXEL = 0.9  # Of the pattern's image, over the imager's pixels on the axis.
-_MARGIN = 1.02  # The grid's extent over the field's.
-_EVERY_PX = 3  # Pixels between those that tell what an image absorbs.
-_TILE_PX = 32  # Residuals within a tile go together.
-_SETTLED = 0.2  # A step below this share of every standard deviation ends the rounds.
-_NOWHERE = np.float32(-9)  # A cosine, or a grid's pixel, outside of any image.
-_MOST_PARTS = 5  # That rooms are divided into, to leave one out at a time.
+_TEXELS_PER_PIXEL = 0.9  # Pixels of the pattern image per imager pixel, on the axis.
+_MARGIN = 1.02  # Extent of the grid over that of the field.
+_EVERY_PX = 3  # Sampling step for the absorbed motion.
+_TILE_PX = 32  # Side of a tile; residuals within a tile are correlated.
+_SETTLED = 0.2  # Step below which the rounds end [standard deviations].
+_NOWHERE = np.float32(-9)  # A cosine or grid coordinate outside any image.
+_MOST_PARTS = 5  # Maximum number of groups of rooms in the jackknife.
 
 Modulations = Mapping[int, Modulation]  # By the identity of the view.
 
 
-def modulations(views: Sequence[View], sensor: Sensor) -> Modulations:
-    """Take reflectance and level out of views, as their sensor's noise allows."""
+def modulations(views: Sequence[PatternView], sensor: Sensor) -> Modulations:
+    """Normalise views by local mean and deviation, with weights from the sensor's noise."""
     return {
-        id(view): modulation.of(
+        id(view): modulation.from_view(
             view,
             dn_per_electron=sensor.left.dn_per_electron,
             black_level_dn=sensor.left.black_level_dn,
@@ -61,12 +61,12 @@ def modulations(views: Sequence[View], sensor: Sensor) -> Modulations:
 
 
 def imager_blur_px(sensor: Sensor) -> float:
-    """Sigma by which the imager itself widens a dot [px]: lens, pixel and resampling."""
+    """Return the sigma of the imager's blur [px]: lens, pixel and resampling."""
     return float(np.sqrt(sensor.left.lens.blur_px**2 + sensor.left.smoothing_px**2 + 1 / 12))
 
 
-def grid_of(sensor: Sensor) -> Grid:
-    """The grid of a pattern's image that fills a sensor's projected field."""
+def make_grid(sensor: Sensor) -> Grid:
+    """Return the grid of a pattern image over the projector's field."""
     half_x, half_y = (_MARGIN * half for half in light.half_tangents(sensor.projector))
     return Grid(
         half_a=half_x / np.hypot(1, half_x),
@@ -75,168 +75,197 @@ def grid_of(sensor: Sensor) -> Grid:
     )
 
 
-def image(
-    views: Sequence[View],
+def solve_image(
+    views: Sequence[PatternView],
     sensor: Sensor,
-    model: Model,
+    model: EmitterModel,
     position_m: NDArray[np.float64],
-    seen: Modulations,
+    modulated: Modulations,
     start: PatternImage | None = None,
 ) -> PatternImage:
-    """Solve for the pattern as an image, all else as a model has it.
+    """Solve for the pattern as an image, with all other parameters fixed.
 
     Args:
-        views: of lit surfaces.
-        sensor: of the captures.
-        model: its turn, scales and alignment count.
-        position_m: (3,) of the emitter.
-        seen: the views' modulations.
-        start: to go on from; it is settled after one more round of gains.
+        views: views of surfaces with the projector on.
+        sensor: sensor of the captures.
+        model: model with rotation, scales and alignment.
+        position_m: (3,) position of the emitter.
+        modulated: modulations of the views.
+        start: initial image; it needs only one round of gains.
     """
     placed = []
     for view in views:
-        there = emission.directions(
-            pattern_fit.seen_of(view, sensor).moved(model.alignment),
+        rays = emission.directions(
+            pattern_fit.surface_points(view, sensor).shifted(model.alignment),
             position_m=position_m,
             rotation_deg=model.rotation_deg,
             scale=model.scales[view.scene],
         )
-        placed.append(_placed(there.cosines, seen[id(view)], sensor))
+        placed.append(_place(rays.cosines, modulated[id(view)], sensor))
     if start is None:
-        return unprojected.solve(placed, grid_of(sensor))
+        return unprojected.solve(placed, make_grid(sensor))
     return unprojected.solve(placed, start.grid, start=start.value, rounds=1)
 
 
-def settled(
-    views: Sequence[View],
+def fit_image(
+    views: Sequence[PatternView],
     sensor: Sensor,
-    model: Model,
+    model: EmitterModel,
     *,
     rounds: int,
     track: progress.Progress = progress.silent,
-) -> Fitted:
-    """Take rounds of place and image until the place stays, and say how sure it is.
+) -> PatternFit:
+    """Alternate position and image until the position converges; estimate the covariance.
 
     Args:
-        views: of scenes that `model.scales` names.
-        sensor: of the captures.
-        model: with one emitter, of an image, to begin from.
-        rounds: at most.
-        track: wraps the loop over rounds.
+        views: views of the scenes in `model.scales`.
+        sensor: sensor of the captures.
+        model: initial model, with one emitter that has an image.
+        rounds: maximum number of rounds.
+        track: progress callback around the loop over rounds.
 
     Returns:
-        The model; its variances are those of a sandwich over tiles and of a jackknife, for which
-        image and place are solved anew without each room (or each fifth of them) from three rooms
-        on, together. What all rooms share, as what the image's grid does, is in neither.
+        The fitted model. Its variance is the sum of a sandwich over tiles and, from three rooms
+        on, a jackknife. The jackknife solves image and position again without each room, or
+        without each fifth of the rooms. Errors common to all rooms, as from the image's grid, are
+        not included.
     """
-    seen = modulations(views, sensor)
+    modulated = modulations(views, sensor)
     free = np.zeros(len(model.names), bool)
-    whole, covariance = np.eye(len(free)), np.zeros((len(free), len(free)))
+    correction, covariance = np.eye(len(free)), np.zeros((len(free), len(free)))
     costs: list[float] = []
     last: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
-    done = False
+    converged = False
     for _ in track(range(rounds), "pattern"):
-        if done:
+        if converged:
             continue
-        rooms = _equations(views, sensor, model, seen)
+        rooms = _equations(views, sensor, model, modulated)
         normal = tile_equations.total(list(rooms.values()))
         costs.append(normal.misfit / max(normal.freedom, 1))
-        step = room_equations.step(rooms, model, free)
+        step = room_equations.gauss_newton_step(rooms, model, free)
         if last is not None:
-            whole = room_equations.lengthening(normal.matrix, *last, step)
-        covariance = whole @ room_equations.by_tile(rooms, model, free) @ whole.T
-        last = whole @ step, step
-        model = _with_image(views, sensor, emitter_model.moved(model, last[0]), seen)
-        done = bool((np.abs(last[0]) <= _SETTLED * np.sqrt(np.diagonal(covariance)) + 1e-12).all())
-    # An image takes over noise, which tiles' scores then miss: rooms' variance is added.
-    by_room = room_equations.jackknife([whole @ m for m in _moves(views, sensor, model, seen)])
-    variance = np.diagonal(covariance) + by_room
-    return Fitted(
+            correction = room_equations.step_correction(normal.matrix, *last, step)
+        covariance = correction @ room_equations.tile_covariance(rooms, model, free) @ correction.T
+        last = correction @ step, step
+        model = _with_image(views, sensor, emitter_model.apply_step(model, last[0]), modulated)
+        converged = bool(
+            (np.abs(last[0]) <= _SETTLED * np.sqrt(np.diagonal(covariance)) + 1e-12).all()
+        )
+    # The image absorbs noise that the tiles' scores then miss, so the room variance is added.
+    room_variance = room_equations.jackknife(
+        [
+            correction @ leave_out_step
+            for leave_out_step in _leave_out_steps(views, sensor, model, modulated)
+        ]
+    )
+    variance = np.diagonal(covariance) + room_variance
+    return PatternFit(
         model=model,
-        covariance=room_equations.widened_to(covariance, variance),
+        covariance=room_equations.with_variances(covariance, variance),
         cost=tuple(costs),
         shares=np.ones(1),
         rooms=len({view.room for view in views}),
     )
 
 
-def _moves(
-    views: Sequence[View], sensor: Sensor, model: Model, seen: Modulations
+def _leave_out_steps(
+    views: Sequence[PatternView], sensor: Sensor, model: EmitterModel, modulated: Modulations
 ) -> list[NDArray[np.float64]]:
-    """Where image and place go without each part of the rooms; none from too few rooms."""
+    """Return the step of the fit without each group of rooms; empty for too few rooms."""
     rooms = tuple(dict.fromkeys(view.room for view in views))
     if len(rooms) < room_equations.LEAST_ROOMS:
         return []
     count = min(len(rooms), _MOST_PARTS)
-    out = []
+    steps = []
     for number in range(count):
         rest = [view for view in views if view.room not in rooms[number::count]]
-        without = _with_image(rest, sensor, model, seen)
-        equations = _equations(rest, sensor, without, seen)
-        left = {view.scene for view in rest}
-        held = np.array([emitter_model.scene_of(n) not in {"", *left} for n in model.names])
-        out.append(room_equations.step(equations, without, held))
-    return out
+        without = _with_image(rest, sensor, model, modulated)
+        equations = _equations(rest, sensor, without, modulated)
+        remaining_scenes = {view.scene for view in rest}
+        held = np.array(
+            [
+                emitter_model.scene_from_name(name) not in {"", *remaining_scenes}
+                for name in model.names
+            ]
+        )
+        steps.append(room_equations.gauss_newton_step(equations, without, held))
+    return steps
 
 
-def _with_image(views: Sequence[View], sensor: Sensor, model: Model, seen: Modulations) -> Model:
-    """The model with its image solved anew from where its emitter is."""
+def _with_image(
+    views: Sequence[PatternView], sensor: Sensor, model: EmitterModel, modulated: Modulations
+) -> EmitterModel:
+    """Return the model with its image re-solved at the emitter's position."""
     (emitter,) = model.emitters
     assert isinstance(emitter.source, PatternImage)
-    found = image(views, sensor, model, emitter.position_m, seen, emitter.source)
-    return replace(model, emitters=(replace(emitter, source=found),))
+    source = solve_image(views, sensor, model, emitter.position_m, modulated, emitter.source)
+    return replace(model, emitters=(replace(emitter, source=source),))
 
 
 def _equations(
-    views: Sequence[View], sensor: Sensor, model: Model, seen: Modulations
-) -> dict[str, Normal]:
-    """Normal equations of each room, of an emitter whose image follows it."""
+    views: Sequence[PatternView], sensor: Sensor, model: EmitterModel, modulated: Modulations
+) -> dict[str, NormalEquations]:
+    """Return the normal equations of each room, for an emitter whose image follows it."""
     (emitter,) = model.emitters
     assert isinstance(emitter.source, PatternImage)
-    taken = _absorbed(views, sensor, model, emitter.source.grid, seen)
-    follows = replace(emitter, absorbed=taken)
+    motion = _average_motion(views, sensor, model, emitter.source.grid, modulated)
+    following = replace(emitter, absorbed=motion)
     with ThreadPoolExecutor(2) as pool:
-        parts = list(pool.map(lambda view: _equation(view, sensor, model, follows, seen), views))
-    rooms: dict[str, list[Normal]] = {}
-    for view, part in zip(views, parts, strict=True):
-        rooms.setdefault(view.room, []).append(part)
-    return {room: tile_equations.total(found) for room, found in rooms.items()}
+        equations = list(
+            pool.map(lambda view: _equation(view, sensor, model, following, modulated), views)
+        )
+    rooms: dict[str, list[NormalEquations]] = {}
+    for view, view_equations in zip(views, equations, strict=True):
+        rooms.setdefault(view.room, []).append(view_equations)
+    return {room: tile_equations.total(room_parts) for room, room_parts in rooms.items()}
 
 
 def _equation(
-    view: View, sensor: Sensor, model: Model, follows: Emission, seen: Modulations
-) -> Normal:
-    source, shape, names = follows.source, view.level_dn.shape, model.names
+    view: PatternView,
+    sensor: Sensor,
+    model: EmitterModel,
+    following: PatternEmitter,
+    modulated: Modulations,
+) -> NormalEquations:
+    source, shape, names = following.source, view.level_dn.shape, model.names
     assert isinstance(source, PatternImage)
-    points = pattern_fit.seen_of(view, sensor)
-    (laid,) = emitter_model.lay(points, model, model.scales[view.scene])
-    columns = emitter_model.derivatives(points, view.scene, follows, laid, 0, turns=False)
-    placed = _placed(source.grid.place(laid.there.cosines), seen[id(view)], sensor)
-    normal = image_equations.of(
+    points = pattern_fit.surface_points(view, sensor)
+    (emitter_light,) = emitter_model.illuminate(points, model, model.scales[view.scene])
+    columns = emitter_model.derivatives(
+        points, view.scene, following, emitter_light, 0, turns=False
+    )
+    placed = _place(source.grid.place(emitter_light.rays.cosines), modulated[id(view)], sensor)
+    normal = image_equations.reduce_view(
         unprojected.with_gain(placed, source.value),
-        laid.light.reshape(shape),
+        emitter_light.light.reshape(shape),
         {name: np.nan_to_num(column).reshape(shape) for name, column in columns.items()},
         tile_px=_TILE_PX,
     )
-    return tile_equations.widened(normal, [names.index(name) for name in columns], len(names))
+    return tile_equations.embed(normal, [names.index(name) for name in columns], len(names))
 
 
-def _placed(places: Array, modulated: Modulation, sensor: Sensor) -> Placed:
-    """A view where its pixels look, as cosines or on a grid; far out where nothing is known."""
-    known = np.where(np.isfinite(places), places, _NOWHERE)
-    return Placed(modulation=modulated, cosines=known, blur_px=imager_blur_px(sensor))
+def _place(coordinates: Array, modulated: Modulation, sensor: Sensor) -> PlacedView:
+    """Return a view with the coordinates of its pixels; unknown ones lie outside any image."""
+    known = np.where(np.isfinite(coordinates), coordinates, _NOWHERE)
+    return PlacedView(modulation=modulated, cosines=known, blur_px=imager_blur_px(sensor))
 
 
-def _absorbed(
-    views: Sequence[View], sensor: Sensor, model: Model, grid: Grid, modulated: Modulations
-) -> Absorbed:
-    every = (slice(None, None, _EVERY_PX), slice(None, None, _EVERY_PX))
+def _average_motion(
+    views: Sequence[PatternView],
+    sensor: Sensor,
+    model: EmitterModel,
+    grid: Grid,
+    modulated: Modulations,
+) -> AbsorbedMotion:
+    sparse = (slice(None, None, _EVERY_PX), slice(None, None, _EVERY_PX))
     parts = []
     for view in views:
-        seen = pattern_fit.seen_of(view, sensor, _EVERY_PX)
-        (laid,) = emitter_model.lay(seen, model, model.scales[view.scene])
-        there = laid.there.cosines
-        cosines = np.where(np.isfinite(there), there, _NOWHERE)
-        weight = modulated[id(view)].weight[every].ravel()
-        parts.append((cosines, weight, emitter_model.partials(seen, view.scene, laid.there, 0)))
-    return absorbed.of(parts, grid)
+        surface = pattern_fit.surface_points(view, sensor, _EVERY_PX)
+        (emitter_light,) = emitter_model.illuminate(surface, model, model.scales[view.scene])
+        directions = emitter_light.rays.cosines
+        cosines = np.where(np.isfinite(directions), directions, _NOWHERE)
+        weight = modulated[id(view)].weight[sparse].ravel()
+        parts.append(
+            (cosines, weight, emitter_model.partials(surface, view.scene, emitter_light.rays, 0))
+        )
+    return absorbed.average(parts, grid)

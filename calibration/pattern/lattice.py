@@ -1,7 +1,7 @@
-"""Dot lattices: found in a recovered pattern by their spectrum.
+"""Find dot lattices in a recovered pattern by its spectrum.
 
-A diffractive element or a microlens array lays dots on a regular lattice in direction cosines. Its
-spectrum is a lattice of sharp peaks, the reciprocal one; emitters side by side give one each.
+A diffractive element or a microlens array projects dots on a regular lattice in direction cosines.
+Its spectrum is a lattice of sharp peaks, the reciprocal lattice. Each emitter has its own lattice.
 """
 
 from __future__ import annotations
@@ -15,39 +15,40 @@ from numpy.typing import NDArray
 
 from starling.calibration.pattern.unprojected import PatternImage
 
-_SIZE = 2048  # Of the spectrum [bins].
-_TIMES_FLOOR = 10.0  # A peak is this much above the median of its ring; noise reaches 5.
-_PEAK_BINS = 9  # Peaks are at least half this far apart.
+_SIZE = 2048  # Size of the spectrum [bins].
+_TIMES_FLOOR = 10.0  # Minimum height of a peak over the median of its ring; noise reaches 5.
+_PEAK_BINS = 9  # Side of the window of a local maximum [bins].
 _MOST_PEAKS = 80
 _MOST_LATTICES = 4
-_TOLERANCE_BINS = 3.0
-_LEAST_OF_FIRST = 0.3  # A lattice's peaks over the first one's: products of two lattices are less.
-_LEAST_SINE = 0.5  # Two basis vectors enclose at least 30 degrees.
-_INVERTED = 6  # Rounds that invert the keystone: each is exact by a further factor of |k|.
-_FIRST_SIGMA = 1.75e-3  # Of a dot, in cosines, before any fit.
+_TOLERANCE_BINS = 3.0  # Position tolerance of a peak.
+# Minimum height over the first lattice's. Peaks of products of two lattices are lower.
+_LEAST_OF_FIRST = 0.3
+_LEAST_SINE = 0.5  # Minimum sine of the angle of two basis vectors (30 degrees).
+_INVERTED = 6  # Iterations that invert the keystone; each reduces the error by a factor of |k|.
+_FIRST_SIGMA = 1.75e-3  # Initial width of a dot, in cosines.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Lattice:
-    """Dots at all cosines a where F a (1 - k . a) - phase is whole.
+    """Dots at all cosines a at which F a (1 - k . a) - phase is an integer.
 
-    The keystone k lets the lattice widen towards one side: its scale at a is 1 + k . a.
+    The keystone k widens the lattice towards one side: its scale at a is 1 + k . a.
     """
 
-    frequencies: NDArray[np.float64]  # (2, 2), F by rows: cycles over a unit of cosine.
+    frequencies: NDArray[np.float64]  # (2, 2) rows of F [cycles per unit cosine].
     phase: NDArray[np.float64]  # (2,)
     keystone: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))  # (2,) k.
-    sigma: float = _FIRST_SIGMA  # Deviation of a dot's light on each axis, in cosines.
+    sigma: float = _FIRST_SIGMA  # Standard deviation of a dot, in cosines.
 
     @property
     def pitch(self) -> NDArray[np.floating[Any]]:
-        """Basis vectors of the dots by columns (2, 2), in cosines."""
+        """Basis vectors of the dots as columns (2, 2), in cosines."""
         return np.linalg.inv(self.frequencies)
 
     def nearest(self, cosines: NDArray) -> tuple[NDArray, NDArray]:
-        """Number (n, 2) of the dot nearest to each direction, and the way from it (n, 2).
+        """Return the index (n, 2) of the dot nearest to each direction, and the offset (n, 2).
 
-        The way is that of an even lattice, before the keystone.
+        The offset is that in a lattice without keystone.
         """
         frequencies, pitch = (m.T.astype(cosines.dtype) for m in (self.frequencies, self.pitch))
         even = cosines * (1 - cosines @ self.keystone.astype(cosines.dtype))[:, None]
@@ -56,52 +57,51 @@ class Lattice:
         return number, (steps - number) @ pitch
 
     def dots(self, half_a: float, half_b: float) -> NDArray[np.float64]:
-        """Cosines (n, 2) of all dots with |a| <= half_a and |b| <= half_b."""
+        """Return the cosines (n, 2) of all dots with |a| <= half_a and |b| <= half_b."""
         corners = np.array([[i * half_a, j * half_b] for i in (-1, 1) for j in (-1, 1)])
         steps = corners @ self.frequencies.T - self.phase
         low, high = np.floor(steps.min(0)).astype(int), np.ceil(steps.max(0)).astype(int)
         i, j = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True)))
         even = (np.stack([i.ravel(), j.ravel()], axis=1) + self.phase) @ self.pitch.T
-        found = even
+        cosines = even
         for _ in range(_INVERTED):
-            found = even / (1 - found @ self.keystone)[:, None]
-        return found[(np.abs(found) <= [half_a, half_b]).all(axis=1)]
+            cosines = even / (1 - cosines @ self.keystone)[:, None]
+        return cosines[(np.abs(cosines) <= [half_a, half_b]).all(axis=1)]
 
 
 def find(pattern: PatternImage) -> tuple[Lattice, ...]:
-    """Find the lattices of a pattern, the strongest first; none where its dots are scattered.
+    """Find the lattices of a pattern, strongest first; none if its dots are irregular.
 
-    A lattice counts where both basis frequencies and their sum and difference stand out of the
-    spectrum.
+    A lattice requires peaks at both basis frequencies, at their sum and at their difference.
     """
-    windowed, a, b = _windowed(pattern)
+    windowed, a_cosines, b_cosines = _windowed(pattern)
     spectrum = np.abs(np.fft.fftshift(np.fft.fft2(windowed, s=(_SIZE, _SIZE)))).astype(np.float32)
     ratio = np.asarray(spectrum / _floor(spectrum), np.float32)
     peaks = _peaks(ratio)
-    found: list[Lattice] = []
+    lattices: list[Lattice] = []
     least = _TIMES_FLOOR
-    while len(found) < _MOST_LATTICES:
+    while len(lattices) < _MOST_LATTICES:
         basis, strength = _basis(peaks, ratio, least)
         if basis is None:
             break
         least = max(least, _LEAST_OF_FIRST * strength)
         bin_width = 1 / (_SIZE * pattern.grid.step)
-        found.append(_refined(basis * bin_width, windowed, a, b))
+        lattices.append(_refine(basis * bin_width, windowed, a_cosines, b_cosines))
         peaks = _without(peaks, basis)
-    return tuple(found)
+    return tuple(lattices)
 
 
 def _windowed(pattern: PatternImage) -> tuple[NDArray, NDArray, NDArray]:
     height, width = pattern.grid.shape
     known = np.isfinite(pattern.sd)
     window = np.hanning(height)[:, None] * np.hanning(width)[None, :]
-    # Scenes' own texture is stronger than any dot, but rare.
+    # Clip scene texture, which is stronger than dots but rare.
     value = np.clip(np.where(known, pattern.value, 0), -3, 3) * window
     return value, *pattern.grid.cosines()
 
 
 def _floor(spectrum: NDArray[np.float32]) -> NDArray[np.floating[Any]]:
-    """Median of the spectrum at each distance from its middle, as an image."""
+    """Return the median of the spectrum at each radius, as an image."""
     middle = _SIZE // 2
     y, x = np.ogrid[-middle : _SIZE - middle, -middle : _SIZE - middle]
     ring = np.minimum(np.hypot(x, y), middle - 1).astype(np.intp) // 8
@@ -113,7 +113,7 @@ def _floor(spectrum: NDArray[np.float32]) -> NDArray[np.floating[Any]]:
 
 
 def _peaks(ratio: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Frequencies (n, 2) of the peaks [bins], x and y, strongest first; one of each +- pair."""
+    """Return frequencies (n, 2) of the peaks [bins], strongest first; one of each +- pair."""
     highest = cv2.dilate(ratio, np.ones((_PEAK_BINS, _PEAK_BINS), np.uint8))
     y, x = np.nonzero((ratio == highest) & (ratio > _TIMES_FLOOR))
     order = np.argsort(-ratio[y, x], kind="stable")
@@ -125,9 +125,9 @@ def _peaks(ratio: NDArray[np.float32]) -> NDArray[np.float64]:
 def _basis(
     peaks: NDArray[np.float64], ratio: NDArray[np.float32], least: float
 ) -> tuple[NDArray[np.float64] | None, float]:
-    """The two shortest frequencies (2, 2) whose sum and difference are peaks too, and how strong.
+    """Return two short frequencies (2, 2) with peaks at their sum and difference, and the support.
 
-    Multiples of a basis have their sums and differences as well, so short ones come first.
+    Multiples of a basis have such peaks as well, so the score prefers short frequencies.
     """
     best, chosen, strength = 0.0, None, 0.0
     for i, first in enumerate(peaks):
@@ -136,8 +136,8 @@ def _basis(
             sine = abs(first[0] * second[1] - first[1] * second[0]) / (lengths[0] * lengths[1])
             if sine < _LEAST_SINE or not 0.5 < lengths[0] / lengths[1] < 2:
                 continue
-            both = (first, second, first + second, first - second)
-            support = min(_height(ratio, point) for point in both)
+            combinations = (first, second, first + second, first - second)
+            support = min(_height(ratio, point) for point in combinations)
             if support > least and support / (lengths[0] * lengths[1]) > best:
                 best, strength = support / (lengths[0] * lengths[1]), support
                 chosen = np.stack([first, second])
@@ -153,16 +153,14 @@ def _height(ratio: NDArray[np.float32], point: NDArray[np.float64]) -> float:
 
 
 def _without(peaks: NDArray[np.float64], basis: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The peaks that are no whole combination of the basis."""
+    """Return the peaks that are not integer combinations of the basis."""
     steps = peaks @ np.linalg.inv(basis)
-    off = np.linalg.norm((steps - np.rint(steps)) @ basis, axis=1)
-    return peaks[off > 2 * _TOLERANCE_BINS]
+    distance = np.linalg.norm((steps - np.rint(steps)) @ basis, axis=1)
+    return peaks[distance > 2 * _TOLERANCE_BINS]
 
 
-def _refined(
-    frequencies: NDArray[np.float64], windowed: NDArray, a: NDArray, b: NDArray
-) -> Lattice:
-    """Move each frequency to its spectrum's top, and read the phase there."""
+def _refine(frequencies: NDArray[np.float64], windowed: NDArray, a: NDArray, b: NDArray) -> Lattice:
+    """Move each frequency to the maximum of its peak, and compute the phase there."""
     phase = np.zeros(2)
     step = 1 / (_SIZE * (a[1] - a[0]))
     for row in range(2):
@@ -171,15 +169,15 @@ def _refined(
             heights = np.abs(_amplitudes(windowed, a, b, across, down))
             j, i = np.unravel_index(np.argmax(heights), heights.shape)
             frequencies[row] = across[i], down[j]
-        ((top,),) = _amplitudes(windowed, a, b, frequencies[row, :1], frequencies[row, 1:])
-        phase[row] = -np.angle(top) / (2 * np.pi)
+        ((amplitude,),) = _amplitudes(windowed, a, b, frequencies[row, :1], frequencies[row, 1:])
+        phase[row] = -np.angle(amplitude) / (2 * np.pi)
     return Lattice(frequencies=frequencies, phase=phase)
 
 
 def _amplitudes(
     windowed: NDArray, a: NDArray, b: NDArray, across: NDArray, down: NDArray
 ) -> NDArray[np.complex128]:
-    """Fourier sums (n, m) at frequencies `across` (m,) by `down` (n,)."""
+    """Return Fourier sums (n, m) at frequencies `across` (m,) and `down` (n,)."""
     wave = 2 * np.pi * np.outer(a, across)
     rows = windowed @ np.cos(wave) - 1j * (windowed @ np.sin(wave))
     return np.exp(-2j * np.pi * np.outer(down, b)) @ rows

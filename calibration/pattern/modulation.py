@@ -1,8 +1,7 @@
-"""How far light varies about its surroundings, apart from reflectance and level.
+"""Local modulation of an image, independent of reflectance and level.
 
-Dots on a surface scale with its reflectance and with the level of all other light beside them; what
-is left after subtracting the neighbourhood's mean and dividing by its deviation is the pattern's
-share, as far as the surface has no texture of the dots' own size.
+The dots on a surface scale with its reflectance. Subtracting the local mean and dividing by the
+local deviation leaves the pattern, if the surface has no texture of the size of dots.
 """
 
 from __future__ import annotations
@@ -13,27 +12,27 @@ import numpy as np
 
 from starling.calibration import detail
 from starling.calibration.detail import high_passed
-from starling.calibration.pattern.views import Array, View
+from starling.calibration.pattern.views import Array, PatternView
 
-_LEAST_DEVIATION_DN = 0.5  # Half a code: less is the converter's own steps.
-_STEP_DN2 = 1 / 12  # Variance of rounding to whole codes.
-_MOST_WEIGHT = 50.0  # A strong pattern is limited by texture and model, not by noise.
+_LEAST_DEVIATION_DN = 0.5  # Minimum deviation; a smaller one is quantisation.
+_STEP_DN2 = 1 / 12  # Quantisation variance.
+_MOST_WEIGHT = 50.0  # Maximum weight: texture and model errors limit a strong pattern.
 
 
 class Modulation(NamedTuple):
-    """A view's image as what its neighbourhood makes of it."""
+    """A view's image, normalised by local mean and deviation."""
 
-    value: Array  # (h, w), of unit deviation.
-    weight: Array  # (h, w), over the variance of its noise; 0 where not usable.
+    value: Array  # (h, w), with unit local deviation.
+    weight: Array  # (h, w), inverse noise variance; 0 for unusable pixels.
 
 
-def of(view: View, *, dn_per_electron: float, black_level_dn: float) -> Modulation:
-    """Take reflectance and level out of a view.
+def from_view(view: PatternView, *, dn_per_electron: float, black_level_dn: float) -> Modulation:
+    """Normalise a view by local mean and deviation.
 
     Args:
-        view: an image with dots.
-        dn_per_electron: conversion, for the shot noise [DN / electron].
-        black_level_dn: of the image.
+        view: view with dots.
+        dn_per_electron: conversion gain, for the shot noise [DN / electron].
+        black_level_dn: black level of the image.
     """
     varying = high_passed(view.level_dn)
     deviation = np.sqrt(detail.variance(varying))

@@ -1,4 +1,4 @@
-"""A recovered pattern as a sensor that renders it: pattern images on disk, emitters in place."""
+"""Put a recovered pattern into a sensor: write pattern images, set the emitters."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.pattern import dots
-from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
 from starling.calibration.pattern.lattice import Lattice
-from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.pattern.recovery import RecoveredPattern
 from starling.calibration.pattern.unprojected import PatternImage
 from starling.patterns import Pattern
 from starling.patterns.dots import SIGMA_PER_FWHM
@@ -23,104 +23,104 @@ from starling.sim.geometry import frames
 from starling.sim.sensor.emitter import Emitter
 from starling.sim.sensor.sensor import Sensor
 
-_WIDTH_PX = 2048  # Of a written pattern: 0.75 mrad a pixel on a D415's axis.
-_NARROWEST_MRAD = 1.0  # A dot's least sigma; less is the imager's blur taken for more than it is.
-_DARKEST = 0.02  # Quantile of an image's values that is taken for no light.
-_CODES = 65535
+_WIDTH_PX = 2048  # Width of a written pattern; 0.75 mrad per pixel on a D415's axis.
+_NARROWEST_MRAD = 1.0  # Minimum sigma of a dot; a smaller one means an overestimated blur.
+_DARKEST = 0.02  # Quantile of an image's values that counts as dark.
+_CODES = 65535  # Largest 16-bit code.
 
 
-def with_pattern(sensor: Sensor, recovered: Recovered, folder: Path) -> Sensor:
+def with_pattern(sensor: Sensor, recovered: RecoveredPattern, folder: Path) -> Sensor:
     """Put a recovered pattern into a sensor.
 
     Args:
-        sensor: that the captures were of.
-        recovered: from `starling.calibration.pattern.recovery.recover`.
-        folder: where `emitter-N.png` are written.
+        sensor: sensor of the captures.
+        recovered: result of `starling.calibration.pattern.recovery.recover`.
+        folder: output folder of the files `emitter-N.png`.
 
     Returns:
-        The sensor with the emitters in their places, their patterns' full paths, and the right
-        image's alignment and baseline as they were found.
+        The sensor with the fitted emitters, absolute paths of their patterns, and the fitted
+        baseline and alignment of the right image.
     """
     model = recovered.fitted.model
-    position = np.mean([one.position_m for one in model.emitters], axis=0)
+    position = np.mean([emitter.position_m for emitter in model.emitters], axis=0)
     axes = frames.rotation(model.rotation_deg)
     emitters = []
-    for number, (one, share) in enumerate(
+    for number, (emitter, share) in enumerate(
         zip(model.emitters, recovered.fitted.shares, strict=True)
     ):
         path = folder / f"emitter-{number}.png"
-        path.write_bytes(png.encode(_codes(_image(one, sensor))))
-        offset = axes.T @ (one.position_m - position)
+        path.write_bytes(png.encode(_codes(_image(emitter, sensor))))
+        offset = axes.T @ (emitter.position_m - position)
         emitters.append(
             Emitter(
-                offset_m=_three(offset),
+                offset_m=_as_tuple(offset),
                 pattern=str(path.resolve()),
                 power_share=float(max(share, 1e-3)),
             )
         )
     light = dataclasses.replace(
         sensor.projector,
-        position_m=_three(position),
+        position_m=_as_tuple(position),
         rotation_deg=model.rotation_deg,
         emitters=tuple(emitters),
         pattern=emitters[0].pattern,
     )
-    return aligned(dataclasses.replace(sensor, projector=light), model)
+    return with_alignment(dataclasses.replace(sensor, projector=light), model)
 
 
-def mirrored(sensor: Sensor, folder: Path) -> Sensor:
-    """Turn every emitter's pattern over, left for right: a control that must match nothing."""
+def with_mirrored_pattern(sensor: Sensor, folder: Path) -> Sensor:
+    """Mirror each emitter's pattern left to right, as a control without correlation."""
     emitters = []
-    for number, one in enumerate(sensor.projector.emitters):
+    for number, emitter in enumerate(sensor.projector.emitters):
         path = folder / f"mirrored-{number}.png"
-        image = np.asarray(png.read(Path(one.pattern), "pattern"), np.uint16)
+        image = np.asarray(png.read(Path(emitter.pattern), "pattern"), np.uint16)
         path.write_bytes(png.encode(np.ascontiguousarray(image[:, ::-1])))
-        emitters.append(dataclasses.replace(one, pattern=str(path.resolve())))
+        emitters.append(dataclasses.replace(emitter, pattern=str(path.resolve())))
     light = dataclasses.replace(sensor.projector, emitters=tuple(emitters))
     return dataclasses.replace(sensor, projector=light)
 
 
-def aligned(sensor: Sensor, model: Model) -> Sensor:
-    """Give a sensor the right image's rest that a model found."""
-    rest = model.alignment
+def with_alignment(sensor: Sensor, model: EmitterModel) -> Sensor:
+    """Apply a model's alignment of the right image to a sensor."""
+    shift = model.alignment
     old = sensor.right.alignment
     alignment = dataclasses.replace(
         old,
-        offset_x_px=old.offset_x_px + rest.offset_x,
-        offset_y_px=old.offset_y_px + rest.offset_y,
-        # The model's image turns clockwise; the imager turns the other way.
-        roll_deg=old.roll_deg - float(np.degrees(rest.roll / sensor.fx_px)),
+        offset_x_px=old.offset_x_px + shift.offset_x,
+        offset_y_px=old.offset_y_px + shift.offset_y,
+        # A clockwise rotation of the image is a counterclockwise rotation of the imager.
+        roll_deg=old.roll_deg - float(np.degrees(shift.roll / sensor.fx_px)),
     )
     return dataclasses.replace(
         sensor,
-        baseline_m=sensor.baseline_m - rest.focal_baseline / sensor.fx_px,
+        baseline_m=sensor.baseline_m - shift.focal_baseline / sensor.fx_px,
         right=dataclasses.replace(sensor.right, alignment=alignment),
     )
 
 
-def _image(emitter: Emission, sensor: Sensor) -> NDArray[np.floating[Any]]:
+def _image(emitter: PatternEmitter, sensor: Sensor) -> NDArray[np.floating[Any]]:
     field = Field(sensor.projector.fov_x_deg, sensor.projector.fov_y_deg)
     if isinstance(emitter.source, Lattice):
-        return _drawn(emitter.source, field, sensor)
-    return _resampled(emitter.source, field)
+        return _draw(emitter.source, field, sensor)
+    return _resample(emitter.source, field)
 
 
-def _drawn(lattice: Lattice, field: Field, sensor: Sensor) -> NDArray[np.floating[Any]]:
-    found = dots.of_lattice(lattice, sensor)
-    return Pattern.of_dots(
-        found.slopes[:, 0],
-        found.slopes[:, 1],
-        found.power,
+def _draw(lattice: Lattice, field: Field, sensor: Sensor) -> NDArray[np.floating[Any]]:
+    lattice_dots = dots.lattice_dots(lattice, sensor)
+    return Pattern.from_dots(
+        lattice_dots.slopes[:, 0],
+        lattice_dots.slopes[:, 1],
+        lattice_dots.power,
         field=field,
         width_px=_WIDTH_PX,
-        fwhm_mrad=max(found.sigma_mrad, _NARROWEST_MRAD) / SIGMA_PER_FWHM,
+        fwhm_mrad=max(lattice_dots.sigma_mrad, _NARROWEST_MRAD) / SIGMA_PER_FWHM,
         background=0.0,
         name="lattice",
     ).image
 
 
-def _resampled(source: PatternImage, field: Field) -> NDArray[np.floating[Any]]:
-    """The image over the plane at unit distance, its darkest directions without light."""
+def _resample(source: PatternImage, field: Field) -> NDArray[np.floating[Any]]:
+    """Resample the image to the plane at unit distance; its darkest directions become 0."""
     height, width = field.shape(_WIDTH_PX)
     x, y = field.tangents(np.arange(width), np.arange(height), (height, width))
     x, y = np.meshgrid(x, y)
@@ -139,6 +139,6 @@ def _codes(image: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
     return np.rint(image / max(top, 1e-20) * _CODES).astype(np.uint16)
 
 
-def _three(vector: NDArray[np.float64]) -> tuple[float, float, float]:
+def _as_tuple(vector: NDArray[np.float64]) -> tuple[float, float, float]:
     x, y, z = map(float, vector)
     return x, y, z

@@ -1,7 +1,8 @@
-"""Recover a projector's pattern from captures of known surfaces, with where its emitters stand.
+"""Recover a projector's pattern and the positions of its emitters from captures.
 
-First as an image, by least squares. Where its spectrum shows lattices, each is an emitter's and is
-fitted itself; else image, place and scales are solved in turn.
+The pattern is first recovered as an image, by least squares. If its spectrum shows lattices, each
+lattice belongs to one emitter and is fitted directly. Otherwise image, position and scales are
+solved alternately.
 """
 
 from __future__ import annotations
@@ -12,116 +13,129 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from starling.calibration.pattern import emitter_model, image_recovery, lattice, pattern_fit
-from starling.calibration.pattern.emission import Alignment
-from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.emission import RightAlignment
+from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
 from starling.calibration.pattern.lattice import Lattice
 from starling.calibration.pattern.modulation import Modulation
-from starling.calibration.pattern.pattern_fit import Fitted
+from starling.calibration.pattern.pattern_fit import PatternFit
 from starling.calibration.pattern.unprojected import PatternImage
-from starling.calibration.pattern.views import View
+from starling.calibration.pattern.views import PatternView
 from starling.patterns import errors
 from starling.sim.console import progress
 from starling.sim.sensor.sensor import Sensor
 
-_ROUNDS = 8  # Of place and image in turn, at most: from 3 mm off, the last moves 1e-5 m.
+# Maximum rounds of position and image. After an initial error of 3 mm, the last moves 1e-5 m.
+_ROUNDS = 8
 _ROUNDS_AGAIN = 3
-_SCALES = np.arange(-6e-3, 6.01e-3, 5e-4)  # Pattern scales less 1 that a scene may begin from.
-_EVERY_PX = 3  # Pixels between those that a scale is looked for on.
+_SCALES = np.arange(-6e-3, 6.01e-3, 5e-4)  # Grid of initial pattern scales, minus 1.
+_EVERY_PX = 3  # Sampling step of the search for a scale.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Recovered:
-    """A pattern, its emitters, and the image it was first seen as."""
+class RecoveredPattern:
+    """A pattern with its emitters, and its image."""
 
-    fitted: Fitted
-    image: PatternImage  # As from one emitter at the projector's place, mean scale.
+    fitted: PatternFit
+    image: PatternImage  # As from one emitter at the projector's position, at the mean scale.
 
     @property
-    def model(self) -> Model:
-        """The emitters and all else that was fitted."""
+    def model(self) -> EmitterModel:
+        """The fitted model."""
         return self.fitted.model
 
     @property
     def lattices(self) -> tuple[Lattice, ...]:
-        """The emitters' lattices; empty where the pattern is an image."""
-        sources = [one.source for one in self.fitted.model.emitters]
+        """The emitters' lattices; empty if the pattern is an image."""
+        sources = [emitter.source for emitter in self.fitted.model.emitters]
         return tuple(source for source in sources if isinstance(source, Lattice))
 
 
 def recover(
-    views: Sequence[View], sensor: Sensor, *, track: progress.Progress = progress.silent
-) -> Recovered:
-    """Recover the pattern that some views show.
+    views: Sequence[PatternView], sensor: Sensor, *, track: progress.Progress = progress.silent
+) -> RecoveredPattern:
+    """Recover the pattern from views.
 
     Args:
-        views: of lit surfaces that are known.
-        sensor: whose projector's place and field are believed at first.
-        track: wraps the loop over steps.
+        views: views of known surfaces with the projector on.
+        sensor: initial sensor, with the projector's position and field.
+        track: progress callback around the loop over steps.
 
     Raises:
-        InputError: if no view shows anything of the projector's field.
+        InputError: if no view shows a part of the projector's field.
     """
     if not any(view.usable.any() for view in views):
         raise errors.refuse(
-            "captures", "must show surfaces that the projector lights", "none", "Check its place."
+            "captures",
+            "must show surfaces that the projector lights",
+            "none",
+            "Check its position.",
         )
     scenes = dict.fromkeys((view.scene for view in views), 1.0)
-    start = Model(
+    start = EmitterModel(
         emitters=(),
         rotation_deg=sensor.projector.rotation_deg,
         scales=scenes,
     )
     position = np.asarray(sensor.projector.position_m, np.float64)
-    seen = image_recovery.modulations(views, sensor)
-    image = image_recovery.image(views, sensor, start, position, seen)
+    modulated = image_recovery.modulations(views, sensor)
+    image = image_recovery.solve_image(views, sensor, start, position, modulated)
     lattices = lattice.find(image)
     if lattices:
-        emitters = tuple(Emission(position_m=position, source=found) for found in lattices)
-        return Recovered(
+        emitters = tuple(
+            PatternEmitter(position_m=position, source=lattice_source)
+            for lattice_source in lattices
+        )
+        return RecoveredPattern(
             fitted=pattern_fit.fit(views, sensor, replace(start, emitters=emitters)), image=image
         )
-    model = replace(start, emitters=(Emission(position_m=position, source=image),))
-    return _of_image(image_recovery.settled(views, sensor, model, rounds=_ROUNDS, track=track))
+    model = replace(start, emitters=(PatternEmitter(position_m=position, source=image),))
+    return _from_image_fit(
+        image_recovery.fit_image(views, sensor, model, rounds=_ROUNDS, track=track)
+    )
 
 
-def again(recovered: Recovered, views: Sequence[View], sensor: Sensor) -> Recovered:
-    """Fit once more, to views as the recovered alignment of the right image places them.
+def refine(
+    recovered: RecoveredPattern, views: Sequence[PatternView], sensor: Sensor
+) -> RecoveredPattern:
+    """Repeat the fit on views that use the recovered alignment of the right image.
 
-    A fit's own move of the right image keeps every pixel's depth; on a slanted surface that errs
-    by the move times the slope. Seen anew, next to nothing is left to move.
+    The first fit shifts the right image at constant depth of each pixel. On a slanted surface
+    this has an error of shift times slope. With aligned views, almost no shift remains.
 
     Args:
-        recovered: from `recover`.
-        views: of the same scenes by `sensor`.
-        sensor: `pattern_sensor.aligned` by what was recovered.
+        recovered: result of `recover`.
+        views: views of the same scenes by `sensor`.
+        sensor: sensor with the recovered alignment (`pattern_sensor.with_alignment`).
 
     Returns:
-        What was recovered, its alignment off the sensor that `recover` began from.
+        The refined pattern; its alignment refers to the initial sensor of `recover`.
     """
     before = recovered.model
-    model = replace(before, alignment=Alignment())
+    model = replace(before, alignment=RightAlignment())
     if recovered.lattices:
-        found = replace(recovered, fitted=pattern_fit.fit(views, sensor, model))
+        refined = replace(recovered, fitted=pattern_fit.fit(views, sensor, model))
     else:
-        found = _of_image(image_recovery.settled(views, sensor, model, rounds=_ROUNDS_AGAIN))
-    both = before.alignment.as_vector() + found.model.alignment.as_vector()
-    whole = replace(found.model, alignment=Alignment.of(both))
-    return replace(found, fitted=replace(found.fitted, model=whole))
+        refined = _from_image_fit(
+            image_recovery.fit_image(views, sensor, model, rounds=_ROUNDS_AGAIN)
+        )
+    total = before.alignment.as_vector() + refined.model.alignment.as_vector()
+    model_with_total = replace(refined.model, alignment=RightAlignment.from_vector(total))
+    return replace(refined, fitted=replace(refined.fitted, model=model_with_total))
 
 
-def _of_image(fitted: Fitted) -> Recovered:
+def _from_image_fit(fitted: PatternFit) -> RecoveredPattern:
     (emitter,) = fitted.model.emitters
     assert isinstance(emitter.source, PatternImage)
-    return Recovered(fitted=fitted, image=emitter.source)
+    return RecoveredPattern(fitted=fitted, image=emitter.source)
 
 
-def scene_scale(views: Sequence[View], sensor: Sensor, model: Model) -> float:
-    """Pattern scale at which a scene shows a recovered pattern: one number, all else held.
+def scene_scale(views: Sequence[PatternView], sensor: Sensor, model: EmitterModel) -> float:
+    """Estimate the pattern scale of a scene, with all other parameters fixed.
 
     Args:
-        views: of one scene.
-        sensor: of the captures.
-        model: recovered from other scenes.
+        views: views of one scene.
+        sensor: sensor of the captures.
+        model: model recovered from other scenes.
     """
     modulated = image_recovery.modulations(views, sensor)
     scores = [
@@ -134,17 +148,20 @@ def scene_scale(views: Sequence[View], sensor: Sensor, model: Model) -> float:
         views,
         sensor,
         replace(model, scales={name: scale}),
-        only=(emitter_model.of_scene(name),),
+        only=(emitter_model.scene_scale_name(name),),
     )
     return fitted.model.scales[name]
 
 
 def _agreement(
-    view: View, modulated: Modulation, sensor: Sensor, model: Model, scale: float
+    view: PatternView, modulated: Modulation, sensor: Sensor, model: EmitterModel, scale: float
 ) -> float:
-    """Correlation of a view with what a model lays on it at one scale, up to a factor."""
-    seen = pattern_fit.seen_of(view, sensor, _EVERY_PX)
-    laid = np.sum([one.light for one in emitter_model.lay(seen, model, scale)], axis=0)
-    every = (slice(None, None, _EVERY_PX), slice(None, None, _EVERY_PX))
-    usable = modulated.weight[every].ravel() > 0
-    return float(np.corrcoef(modulated.value[every].ravel()[usable], laid[usable])[0, 1])
+    """Return the correlation of a view with the model's light at one scale."""
+    surface = pattern_fit.surface_points(view, sensor, _EVERY_PX)
+    light = np.sum(
+        [emitter_light.light for emitter_light in emitter_model.illuminate(surface, model, scale)],
+        axis=0,
+    )
+    sparse = (slice(None, None, _EVERY_PX), slice(None, None, _EVERY_PX))
+    usable = modulated.weight[sparse].ravel() > 0
+    return float(np.corrcoef(modulated.value[sparse].ravel()[usable], light[usable])[0, 1])

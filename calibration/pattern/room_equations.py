@@ -1,4 +1,4 @@
-"""Normal equations of each room: where they say a model lies, and how sure they are of it."""
+"""Steps and covariances of a model from the normal equations of each room."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from starling.calibration.pattern import emitter_model, tile_equations
-from starling.calibration.pattern.emitter_model import Model
-from starling.calibration.pattern.tile_equations import Normal
+from starling.calibration.pattern.emitter_model import EmitterModel
+from starling.calibration.pattern.tile_equations import NormalEquations
 
-LEAST_ROOMS = 3  # Fewer say nothing of how rooms differ.
-_QUANTILE = 0.95  # At which Student's and the normal distribution are made alike.
+LEAST_ROOMS = 3  # Minimum number of rooms for a jackknife.
+_QUANTILE = 0.95  # Quantile at which Student's and the normal distribution are matched.
 
-_LEAST_SHARE = 0.2  # Of the way that a step goes; less cannot be told from none.
+_LEAST_SHARE = 0.2  # Minimum attenuation of a step; smaller values do not differ from 0.
 
-Rooms = Mapping[str, Normal]
-Held = NDArray[np.bool_]  # (n,) of `Model.names`: what is not freed.
+Rooms = Mapping[str, NormalEquations]
+Held = NDArray[np.bool_]  # (n,) mask of the fixed parameters in `EmitterModel.names`.
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 
-def step(rooms: Rooms, model: Model, held: Held) -> Vector:
-    """Gauss-Newton step (n,); what no view tells stays where it is."""
+def gauss_newton_step(rooms: Rooms, model: EmitterModel, held: Held) -> Vector:
+    """Return the Gauss-Newton step (n,); it is 0 for parameters that no view depends on."""
     normal = tile_equations.total(list(rooms.values()))
     gauge = _gauge(normal, model, held)
     matrix, right_side = _solvable(normal.matrix + gauge, normal.right_side, held)
-    off = sum(model.scales.values()) - len(model.scales)
-    return np.linalg.inv(matrix) @ (right_side - off * gauge.max(axis=1))
+    scale_error = sum(model.scales.values()) - len(model.scales)
+    return np.linalg.inv(matrix) @ (right_side - scale_error * gauge.max(axis=1))
 
 
-def by_tile(rooms: Rooms, model: Model, held: Held) -> Matrix:
-    """Covariance (n, n) that holds where residuals within a tile go together (a sandwich).
+def tile_covariance(rooms: Rooms, model: EmitterModel, held: Held) -> Matrix:
+    """Return the sandwich covariance (n, n), robust to correlated residuals within a tile.
 
     Source: White, Econometrica 50, 1982; Liang and Zeger, Biometrika 73, 1986.
     """
@@ -44,86 +44,89 @@ def by_tile(rooms: Rooms, model: Model, held: Held) -> Matrix:
     return inverse @ (scores.T @ scores) @ inverse
 
 
-def moves(rooms: Rooms, model: Model, held: Held) -> list[Vector]:
-    """One step towards the fit without each room, by the other rooms' equations at one place."""
+def leave_one_out_steps(rooms: Rooms, model: EmitterModel, held: Held) -> list[Vector]:
+    """Return, for each room, one step towards the fit to the other rooms."""
     normal = tile_equations.total(list(rooms.values()))
     gauge = _gauge(normal, model, held)
-    out = []
-    for part in rooms.values():
-        rest = np.diagonal(normal.matrix - part.matrix)
-        alone = (np.diagonal(part.matrix) > 0) & (rest <= 0)  # What only this room tells of.
-        left, side = _solvable(
-            normal.matrix - part.matrix + gauge, normal.right_side - part.right_side, held | alone
+    steps = []
+    for room in rooms.values():
+        rest = np.diagonal(normal.matrix - room.matrix)
+        only_here = (np.diagonal(room.matrix) > 0) & (rest <= 0)  # Parameters of this room only.
+        matrix, right_side = _solvable(
+            normal.matrix - room.matrix + gauge,
+            normal.right_side - room.right_side,
+            held | only_here,
         )
-        out.append(np.linalg.solve(left, side))
-    return out
+        steps.append(np.linalg.solve(matrix, right_side))
+    return steps
 
 
-def jackknife(moved: Sequence[Vector]) -> Vector:
-    """Variances (n,) from what leaving out each of some parts moves; 0 from less than three parts.
+def jackknife(steps: Sequence[Vector]) -> Vector:
+    """Return jackknife variances (n,) from leave-one-out fits; 0 for less than three parts.
 
-    Few parts say little of how parts differ: Student's intervals are the wider for it.
+    A Student factor widens the variances for few parts.
 
     Args:
-        moved: (n,) where a fit without each part lies.
+        steps: (n,) step of the fit without each part.
 
     Source: Efron, The Jackknife, the Bootstrap and Other Resampling Plans (1982), ch. 3.
     """
-    count = len(moved)
+    count = len(steps)
     if count < LEAST_ROOMS:
-        return np.zeros(len(moved[0]) if moved else 1)
-    spread = np.array(moved) - np.mean(moved, axis=0)
+        return np.zeros(len(steps[0]) if steps else 1)
+    spread = np.array(steps) - np.mean(steps, axis=0)
     student = stats.t.ppf(_QUANTILE, count - 1) / stats.norm.ppf(_QUANTILE)
     return np.asarray(student**2 * (count - 1) / count * (spread**2).sum(axis=0), np.float64)
 
 
-def widened_to(covariance: Matrix, variance: Vector) -> Matrix:
-    """Give a covariance (n, n) larger variances (n,), its correlations kept."""
-    larger = np.sqrt(np.maximum(variance / np.diagonal(covariance).clip(1e-300), 1.0))
-    return covariance * np.outer(larger, larger)
+def with_variances(covariance: Matrix, variance: Vector) -> Matrix:
+    """Raise the variances of a covariance (n, n) to `variance` (n,); keep its correlations."""
+    factor = np.sqrt(np.maximum(variance / np.diagonal(covariance).clip(1e-300), 1.0))
+    return covariance * np.outer(factor, factor)
 
 
-def lengthening(matrix: Matrix, applied: Vector, before: Vector, after: Vector) -> Matrix:
-    """What makes steps (n,) whole that fall short along the last one: multiply them by it.
+def step_correction(matrix: Matrix, applied: Vector, before: Vector, after: Vector) -> Matrix:
+    """Return the matrix that corrects attenuated steps (n,) along the last step.
 
-    Noise in a derivative adds to the normal equations' matrix and to nothing else: where little is
-    known, along a valley, steps are a share of the way, and deviations a share of the spread. The
-    share shows in what a step along there left of the next.
+    Noise in the derivatives increases the matrix of the normal equations but not the right side.
+    Along poorly determined directions, steps and deviations are then too small by a factor. The
+    change from one step to the next gives this factor.
 
     Args:
-        matrix: (n, n) of the normal equations, as a measure of length.
-        applied: (n,) the last step as it was taken.
-        before: (n,) the last step as the equations gave it.
-        after: (n,) the next one as they give it.
+        matrix: (n, n) matrix of the normal equations, as a measure of length.
+        applied: (n,) last step, as applied.
+        before: (n,) last step from the equations.
+        after: (n,) next step from the equations.
 
     Source: Broyden, Mathematics of Computation 19, 1965 (a rank-one correction by a secant);
     Fuller, Measurement Error Models (1987), ch. 1 (attenuation).
     """
-    along = matrix @ applied
-    length = float(applied @ along)
+    applied_gradient = matrix @ applied
+    length = float(applied @ applied_gradient)
     if length <= 0:
         return np.eye(len(applied))
-    share = float(np.clip((before - after) @ along / length, _LEAST_SHARE, 1.0))
-    return np.eye(len(applied)) + (1 / share - 1) * np.outer(applied, along) / length
+    share = float(np.clip((before - after) @ applied_gradient / length, _LEAST_SHARE, 1.0))
+    return np.eye(len(applied)) + (1 / share - 1) * np.outer(applied, applied_gradient) / length
 
 
-def _gauge(normal: Normal, model: Model, held: Held) -> Matrix:
-    """Weight (n, n) that holds the scenes' mean scale at 1: the pattern's own trades with it.
+def _gauge(normal: NormalEquations, model: EmitterModel, held: Held) -> Matrix:
+    """Return the weight (n, n) that fixes the scenes' mean scale at 1.
 
-    Where the pattern is held, so is its scale.
+    The mean scale and the pattern's scale are not separable. If the pattern is fixed, the weight
+    is 0.
     """
-    scales = np.array([bool(emitter_model.scene_of(name)) for name in model.names])
+    scales = np.array([bool(emitter_model.scene_from_name(name)) for name in model.names])
     if (held & ~scales).any():
         return np.zeros_like(normal.matrix)
-    among = (scales & ~held).astype(np.float64)
-    stiff = 1e3 * np.diagonal(normal.matrix)[among > 0].max(initial=1.0)
-    return stiff * np.outer(among, among)
+    free_scales = (scales & ~held).astype(np.float64)
+    weight = 1e3 * np.diagonal(normal.matrix)[free_scales > 0].max(initial=1.0)
+    return weight * np.outer(free_scales, free_scales)
 
 
 def _solvable(matrix: Matrix, right_side: Vector, held: Held) -> tuple[Matrix, Vector]:
-    """Leave where it is what is held, and what no view tells."""
-    silent = held | (np.diagonal(matrix) == 0)
-    matrix, right_side = matrix.copy(), np.where(silent, 0.0, right_side)
-    matrix[silent], matrix[:, silent] = 0.0, 0.0
-    matrix[silent, silent] = 1.0
+    """Remove fixed parameters and parameters that no view depends on from the equations."""
+    fixed = held | (np.diagonal(matrix) == 0)
+    matrix, right_side = matrix.copy(), np.where(fixed, 0.0, right_side)
+    matrix[fixed], matrix[:, fixed] = 0.0, 0.0
+    matrix[fixed, fixed] = 1.0
     return matrix, right_side

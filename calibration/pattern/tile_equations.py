@@ -1,8 +1,8 @@
-"""Normal equations of an image's tiles: what remains for common parameters to answer for.
+"""Normal equations of an image's tiles for common parameters.
 
-Levels, slopes and lights' strengths are each tile's own and are eliminated (see
-`starling.calibration.least_squares.variable_projection`). Pixels that fit badly, and tiles that do as a whole (texture, a
-wrong reference), count less.
+Levels, slopes and strengths of each tile are eliminated
+(`starling.calibration.least_squares.variable_projection`). Pixels and whole tiles with a large
+residual, from texture or a wrong reference, are downweighted.
 """
 
 from __future__ import annotations
@@ -16,55 +16,61 @@ from numpy.typing import NDArray
 from starling.calibration.least_squares import variable_projection
 from starling.calibration.least_squares.variable_projection import Array
 
-_ROBUST = 3.0  # Residuals above this many deviations count less (Cauchy).
-_OF_NOISE = 0.8741  # Mean of c^2 log(1 + x^2 / c^2), c = 3, of noise x of unit deviation.
-_ROUNDS = 2  # Of weights and strengths.
+_ROBUST = 3.0  # Scale of the Cauchy weights [standard deviations].
+_OF_NOISE = 0.8741  # Mean of c^2 log(1 + x^2 / c^2) for c = 3 and standard normal x.
+_ROUNDS = 2  # Rounds of weights and strengths.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Normal:
-    """Normal equations of n common parameters, by tiles."""
+class NormalEquations:
+    """Normal equations of n common parameters, with the contribution of each tile."""
 
     matrix: NDArray[np.float64]  # (n, n)
     right_side: NDArray[np.float64]  # (n,)
-    scores: NDArray[np.float64]  # (tiles, n) each tile's share of `right_side`.
-    misfit: float  # Robust sum of squared residuals; of noise alone it is `freedom`.
-    freedom: int  # Pixels that count, less what was fitted to them.
-    strengths: NDArray[np.float64]  # (tiles, k) of the templates; NaN where a tile does not count.
+    scores: NDArray[np.float64]  # (tiles, n) contribution of each tile to `right_side`.
+    misfit: float  # Robust sum of squared residuals; noise alone gives `freedom`.
+    freedom: int  # Degrees of freedom: used pixels minus eliminated coefficients.
+    strengths: NDArray[np.float64]  # (tiles, k) of the templates; NaN for unused tiles.
 
 
-def of(image: Array, weight: Array, templates: Array, columns: Array, *, tile_px: int) -> Normal:
+def reduce_image(
+    image: Array, weight: Array, templates: Array, columns: Array, *, tile_px: int
+) -> NormalEquations:
     """Reduce an image to normal equations.
 
     Args:
-        image: (h, w) reading.
-        weight: (h, w) over the variance of the reading's noise; 0 where it does not count.
-        templates: (k, h, w) lights of strength 1, k >= 1.
+        image: (h, w) observed levels.
+        weight: (h, w) inverse noise variance; 0 for unused pixels.
+        templates: (k, h, w) light layers of strength 1, k >= 1.
         columns: (k, n, h, w) derivatives of the templates by n parameters.
         tile_px: side of a tile.
     """
     layers = list(templates)
     fitted = variable_projection.eliminate(image, layers, weight, size_px=tile_px)
     for _ in range(_ROUNDS):
-        # Residuals are weighed already: what was taken off them is put back.
-        down = variable_projection.joined(_robust(fitted.unweighed(weight)), image.shape, tile_px)
-        fitted = variable_projection.eliminate(image, layers, weight * down, size_px=tile_px)
-    slope = fitted.projected([list(column) for column in columns.swapaxes(0, 1)])
+        # Remove the robust weights from the residuals before new weights are computed.
+        robust_weight = variable_projection.join(
+            _robust(fitted.reweighted(weight)), image.shape, tile_px
+        )
+        fitted = variable_projection.eliminate(
+            image, layers, weight * robust_weight, size_px=tile_px
+        )
+    slope = fitted.project([list(column) for column in columns.swapaxes(0, 1)])
     scores = -np.einsum("nmp,nm->np", slope, fitted.residual, optimize=True).astype(np.float64)
     flat = slope.reshape(-1, slope.shape[2])
-    return Normal(
+    return NormalEquations(
         matrix=(flat.T @ flat).astype(np.float64),
         right_side=scores.sum(axis=0),
         scores=scores,
-        misfit=misfit(fitted.unweighed(weight)),
+        misfit=misfit(fitted.reweighted(weight)),
         freedom=fitted.freedom,
         strengths=np.where(fitted.used[:, None], fitted.amplitude, np.nan).astype(np.float64),
     )
 
 
-def total(parts: Sequence[Normal]) -> Normal:
+def total(parts: Sequence[NormalEquations]) -> NormalEquations:
     """Sum the equations of several images."""
-    return Normal(
+    return NormalEquations(
         matrix=np.sum([part.matrix for part in parts], axis=0),
         right_side=np.sum([part.right_side for part in parts], axis=0),
         scores=np.concatenate([part.scores for part in parts]),
@@ -75,25 +81,25 @@ def total(parts: Sequence[Normal]) -> Normal:
 
 
 def misfit(residual: NDArray) -> float:
-    """Robust sum of squares (Cauchy's cost) of residuals over their deviations.
+    """Return the robust sum of squares (Cauchy's cost) of normalised residuals.
 
-    Of normal noise alone it is the number of residuals; one far off adds by its logarithm.
+    Normal noise gives the number of residuals. An outlier contributes by its logarithm.
     """
     squares = np.log1p((residual.astype(np.float64) / _ROBUST) ** 2)
     return float(_ROBUST**2 / _OF_NOISE * squares.sum())
 
 
-def widened(normal: Normal, places: Sequence[int], count: int) -> Normal:
-    """Give a part's parameters their places among `count`, of which it tells nothing else."""
-    at = np.asarray(places, np.intp)
+def embed(normal: NormalEquations, places: Sequence[int], count: int) -> NormalEquations:
+    """Embed normal equations in the full system of `count` parameters (zeros elsewhere)."""
+    indices = np.asarray(places, np.intp)
     matrix, scores = np.zeros((count, count)), np.zeros((len(normal.scores), count))
-    matrix[np.ix_(at, at)] = normal.matrix
-    scores[:, at] = normal.scores
+    matrix[np.ix_(indices, indices)] = normal.matrix
+    scores[:, indices] = normal.scores
     return replace(normal, matrix=matrix, right_side=scores.sum(axis=0), scores=scores)
 
 
 def _robust(residual: Array) -> Array:
-    """Weights (n, m) of pixels: their own misfit and the tile's."""
+    """Return the weights (n, m) of pixels, from the residual of the pixel and of its tile."""
     square = residual**2 / np.float32(_ROBUST**2)
     counted = np.maximum((residual != 0).sum(axis=1, keepdims=True), 1)
     return 1 / (1 + square) / (1 + square.sum(axis=1, keepdims=True) / counted)

@@ -1,8 +1,8 @@
-"""A pattern as an image, from captures with known surfaces: least squares over all their pixels.
+"""Recover a pattern as an image by least squares over all pixels of captures of known surfaces.
 
-Each view is the pattern seen in the direction of its surface points, times a local gain, with the
-neighbourhood's mean taken off. That is linear in the pattern: conjugate gradients on the normal
-equations, with the imager's sampling inside the model.
+The model of a view is the pattern in the direction of its surface points, blurred, times a local
+gain, minus the local mean. It is linear in the pattern. Conjugate gradients solve the normal
+equations, and the model includes the imager's sampling.
 """
 
 from __future__ import annotations
@@ -19,63 +19,63 @@ from starling.calibration.pattern.cosine_image import Grid
 from starling.calibration.pattern.modulation import Modulation, high_passed
 from starling.calibration.pattern.views import Array
 
-_GAIN_PX = 12.0  # Sigma over which a local gain is fitted.
+_GAIN_PX = 12.0  # Sigma of the window of a local gain.
 _GAIN_RANGE = (0.1, 3.0)
 _FIRST_GAIN = 0.8
-_RIDGE = 1e-2  # Weight of the pattern's own size, over the median information a direction has.
+_RIDGE = 1e-2  # Ridge weight over the median information of a direction.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Placed:
-    """A view's modulation with the directions of its pixels."""
+class PlacedView:
+    """Modulation of a view, with the directions of its pixels."""
 
     modulation: Modulation
     cosines: Array  # (h w, 2) nominal direction cosines; NaN where unknown.
-    blur_px: float = 0.0  # Sigma of the imager's own blur, which is not the pattern's.
-    gain: Array | None = None  # (h, w) local gain of the pattern; None before any fit.
+    blur_px: float = 0.0  # Sigma of the imager's blur.
+    gain: Array | None = None  # (h, w) local gain of the pattern; None before the first fit.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PatternImage:
-    """A pattern about its mean, over direction cosines."""
+    """A zero-mean pattern over direction cosines."""
 
     grid: Grid
-    value: Array  # (h, w) of about unit deviation.
-    sd: Array  # (h, w) standard deviation of `value`; inf where no view looked.
-    views: Array  # (h, w) coverage: how many views' pixels looked there, by weight of the largest.
+    value: Array  # (h, w), with a standard deviation of about 1.
+    sd: Array  # (h, w) standard error of `value`; inf without coverage.
+    views: Array  # (h, w) coverage: number of views with a usable pixel in the direction.
 
 
 def solve(
-    placed: Sequence[Placed],
+    placed: Sequence[PlacedView],
     grid: Grid,
     *,
     start: Array | None = None,
     rounds: int = 2,
     steps: int = 8,
 ) -> PatternImage:
-    """Solve for the pattern and the views' local gains in turn.
+    """Solve alternately for the pattern and the local gains of the views.
 
     Args:
-        placed: views; at least one.
-        grid: of the pattern.
-        start: (h, w) pattern to begin from; nothing is known of it where None.
-        rounds: of gains and pattern.
-        steps: of conjugate gradients a round.
+        placed: at least one view.
+        grid: grid of the pattern.
+        start: (h, w) initial pattern; None starts from 0.
+        rounds: number of rounds of gains and pattern.
+        steps: steps of conjugate gradients per round.
 
     Returns:
-        The pattern, with the deviation that the views' noise leaves (the diagonal of the normal
-        equations). It is that of the pattern as the imager blurs it: what the blur hides, from
-        pixel to pixel, errs more, three times at a blur of 0.6 px.
+        The pattern. Its standard error comes from the diagonal of the normal equations and is
+        that of the blurred pattern. Detail that blur removes has a larger error: three times as
+        large at a blur of 0.6 px.
     """
     value = np.zeros(grid.shape, np.float32) if start is None else start
-    placed = [replace(one, cosines=grid.place(one.cosines)) for one in placed]
+    placed = [replace(view, cosines=grid.place(view.cosines)) for view in placed]
     information = np.zeros(grid.shape, np.float32)
     for _ in range(rounds):
-        placed = [with_gain(one, value) for one in placed]
+        placed = [with_gain(view, value) for view in placed]
         information = _information(placed, grid)
         value = _conjugate_gradients(placed, value, information, steps)
-    looked = information > 0
-    sd = np.where(looked, 1 / np.sqrt(np.maximum(information, 1e-12)), np.inf)
+    covered = information > 0
+    sd = np.where(covered, 1 / np.sqrt(np.maximum(information, 1e-12)), np.inf)
     return PatternImage(
         grid=grid,
         value=value,
@@ -84,22 +84,22 @@ def solve(
     )
 
 
-def predicted(one: Placed, value: Array) -> Array:
-    """The pattern as a view shows it, mean taken off (h, w)."""
-    shape = one.modulation.value.shape
-    out = np.zeros(shape[0] * shape[1], np.float32)
-    cosine_image.read(value, one.cosines, out)
-    return shown(out.reshape(shape), one.blur_px)
+def predict(view: PlacedView, value: Array) -> Array:
+    """Predict a view's image of the pattern, minus its local mean (h, w)."""
+    shape = view.modulation.value.shape
+    light = np.zeros(shape[0] * shape[1], np.float32)
+    cosine_image.read(value, view.cosines, light)
+    return imaged(light.reshape(shape), view.blur_px)
 
 
-def shown(light: Array, blur_px: float) -> Array:
-    """Light as an imager shows it, mean taken off (h, w)."""
+def imaged(light: Array, blur_px: float) -> Array:
+    """Blur light as an imager does and subtract the local mean (h, w)."""
     return high_passed(_blurred(light, blur_px))
 
 
-def with_gain(one: Placed, value: Array) -> Placed:
-    """Fit a view's local gain to a pattern; `cosines` are pixels of its grid."""
-    return replace(one, gain=_gain(one, value))
+def with_gain(view: PlacedView, value: Array) -> PlacedView:
+    """Fit a view's local gain to a pattern; `cosines` are pixel coordinates of its grid."""
+    return replace(view, gain=_gain(view, value))
 
 
 def _blurred(image: Array, sigma_px: float) -> Array:
@@ -108,73 +108,73 @@ def _blurred(image: Array, sigma_px: float) -> Array:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.float32)
 
 
-def _gain(one: Placed, value: Array) -> Array:
-    """Regress the view on the pattern, locally."""
-    if one.gain is None and not value.any():
-        return np.full(one.modulation.value.shape, _FIRST_GAIN, np.float32)
-    model = predicted(one, value)
-    seen = (one.modulation.weight > 0).astype(np.float32)
+def _gain(view: PlacedView, value: Array) -> Array:
+    """Regress the view on the pattern in local windows."""
+    if view.gain is None and not value.any():
+        return np.full(view.modulation.value.shape, _FIRST_GAIN, np.float32)
+    model = predict(view, value)
+    usable = (view.modulation.weight > 0).astype(np.float32)
 
     def smooth(image: Array) -> Array:
-        return np.asarray(cv2.GaussianBlur(image * seen, (0, 0), _GAIN_PX), np.float32)
+        return np.asarray(cv2.GaussianBlur(image * usable, (0, 0), _GAIN_PX), np.float32)
 
-    gain = smooth(model * one.modulation.value) / np.maximum(smooth(model * model), 1e-3)
+    gain = smooth(model * view.modulation.value) / np.maximum(smooth(model * model), 1e-3)
     return np.clip(gain, *_GAIN_RANGE).astype(np.float32)
 
 
-def _model(one: Placed, value: Array) -> Array:
-    assert one.gain is not None
-    return one.gain * predicted(one, value)
+def _model(view: PlacedView, value: Array) -> Array:
+    assert view.gain is not None
+    return view.gain * predict(view, value)
 
 
-def _transposed(one: Placed, residual: Array, into: Array) -> None:
-    assert one.gain is not None
-    back = high_passed(one.gain * one.modulation.weight * residual)
-    cosine_image.add(into, one.cosines, _blurred(back, one.blur_px).ravel())
+def _transposed(view: PlacedView, residual: Array, total: Array) -> None:
+    assert view.gain is not None
+    gradient = high_passed(view.gain * view.modulation.weight * residual)
+    cosine_image.add(total, view.cosines, _blurred(gradient, view.blur_px).ravel())
 
 
-def _information(placed: Sequence[Placed], grid: Grid) -> Array:
+def _information(placed: Sequence[PlacedView], grid: Grid) -> Array:
     total = np.zeros(grid.shape, np.float32)
-    for one in placed:
-        assert one.gain is not None
-        weight = one.modulation.weight * one.gain**2
-        cosine_image.add(total, one.cosines, weight.ravel())
+    for view in placed:
+        assert view.gain is not None
+        weight = view.modulation.weight * view.gain**2
+        cosine_image.add(total, view.cosines, weight.ravel())
     return total
 
 
-def _coverage(placed: Sequence[Placed], grid: Grid) -> Array:
+def _coverage(placed: Sequence[PlacedView], grid: Grid) -> Array:
     total = np.zeros(grid.shape, np.float32)
-    for one in placed:
+    for view in placed:
         counts = np.zeros(grid.shape, np.float32)
         cosine_image.add(
-            counts, one.cosines, (one.modulation.weight > 0).astype(np.float32).ravel()
+            counts, view.cosines, (view.modulation.weight > 0).astype(np.float32).ravel()
         )
         total += counts > 0
     return total
 
 
-def _excess(placed: Sequence[Placed], value: Array) -> float:
-    """Root of the weighted mean squared residual: what texture adds to the noise."""
+def _excess(placed: Sequence[PlacedView], value: Array) -> float:
+    """Return the root mean square of the weighted residual; texture raises it above 1."""
     squares = weights = 0.0
-    for one in placed:
-        residual = one.modulation.value - _model(one, value)
-        squares += float((one.modulation.weight * residual**2).sum())
-        weights += float((one.modulation.weight > 0).sum())
+    for view in placed:
+        residual = view.modulation.value - _model(view, value)
+        squares += float((view.modulation.weight * residual**2).sum())
+        weights += float((view.modulation.weight > 0).sum())
     return float(np.sqrt(squares / max(weights, 1)))
 
 
 def _conjugate_gradients(
-    placed: Sequence[Placed], start: Array, information: Array, steps: int
+    placed: Sequence[PlacedView], start: Array, information: Array, steps: int
 ) -> Array:
-    looked = information > 0
-    if not looked.any():
+    covered = information > 0
+    if not covered.any():
         return start
-    ridge = np.float32(_RIDGE * np.median(information[looked]))
+    ridge = np.float32(_RIDGE * np.median(information[covered]))
 
     def normal(value: Array) -> Array:
-        return _sum(placed, lambda one: _model(one, value), start.shape) + ridge * value
+        return _sum(placed, lambda view: _model(view, value), start.shape) + ridge * value
 
-    right_side = _sum(placed, lambda one: one.modulation.value, start.shape)
+    right_side = _sum(placed, lambda view: view.modulation.value, start.shape)
     inverse = 1 / (information + ridge)
     value, residual = start, right_side - normal(start)
     direction = scaled = inverse * residual
@@ -191,14 +191,14 @@ def _conjugate_gradients(
 
 
 def _sum(
-    placed: Sequence[Placed], image_of: Callable[[Placed], Array], shape: tuple[int, ...]
+    placed: Sequence[PlacedView], make_image: Callable[[PlacedView], Array], shape: tuple[int, ...]
 ) -> Array:
-    """Sum over views of the transposed model, in two threads."""
+    """Sum the transposed model over views, in two threads."""
 
     def half(first: int) -> Array:
         total = np.zeros(shape, np.float32)
-        for one in placed[first::2]:
-            _transposed(one, image_of(one), total)
+        for view in placed[first::2]:
+            _transposed(view, make_image(view), total)
         return total
 
     with ThreadPoolExecutor(2) as pool:

@@ -1,4 +1,4 @@
-"""One imager's image of a captured scene, with the surface point that each pixel shows."""
+"""One imager's image of a captured scene, with the surface point of each pixel."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import disparity_from_depth
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
-    from starling.sim.render.layers import View as Rendered
+    from starling.sim.render.layers import ViewLayers
 
 Array = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
-_LIT = 0.5  # Of a pixel, between lit and dark ones.
-_NEAR_SHADOW_PX = 2  # Pixels this near a shadow's edge are left out: the reference is unsure there.
-_BURNT_SHARE = 0.98  # Of the highest code: levels from here on are clipped.
+_LIT = 0.5  # Minimum lit share of a pixel.
+_NEAR_SHADOW_PX = 2  # Width of the excluded margin along shadow edges (reference uncertainty).
+_BURNT_SHARE = 0.98  # Saturation threshold over the highest code.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class View:
-    """What one imager saw, and where."""
+class PatternView:
+    """One imager's image with its surface points."""
 
     scene: str
     room: str
     side: Literal["left", "right"]
-    level_dn: Array  # (h, w), black level included.
-    points_m: Array  # (h, w, 3) in the left imager's frame; NaN where nothing is known.
-    usable: Mask  # Known, lit, unsaturated and away from edges of depth and shadow.
+    level_dn: Array  # (h, w), including the black level.
+    points_m: Array  # (h, w, 3) in the left imager's frame; NaN where unknown.
+    usable: Mask  # Known, lit and unsaturated pixels away from edges of depth and shadow.
 
 
-def of(observation: Observation, sensor: Sensor) -> tuple[View, ...]:
-    """Make the views of an observation, left and right, as the sensor's geometry places them.
+def make_views(observation: Observation, sensor: Sensor) -> tuple[PatternView, ...]:
+    """Return the left and right view of an observation, with the sensor's geometry.
 
     Args:
-        observation: with infrared images and a surface.
-        sensor: whose intrinsics, baseline, alignment and projector are believed for now.
+        observation: scene with infrared images and a surface.
+        sensor: sensor with the assumed intrinsics, baseline, alignment and projector.
 
     Raises:
         InputError: if infrared images or surface are missing.
@@ -55,7 +55,7 @@ def of(observation: Observation, sensor: Sensor) -> tuple[View, ...]:
             f"scene {observation.name}",
             "must have infrared images and reference depth or a posed mesh",
             "less",
-            "Fit what depth alone can tell by captures without infrared.",
+            "Fit only the groups that depth supports.",
         )
     layers = direct.layers(observation.stage, sensor, subpixels=1)
     views = [_view(observation, sensor, "left", observation.left, layers.left)]
@@ -69,11 +69,11 @@ def _view(
     sensor: Sensor,
     side: Literal["left", "right"],
     level_dn: Array,
-    rendered: Rendered,
-) -> View:
+    rendered: ViewLayers,
+) -> PatternView:
     lit = (rendered.projector_direct > 0).astype(np.float32)
     shift_m = sensor.baseline_m * (1 + sensor.baseline_error) if side == "right" else 0.0
-    points, lit = _moved(_points(rendered.depth_m, sensor, shift_m), lit, sensor, side)
+    points, lit = _misalign(_points(rendered.depth_m, sensor, shift_m), lit, sensor, side)
     depth = points[..., 2]
     disparity = disparity_from_depth(depth, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
     usable = np.isfinite(depth) & ~metrics.depth_edges(disparity)
@@ -83,7 +83,7 @@ def _view(
     usable &= level_dn < _BURNT_SHARE * sensor.left.ceiling_dn
     if side == "left" and observation.truth_m is not None and not observation.metric:
         usable &= np.isfinite(observation.truth_m)
-    return View(
+    return PatternView(
         scene=observation.name,
         room=observation.room,
         side=side,
@@ -93,10 +93,10 @@ def _view(
     )
 
 
-def _moved(
+def _misalign(
     points_m: Array, lit: Array, sensor: Sensor, side: Literal["left", "right"]
 ) -> tuple[Array, Array]:
-    """Points and light where a misaligned imager's pixels see them."""
+    """Resample points and light at the pixels of a misaligned imager."""
     from starling.sim.geometry.pinhole import Pinhole
     from starling.sim.imaging.optics import alignment
     from starling.sim.sensor.lens import Alignment
@@ -105,9 +105,9 @@ def _moved(
     if aligned == Alignment():
         return points_m, lit
     x, y, z = (np.ascontiguousarray(points_m[..., axis]) for axis in range(3))
-    x[[0, -1]] = np.nan  # Beyond the border nothing is known.
+    x[[0, -1]] = np.nan  # Points outside the border are unknown.
     x[:, [0, -1]] = np.nan
-    x, y, z, lit = alignment.moved((x, y, z, lit), aligned, Pinhole.of(sensor))
+    x, y, z, lit = alignment.misalign((x, y, z, lit), aligned, Pinhole.from_camera(sensor))
     return np.where(np.isfinite(x)[..., None], np.stack([x, y, z], axis=-1), np.nan), lit
 
 

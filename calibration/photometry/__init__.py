@@ -1,1 +1,1 @@
-"""Levels and noise: light, lens, electronics."""
+"""Fit image levels and noise: light, lens, electronics."""

@@ -1,4 +1,4 @@
-"""Small squares of an image: where something varies least, little but noise is left."""
+"""Statistics of small blocks of an image; the blocks with the least variance show mainly noise."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from scipy import stats
 from starling.calibration.least_squares import variable_projection
 
 BLOCK_PX = 8
-QUIETEST = 0.1  # Share of the blocks that vary least.
-INDEPENDENT = 0.25  # Share of a block's pixels that are so, after averaging.
+QUIETEST = 0.1  # Quantile of the blocks' variance.
+INDEPENDENT = 0.25  # Share of independent pixels in a block, after the device's averaging.
 
 
 def blocks(image: NDArray) -> NDArray:
-    """Pixels of each block (n, 64); what does not fill one is left out."""
+    """Return the pixels of each block (n, 64); incomplete blocks are dropped."""
     return variable_projection.cut(image, BLOCK_PX)
 
 
 def quietest_by_chance(pixels: float) -> float:
-    """Variance over its mean that the quietest tenth of blocks of pure noise has at most.
+    """Return the 10 % quantile of the variance of blocks of pure noise, over its mean.
 
     Args:
-        pixels: of a block that carry the noise, neighbours counted.
+        pixels: number of noisy pixels in a block, including correlated neighbours.
     """
     freedom = max(INDEPENDENT * pixels - 1, 1.0)
     return float(stats.chi2.ppf(QUIETEST, freedom)) / freedom
 
 
 def quietest(variance: NDArray) -> float:
-    """Variance that a tenth of the blocks (n,) stays below."""
+    """Return the 10 % quantile of the blocks' variance (n,)."""
     return float(np.quantile(variance, QUIETEST))

@@ -1,4 +1,4 @@
-"""Fit the level that auto exposure aims at, from the mean levels of captures."""
+"""Fit the target level of auto exposure to the mean levels of captures."""
 
 from __future__ import annotations
 
@@ -12,26 +12,30 @@ from starling.sim.sensor import edits
 from starling.sim.sensor.sensor import Sensor
 
 NAME = "left.auto_exposure_level"
-_LEAST_SCENES = 2  # One says nothing of how far scenes scatter about what is aimed at.
+_LEAST_SCENES = 2  # Minimum number of scenes for an estimate of their scatter.
 
 
 def fit_exposure_level(observations: Sequence[Observation], sensor: Sensor) -> Solution | None:
-    """Take the mean level of the left images, projector on, over scenes.
+    """Average the mean level of the left images, projector on, over scenes.
 
-    A device meters by rules of its own; what it aims at comes out on average only. Scenes too
-    dark for the longest exposure would lower it.
+    The metering of a device is unknown, so single scenes deviate from its target. Scenes that are
+    too dark for the longest exposure bias the result downwards.
 
     Args:
-        observations: with infrared images.
-        sensor: to set the level in, of both imagers.
+        observations: scenes with infrared images.
+        sensor: sensor in which to set the level of both imagers.
 
     Returns:
-        The level over full scale and the deviation of its mean over scenes. None where the
-        sensor's exposure is fixed, or fewer than two scenes were taken.
+        The level over full scale and the standard error of its mean over scenes. None if the
+        exposure is fixed, or if there are fewer than two scenes.
     """
     if sensor.left.auto_exposure_level == 0:
         return None
-    levels = [float(one.left.mean()) for one in observations if one.left is not None]
+    levels = [
+        float(observation.left.mean())
+        for observation in observations
+        if observation.left is not None
+    ]
     if len(levels) < _LEAST_SCENES:
         return None
     shares = np.array(levels) / sensor.left.ceiling_dn

@@ -1,6 +1,6 @@
-"""What an imager should read of each light of a scene, before strengths and reflectance are known.
+"""Signal of an imager under each light of a scene, at unit strength.
 
-Light is linear: signal = power laser + irradiance ambient + other [DN above black].
+Light is additive: signal = power * laser + irradiance * ambient + other [DN above black].
 """
 
 from __future__ import annotations
@@ -13,21 +13,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.sim.arrays import Image, Mask
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.imaging.imager import electrons_per_radiance, mixed
+from starling.sim.imaging.imager import electrons_per_radiance, mix_pixels
 from starling.sim.imaging.imager.exposure import Exposure
 from starling.sim.imaging.signals import signals
 from starling.sim.imaging.steady import steady
-from starling.sim.render.layers import Image, Mask, View
+from starling.sim.render.layers import ViewLayers
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Imager, Sensor
 
 Side = Literal["left", "right"]
 
-_DARKEST = 1e-3  # Share of the pixels whose level bounds the black level from above.
-_JUMP = 0.02  # Relative step of depth between neighbours that makes an edge.
-_EDGE_PX = 4  # Pixels on each side of an edge that blur and wrong geometry reach.
+_DARKEST = 1e-3  # Quantile of the level that is an upper bound of the black level.
+_JUMP = 0.02  # Relative step of depth between neighbours at an edge.
+_EDGE_PX = 4  # Excluded margin on each side of an edge (blur, geometry errors).
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -35,66 +36,68 @@ class Levels:
     """Signal of one imager under lights of unit strength [DN above black], each (h, w)."""
 
     laser: Image  # Projector of 1 W.
-    even: Image  # The same, all of its light between its dots.
-    sharp_laser: Image  # `laser` before crosstalk and averaging, as speckle meets it.
-    sharp_even: Image  # `even` likewise.
+    even: Image  # Projector of 1 W with a haze of 1 (uniform light).
+    sharp_laser: Image  # `laser` before crosstalk and averaging, where speckle acts.
+    sharp_even: Image  # `even` before crosstalk and averaging.
     ambient: Image  # Ambient light of 1 W m^-2.
-    other: Image  # Sun and other projectors, at their own strength.
+    other: Image  # Sun and other projectors, at their actual strength.
     lens_log_cos: Image  # log cos of the angle off the imager's axis: d log signal / d vignetting.
-    projector_log_cos: Image  # Likewise off the projector's axis: d log laser / d falloff.
+    projector_log_cos: Image  # The same for the projector's axis: d log laser / d falloff.
 
 
-def part(sensor: Sensor, side: Side) -> Imager:
-    """The imager of a side."""
+def side_imager(sensor: Sensor, side: Side) -> Imager:
+    """Return the imager of a side."""
     return sensor.left if side == "left" else sensor.right
 
 
 def dn_per_electron(imager: Imager, exposure: Exposure) -> float:
-    """Conversion at the gain of an image [DN / electron]."""
+    """Return the conversion gain at an exposure [DN / electron]."""
     return exposure.gain * imager.ceiling_dn / imager.full_well_e
 
 
-def expected(
-    view: View, even: View, scene: Scene, sensor: Sensor, side: Side, exposure: Exposure
+def unit_levels(
+    view: ViewLayers, even: ViewLayers, scene: Scene, sensor: Sensor, side: Side, exposure: Exposure
 ) -> Levels:
-    """Take a view's layers through optics and imager, light by light, without noise.
+    """Apply optics and imager to each light layer of a view, without noise.
 
-    Speckle, flicker, gamma and what is a pixel's own are left out; the mean does not move.
+    Speckle, flicker, gamma and fixed-pattern noise are excluded; they do not change the mean.
 
     Args:
-        view: of one imager, rendered with this sensor's geometry and projector.
-        even: the same with a `haze` of 1.
-        scene: it is of; its interreflection counts, the strength of its ambient light does not.
-        sensor: whose optics and imager act.
-        side: which imager.
+        view: layers of one imager, rendered with this sensor's geometry and projector.
+        even: the same layers with a `haze` of 1.
+        scene: scene of the view, for its interreflection; its ambient strength is not used.
+        sensor: sensor with optics and imager.
+        side: side of the imager.
         exposure: time and gain of the image.
     """
     unit = dataclasses.replace(steady(sensor.projector), power_w=1.0)
     sensor = dataclasses.replace(sensor, projector=unit)
-    imager, wavelength = part(sensor, side), sensor.projector.wavelength_nm
+    imager, wavelength = side_imager(sensor, side), sensor.projector.wavelength_nm
     electrons = electrons_per_radiance(imager, wavelength, exposure.exposure_s)
     scale = np.float32(electrons * dn_per_electron(imager, exposure))
-    apart = signals(view, scene, sensor, side)
+    separate = signals(view, scene, sensor, side)
     dark = np.zeros_like(view.ambient)
-    # What `view` has is not formed twice.
-    alone = dataclasses.replace(even, ambient=dark, other=dark)
-    sharp_laser = apart.laser * scale
-    sharp_even = signals(alone, scene, sensor, side).laser * scale
+    # Ambient and other light of `even` equal those of `view`.
+    even_only = dataclasses.replace(even, ambient=dark, other=dark)
+    sharp_laser = separate.laser * scale
+    sharp_even = signals(even_only, scene, sensor, side).laser * scale
 
     return Levels(
-        laser=mixed(imager, sharp_laser),
-        even=mixed(imager, sharp_even),
+        laser=mix_pixels(imager, sharp_laser),
+        even=mix_pixels(imager, sharp_even),
         sharp_laser=sharp_laser,
         sharp_even=sharp_even,
-        ambient=mixed(imager, apart.ambient * scale),
-        other=mixed(imager, apart.other * scale),
-        lens_log_cos=np.asarray(-0.5 * np.log1p(Pinhole.of(sensor).tangent_squared()), np.float32),
+        ambient=mix_pixels(imager, separate.ambient * scale),
+        other=mix_pixels(imager, separate.other * scale),
+        lens_log_cos=np.asarray(
+            -0.5 * np.log1p(Pinhole.from_camera(sensor).tangent_squared()), np.float32
+        ),
         projector_log_cos=_projector_log_cos(view.depth_m, sensor, side),
     )
 
 
 def away_from_edges(depth_m: Image) -> Mask:
-    """Whether each pixel (h, w) sees a surface and no step of depth is within 4 px."""
+    """Select pixels (h, w) with a surface and without a depth step within 4 px."""
     depth = np.where(np.isfinite(depth_m), depth_m, 0).astype(np.float32)
     square = np.ones((3, 3), np.uint8)
     highest, lowest = cv2.dilate(depth, square), cv2.erode(depth, square)
@@ -104,7 +107,7 @@ def away_from_edges(depth_m: Image) -> Mask:
 
 
 def lower_envelope_dn(level: NDArray) -> float:
-    """Level that a thousandth of the pixels do not exceed [DN]: the black level is hardly higher.
+    """Return the 0.1 % quantile of the level [DN], an approximate upper bound of the black level.
 
     Args:
         level: image (h, w) [DN].
@@ -113,7 +116,7 @@ def lower_envelope_dn(level: NDArray) -> float:
 
 
 def _projector_log_cos(depth_m: Image, sensor: Sensor, side: Side) -> Image:
-    """log cos of the angle at which each pixel's surface point is off the projector's axis."""
+    """Return log cos of the angle between the projector's axis and each surface point."""
     height, width = depth_m.shape
     x = (np.arange(width, dtype=np.float64) - sensor.cx_px) / sensor.fx_px
     y = (np.arange(height, dtype=np.float64) - sensor.cy_px) / sensor.fy_px

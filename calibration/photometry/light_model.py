@@ -1,4 +1,4 @@
-"""The light model of captured images: predicted level, its derivatives, and how sure each is."""
+"""Light model of captured images: predicted level, its derivatives and its variance."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from starling.calibration import detail
 from starling.calibration.least_squares import tiles
 from starling.calibration.observation import Observation
 from starling.calibration.photometry import levels
-from starling.calibration.photometry.levels import Levels, Side, part
+from starling.calibration.photometry.levels import Levels, Side, side_imager
+from starling.sim.arrays import Mask
 from starling.sim.imaging import imager
 from starling.sim.imaging.imager.exposure import Exposure
 from starling.sim.render import direct
-from starling.sim.render.layers import Layers, Mask, View
+from starling.sim.render.layers import Layers, ViewLayers
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import edits
 from starling.sim.sensor.sensor import Sensor
@@ -35,65 +36,65 @@ RIGHT_GAIN = "right.gain"
 
 Array = NDArray[np.float32]
 
-_MATCHING = 0.3  # Least correlation of the image's dots with the model's.
-_BLUR_STEP_PX = 0.05
+_MATCHING = 0.3  # Minimum correlation of observed and predicted dots.
+_BLUR_STEP_PX = 0.05  # Step of the finite difference by blur.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Image:
-    """One captured image, and what is needed to predict it."""
+class CapturedImage:
+    """One captured image, with the data for its prediction."""
 
     scene: str
     side: Side
-    on: bool  # Projector.
+    on: bool  # Whether the projector is on.
     level: Array  # (h, w) [DN]
     used: Mask
-    view: View
-    even: View  # The same, all of the projector's light between its dots.
+    view: ViewLayers
+    even: ViewLayers  # The same with a haze of 1: uniform projector light.
     model: Scene
     exposure: Exposure
     exposure_known: bool
-    ambient_w_m2: float  # Where the fit begins.
-    dark_dn: float  # What dark current adds to the black level at this exposure.
+    ambient_w_m2: float  # Initial ambient irradiance.
+    dark_dn: float  # Mean dark current at this exposure.
 
     @property
     def lowest_dn(self) -> float:
-        """Level of the darkest pixels less dark current's mean [DN]."""
+        """Level of the darkest pixels minus the mean dark current [DN]."""
         return levels.lower_envelope_dn(self.level) - self.dark_dn
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Columns:
-    """Signal that the model predicts for reflectances as given [DN], (h, w) each."""
+class LightColumns:
+    """Predicted signal for the given reflectances [DN], each (h, w)."""
 
     model: Array
-    laser: Array  # The laser's part of it.
-    sharp_laser: Array  # The same before crosstalk and averaging.
+    laser: Array  # Laser light in `model`.
+    sharp_laser: Array  # Laser light before crosstalk and averaging.
     derivatives: tuple[Array, ...]
-    variance: tuple[float, float, float]  # Of noise [DN^2]: constant, per signal, per laser^2.
+    variance: tuple[float, float, float]  # Noise [DN^2]: constant, per signal, per laser^2.
 
 
-Formed = dict[tuple[str, Side, Exposure, float], Levels]
-"""Levels through the optics, by view and blur: what does not change is not formed again."""
+LevelsCache = dict[tuple[str, Side, Exposure, float], Levels]
+"""Cache of levels after the optics, by view, exposure and blur."""
 
 
 def ambient(scene: str) -> str:
-    """Name of a scene's ambient irradiance."""
+    """Return the name of a scene's ambient irradiance."""
     return f"{AMBIENT}[{scene}]"
 
 
 def exposure_ratio(scene: str, *, on: bool) -> str:
-    """Name of the factor by which an image's unknown exposure differs from the sensor's."""
+    """Return the name of the ratio of an image's unknown exposure to the sensor's."""
     return f"exposure_ratio[{scene}, projector {'on' if on else 'off'}]"
 
 
 def black_name(side: Side) -> str:
-    """Name of an imager's black level."""
+    """Return the name of an imager's black level."""
     return LEFT_BLACK if side == "left" else RIGHT_BLACK
 
 
 def start(sensor: Sensor, strengths: Mapping[str, float]) -> dict[str, float]:
-    """Where every parameter starts: the sensor's own values, and each scene's ambient light."""
+    """Return initial values: those of the sensor, and the ambient light of each scene."""
     values = {
         POWER: sensor.projector.power_w,
         HAZE: sensor.projector.haze,
@@ -116,9 +117,9 @@ def images(
     sensor: Sensor,
     layers: Mapping[str, Layers],
     exposures: Mapping[str, Exposure],
-) -> tuple[Image, ...]:
-    """Every image of the observations that have a surface, with its layers."""
-    found = []
+) -> tuple[CapturedImage, ...]:
+    """Return the images of all observations with a surface, with their layers."""
+    captured = []
     hazy = edits.with_values(sensor, [(HAZE, 1.0)])
     for observation in observations:
         if observation.scene is None:
@@ -128,152 +129,166 @@ def images(
             rendered = direct.layers(observation.stage, sensor)
         spread = direct.layers(observation.stage, hazy)
         recorded = exposures.get(observation.name)
-        fixed = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
+        sensor_exposure = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
         known = recorded is not None or sensor.left.auto_exposure_level == 0
-        taken: tuple[tuple[Side, bool, Array | None], ...] = (
+        levels_by_side: tuple[tuple[Side, bool, Array | None], ...] = (
             ("left", True, observation.left),
             ("right", True, observation.right),
             ("left", False, observation.left_off),
             ("right", False, observation.right_off),
         )
-        for side, on, level in taken:
-            view, even = (one.left if side == "left" else one.right for one in (rendered, spread))
-            if level is None or view is None or even is None:
+        for side, on, level in levels_by_side:
+            view, even_view = (
+                view_layers.left if side == "left" else view_layers.right
+                for view_layers in (rendered, spread)
+            )
+            if level is None or view is None or even_view is None:
                 continue
-            exposure = recorded or fixed
+            exposure = recorded or sensor_exposure
             if side == "right":
                 gain = exposure.gain * sensor.right.gain / sensor.left.gain
                 exposure = dataclasses.replace(exposure, gain=gain)
-            own = part(sensor, side)
-            dark_e = own.dark_current_e_s * exposure.exposure_s
-            found.append(
-                Image(
+            imager_part = side_imager(sensor, side)
+            dark_e = imager_part.dark_current_e_s * exposure.exposure_s
+            captured.append(
+                CapturedImage(
                     scene=observation.name,
                     side=side,
                     on=on,
                     level=level,
                     used=_used(level, view, sensor, side),
                     view=view,
-                    even=even,
+                    even=even_view,
                     model=observation.scene,
                     exposure=exposure,
                     exposure_known=known,
                     ambient_w_m2=observation.scene.ambient.irradiance_w_m2,
-                    dark_dn=dark_e * levels.dn_per_electron(own, exposure),
+                    dark_dn=dark_e * levels.dn_per_electron(imager_part, exposure),
                 )
             )
-    return tuple(found)
+    return tuple(captured)
 
 
-def _used(level: Array, view: View, sensor: Sensor, side: Side) -> Mask:
-    """Pixels off depth edges, in tiles of which half count and none is saturated.
+def _used(level: Array, view: ViewLayers, sensor: Sensor, side: Side) -> Mask:
+    """Select pixels away from depth edges, in tiles without saturation and at least half valid.
 
-    Leaving out saturated pixels alone would cut noise on one side.
+    Excluding single saturated pixels would bias the noise.
     """
     shape = (level.shape[0], level.shape[1])
-    full = tiles.tiled(level >= part(sensor, side).saturation_dn).any(axis=1)
-    whole = levels.away_from_edges(view.depth_m)
-    enough = tiles.tiled(whole).mean(axis=1) >= tiles.FEWEST
-    return whole & (tiles.spread(enough & ~full, shape) > 0)
+    saturated = tiles.cut_tiles(level >= side_imager(sensor, side).saturation_dn).any(axis=1)
+    away = levels.away_from_edges(view.depth_m)
+    enough = tiles.cut_tiles(away).mean(axis=1) >= tiles.FEWEST
+    return away & (tiles.to_pixels(enough & ~saturated, shape) > 0)
 
 
-def dots_match(images: Sequence[Image]) -> bool:
-    """Whether the dots' places in the model are those in the images, by correlation."""
-    found = []
+def dots_match(images: Sequence[CapturedImage]) -> bool:
+    """Return whether predicted and observed dots match, by correlation."""
+    correlations = []
     for image in images:
         expected = image.view.projector_direct
         if image.on and expected.any():
-            seen, model = (_high_passed(picture)[image.used] for picture in (image.level, expected))
-            scale = float(np.sqrt((seen**2).mean() * (model**2).mean()))
-            found.append(float((seen * model).mean()) / max(scale, 1e-30))
-    return bool(found) and float(np.median(found)) > _MATCHING
+            observed, model = (
+                _high_passed(picture)[image.used] for picture in (image.level, expected)
+            )
+            scale = float(np.sqrt((observed**2).mean() * (model**2).mean()))
+            correlations.append(float((observed * model).mean()) / max(scale, 1e-30))
+    return bool(correlations) and float(np.median(correlations)) > _MATCHING
 
 
 def _high_passed(picture: Array) -> Array:
-    """Picture over its local mean, less 1; so brightness does not count."""
+    """Return the picture over its local mean, minus 1, independent of brightness."""
     mean = detail.mean(picture)
     sharp = cv2.GaussianBlur(picture, (0, 0), 1.0)
     return np.asarray(sharp / np.maximum(mean, 1e-12) - 1, np.float32)
 
 
 def columns(
-    image: Image,
+    image: CapturedImage,
     values: Mapping[str, float],
     sensor: Sensor,
     names: Sequence[str],
-    formed: Formed,
-) -> Columns:
-    """Predict an image's signal, and its derivative by each of the parameters named.
+    formed: LevelsCache,
+) -> LightColumns:
+    """Predict an image's signal and its derivatives by the named parameters.
 
-    The black level's column is 1: it is added to the signal. `formed` keeps what was formed, for
-    other images of the view and for the next round.
+    The black level is an additive term, so its column is 1. `formed` caches levels for other
+    images of the view and for the next round.
     """
-    at = _levels(image, values[BLUR], sensor, formed)
-    lens = _dimmed(at.lens_log_cos, values[VIGNETTING] - sensor.left.lens.vignetting)
+    unit_levels = _levels(image, values[BLUR], sensor, formed)
+    lens = _dimmed(unit_levels.lens_log_cos, values[VIGNETTING] - sensor.left.lens.vignetting)
     lens *= np.float32(_scale(image, values, sensor))
-    shape = _dimmed(at.projector_log_cos, values[FALLOFF] - sensor.projector.falloff)
+    shape = _dimmed(unit_levels.projector_log_cos, values[FALLOFF] - sensor.projector.falloff)
     power = np.float32(values[POWER] if image.on else 0.0)
     strength = np.float32(values[ambient(image.scene)])
-    believed, haze = sensor.projector.haze, np.float32(values[HAZE])
-    dots = _dots(at.laser, at.even, believed)
-    lit = np.asarray(lens * shape * np.float32(image.on), np.float32)
-    unit = np.asarray(lit * ((1 - haze) * dots + haze * at.even), np.float32)
-    laser = np.asarray(power * unit, np.float32)
-    sharp = (1 - haze) * _dots(at.sharp_laser, at.sharp_even, believed) + haze * at.sharp_even
-    model = np.asarray(laser + lens * (strength * at.ambient + at.other), np.float32)
-    none = np.zeros_like(model)
+    start_haze, haze = sensor.projector.haze, np.float32(values[HAZE])
+    dots = _dots(unit_levels.laser, unit_levels.even, start_haze)
+    optics = np.asarray(lens * shape * np.float32(image.on), np.float32)
+    per_watt = np.asarray(optics * ((1 - haze) * dots + haze * unit_levels.even), np.float32)
+    laser = np.asarray(power * per_watt, np.float32)
+    sharp = (1 - haze) * _dots(
+        unit_levels.sharp_laser, unit_levels.sharp_even, start_haze
+    ) + haze * unit_levels.sharp_even
+    model = np.asarray(
+        laser + lens * (strength * unit_levels.ambient + unit_levels.other), np.float32
+    )
+    zeros = np.zeros_like(model)
 
     def derivative(name: str) -> NDArray:
         if name == POWER:
-            return unit
+            return per_watt
         if name == HAZE:
-            return power * lit * (at.even - dots)
+            return power * optics * (unit_levels.even - dots)
         if name == FALLOFF:
-            return laser * at.projector_log_cos
+            return laser * unit_levels.projector_log_cos
         if name == VIGNETTING:
-            return model * at.lens_log_cos
+            return model * unit_levels.lens_log_cos
         if name == black_name(image.side):
             return np.ones_like(model)
         if name == RIGHT_GAIN and image.side == "right":
             return model / np.float32(values[RIGHT_GAIN])
         if name == ambient(image.scene):
-            return lens * at.ambient
+            return lens * unit_levels.ambient
         if name == exposure_ratio(image.scene, on=image.on):
             return model / np.float32(values[name])
         if name == BLUR:
-            wider = _levels(image, values[BLUR] + _BLUR_STEP_PX, sensor, formed)
-            change = power * lit * (1 - haze) * (_dots(wider.laser, wider.even, believed) - dots)
-            change += lens * strength * (wider.ambient - at.ambient)
+            blurred = _levels(image, values[BLUR] + _BLUR_STEP_PX, sensor, formed)
+            change = (
+                power
+                * optics
+                * (1 - haze)
+                * (_dots(blurred.laser, blurred.even, start_haze) - dots)
+            )
+            change += lens * strength * (blurred.ambient - unit_levels.ambient)
             return change / np.float32(_BLUR_STEP_PX)
-        return none
+        return zeros
 
-    return Columns(
+    return LightColumns(
         model=model,
         laser=laser,
-        sharp_laser=np.asarray(power * lit * sharp, np.float32),
+        sharp_laser=np.asarray(power * optics * sharp, np.float32),
         derivatives=tuple(np.asarray(derivative(name), np.float32) for name in names),
         variance=_variance(image, sensor),
     )
 
 
-def above_black(image: Image, values: Mapping[str, float], sensor: Sensor) -> Array:
-    """Captured signal that light made [DN] (h, w): less black level and dark current's mean.
+def above_black(image: CapturedImage, values: Mapping[str, float], sensor: Sensor) -> Array:
+    """Subtract black level and mean dark current from a captured image [DN] (h, w).
 
-    Dark current goes with exposure time and gain as light does. The derivatives by these leave that
-    out: they set the steps, not where residuals vanish.
+    Dark current is proportional to exposure time and gain. The derivatives by these neglect this,
+    which affects the steps but not the solution.
     """
     dark_dn = image.dark_dn * _scale(image, values, sensor)
     return image.level - np.float32(values[black_name(image.side)] + dark_dn)
 
 
-def _scale(image: Image, values: Mapping[str, float], sensor: Sensor) -> float:
-    """Exposure and gain over those that the image was predicted with."""
+def _scale(image: CapturedImage, values: Mapping[str, float], sensor: Sensor) -> float:
+    """Return exposure and gain relative to the values of the prediction."""
     gain = values[RIGHT_GAIN] / sensor.right.gain if image.side == "right" else 1.0
     return values[exposure_ratio(image.scene, on=image.on)] * gain
 
 
 def _dots(laser: Array, even: Array, haze: float) -> Array:
-    """The laser's light if it were all in dots; where it has none, as it is."""
+    """Return the laser light for a haze of 0; unchanged if the pattern has no dots."""
     if haze == 1:
         return laser
     return np.asarray((laser - np.float32(haze) * even) / np.float32(1 - haze), np.float32)
@@ -283,36 +298,38 @@ def _dimmed(log_cos: Array, exponent: float) -> Array:
     return np.asarray(np.exp(log_cos * np.float32(exponent)), np.float32)
 
 
-def _levels(image: Image, blur_px: float, sensor: Sensor, formed: Formed) -> Levels:
-    """Layers through the optics at a blur."""
+def _levels(image: CapturedImage, blur_px: float, sensor: Sensor, formed: LevelsCache) -> Levels:
+    """Return the layers after the optics at a blur."""
     key = (image.scene, image.side, image.exposure, blur_px)
     if key not in formed:
-        own = part(sensor, image.side)
-        lens = dataclasses.replace(own.lens, blur_px=blur_px)
-        seen = dataclasses.replace(sensor, **{image.side: dataclasses.replace(own, lens=lens)})
-        formed[key] = levels.expected(
-            image.view, image.even, image.model, seen, image.side, image.exposure
+        imager_part = side_imager(sensor, image.side)
+        lens = dataclasses.replace(imager_part.lens, blur_px=blur_px)
+        blurred_sensor = dataclasses.replace(
+            sensor, **{image.side: dataclasses.replace(imager_part, lens=lens)}
+        )
+        formed[key] = levels.unit_levels(
+            image.view, image.even, image.model, blurred_sensor, image.side, image.exposure
         )
     return formed[key]
 
 
-def forget(formed: Formed, blur_px: float) -> None:
-    """Drop what was formed at another blur."""
+def evict(formed: LevelsCache, blur_px: float) -> None:
+    """Drop cached levels at another blur."""
     for key in [key for key in formed if key[3] != blur_px]:
         del formed[key]
 
 
-def _variance(image: Image, sensor: Sensor) -> tuple[float, float, float]:
-    """Variance of a pixel [DN^2]: constant, per DN of signal, per squared DN of laser light."""
-    own = part(sensor, image.side)
-    step = levels.dn_per_electron(own, image.exposure)
+def _variance(image: CapturedImage, sensor: Sensor) -> tuple[float, float, float]:
+    """Return the variance [DN^2]: constant, per DN of signal, per squared DN of laser light."""
+    imager_part = side_imager(sensor, image.side)
+    step = levels.dn_per_electron(imager_part, image.exposure)
     dark = np.zeros((1, 1), np.float32)
-    least_e, one_e = (
-        float(imager.noise_e(own, dark + electrons, image.exposure.exposure_s)[0, 0])
+    dark_noise_e, unit_noise_e = (
+        float(imager.noise_e(imager_part, dark + electrons, image.exposure.exposure_s)[0, 0])
         for electrons in (0.0, 1.0)
     )
     return (
-        least_e**2 * step**2 + 1 / 12,
-        (one_e**2 - least_e**2) * step,
+        dark_noise_e**2 * step**2 + 1 / 12,
+        (unit_noise_e**2 - dark_noise_e**2) * step,
         sensor.projector.speckle_contrast**2,
     )

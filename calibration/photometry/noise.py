@@ -1,4 +1,4 @@
-"""Fit what makes noise: photon transfer of both imagers' repeats, and speckle's contrast."""
+"""Fit noise parameters: photon transfer of repeated images, and speckle contrast."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from starling.sim.sensor.sensor import Sensor
 
 _PHOTON = ("left.full_well_e", "left.read_noise_e", "left.smoothing_px")
 _UNITS = ("electrons", "electrons", "px")
-_WIDEST_PX = 3.0  # Averaging, as far as neighbours tell.
-_NEAR = 0.3  # Share of the blocks whose level counts as the median.
+_WIDEST_PX = 3.0  # Maximum sigma of averaging.
+_NEAR = 0.3  # Share of blocks, nearest to the median level, in the noise bound.
 
 
 def fit_noise(
@@ -29,20 +29,20 @@ def fit_noise(
 ) -> Solution:
     """Fit electrons per DN, read noise, averaging and speckle.
 
-    Both imagers are taken as one part. Photon transfer needs repeats; those of the scene with
-    most frames are taken.
+    Both imagers share the parameters. Photon transfer uses the repeats of the scene with the most
+    frames.
 
     Args:
-        observations: captured.
-        predictions: of `fit_photometry` on them; without, speckle is left open.
-        sensor: with the levels fitted.
+        observations: captured scenes.
+        predictions: predictions of `fit_photometry`; without them, speckle is unidentifiable.
+        sensor: sensor with fitted levels.
     """
-    with_repeats = [one.repeats for one in observations if one.repeats is not None]
-    open_: list[str] = []
+    with_repeats = [item.repeats for item in observations if item.repeats is not None]
+    open_sentences: list[str] = []
     if with_repeats:
         transfer = fit_photon_transfer(max(with_repeats, key=len), sensor)
         estimates, covariance = list(transfer.estimates), transfer.covariance
-        open_ += transfer.undetermined
+        open_sentences += transfer.undetermined
     else:
         starts = (sensor.left.full_well_e, sensor.left.read_noise_e, sensor.left.smoothing_px)
         estimates = [
@@ -50,87 +50,94 @@ def fit_noise(
             for name, unit, start in zip(_PHOTON, _UNITS, starts, strict=True)
         ]
         covariance = np.diag(np.full(len(estimates), np.inf))
-        bound = [noise_bound_dn(one) for one in predictions if one.side == "left"]
-        most = f" (at most {min(bound):.2g} DN, from the quietest places)" if bound else ""
-        open_.append(
-            f"{', '.join(_PHOTON)} are open: noise cannot be told from texture in single "
-            f"images{most}; capture a scene at rest twice or more."
+        bound = [noise_bound_dn(item) for item in predictions if item.side == "left"]
+        bound_text = (
+            f" (at most {min(bound):.2g} DN, from the blocks with the least variance)"
+            if bound
+            else ""
         )
-    estimates, covariance, lost = _believed(estimates, covariance)
-    open_ += lost
-    fitted = _both(sensor, estimates)
+        open_sentences.append(
+            f"{', '.join(_PHOTON)} are not determined: noise and texture cannot be separated in "
+            f"single images{bound_text}; capture a static scene at least twice."
+        )
+    estimates, covariance, unidentifiable = _accept(estimates, covariance)
+    open_sentences += unidentifiable
+    fitted = _with_estimates(sensor, estimates)
     grain = fit_speckle(predictions, fitted)
     if grain is None:
-        open_.append(
-            f"{SPECKLE} is open: no image has the projector's dots where they are predicted; "
+        open_sentences.append(
+            f"{SPECKLE} is not determined: the projector's dots match the prediction in no image; "
             "calibrate geometry and pattern first."
         )
     else:
         if np.isinf(grain.sd):
-            most = speckle_bound(predictions, fitted)
-            open_.append(
-                f"{SPECKLE} is open: texture and dots not quite as predicted leave more over than "
-                f"speckle can (at most {most:.2g}, from the quietest places); capture an even wall "
-                "that fills the image, with less ambient light."
+            upper = speckle_bound(predictions, fitted)
+            open_sentences.append(
+                f"{SPECKLE} is not determined: texture and errors of dots leave larger residuals "
+                f"than speckle (at most {upper:.2g}, from the blocks with the least variance); "
+                "capture a uniform wall that fills the image, with less ambient light."
             )
         estimates.append(grain)
         covariance = np.pad(covariance, (0, 1))
         covariance[-1, -1] = grain.sd**2
-        fitted = _both(fitted, [grain])
+        fitted = _with_estimates(fitted, [grain])
     return Solution(
         estimates=tuple(estimates),
         covariance=covariance,
-        undetermined=tuple(open_),
+        undetermined=tuple(open_sentences),
         cost=(),
         sensor=fitted,
     )
 
 
-def _believed(
+def _accept(
     estimates: Sequence[Estimate], covariance: NDArray[np.float64]
 ) -> tuple[list[Estimate], NDArray[np.float64], list[str]]:
-    """Leave open what is known less than by its range: a full well to its own size, averaging."""
+    """Reject estimates whose standard deviation exceeds that of their range, or their value."""
     spans = {"left.full_well_e": None, "left.smoothing_px": EVEN * _WIDEST_PX}
-    out, covariance, open_ = list(estimates), covariance.copy(), []
-    for i, one in enumerate(estimates):
-        span = spans.get(one.name, np.inf)
-        if not np.isfinite(one.sd) or one.sd <= (one.value if span is None else span):
+    accepted, covariance, open_sentences = list(estimates), covariance.copy(), []
+    for i, estimate in enumerate(estimates):
+        span = spans.get(estimate.name, np.inf)
+        if not np.isfinite(estimate.sd) or estimate.sd <= (
+            estimate.value if span is None else span
+        ):
             continue
-        out[i] = replace(one, value=one.start, sd=np.inf)
+        accepted[i] = replace(estimate, value=estimate.start, sd=np.inf)
         covariance[i, :] = covariance[:, i] = 0.0
         covariance[i, i] = np.inf
-        open_.append(
-            f"{one.name} is open: its deviation of {one.sd:.2g} {one.unit} is more than its range "
-            "leaves; capture a scene of many levels at rest, more often."
+        open_sentences.append(
+            f"{estimate.name} is not determined: its standard deviation of {estimate.sd:.2g} "
+            f"{estimate.unit} exceeds that of its range; capture more frames of a static scene "
+            "with many levels."
         )
-    return out, covariance, open_
+    return accepted, covariance, open_sentences
 
 
 def noise_bound_dn(prediction: Prediction) -> float:
-    """Deviation [DN] that noise has at most about the image's median level.
+    """Return an upper bound of the noise's standard deviation [DN] near the median level.
 
-    Residuals hold beside noise what the model misses; blocks of 8 px where they vary least hold
-    least of that. By chance alone the quietest tenth of blocks of pure noise varies less than
-    noise does, which is allowed for as if averaging left a quarter of the pixels independent.
+    Residuals contain noise and model errors. Blocks of 8 px with the least variance have the
+    smallest model errors. The bound corrects for the variance that the quietest tenth of blocks
+    has by chance, with a quarter of the pixels independent.
 
     Args:
-        prediction: with its residuals.
+        prediction: prediction with its residuals.
 
     Returns:
-        The bound; NaN where no block is whole.
+        The bound; NaN if no block is complete.
     """
     residual = blocks(np.where(prediction.used, prediction.residual_dn, np.nan))
     level = blocks(prediction.signal_dn).mean(axis=1)
-    whole = np.isfinite(residual).all(axis=1)
-    if not whole.any():
+    complete = np.isfinite(residual).all(axis=1)
+    if not complete.any():
         return float("nan")
-    residual, level = residual[whole], level[whole]
-    off = np.abs(level - np.median(level))
-    variance = residual[off <= np.quantile(off, _NEAR)].var(axis=1, ddof=1)
+    residual, level = residual[complete], level[complete]
+    distance = np.abs(level - np.median(level))
+    variance = residual[distance <= np.quantile(distance, _NEAR)].var(axis=1, ddof=1)
     return float(np.sqrt(quietest(variance) / quietest_by_chance(BLOCK_PX**2)))
 
 
-def _both(sensor: Sensor, estimates: Sequence[Estimate]) -> Sensor:
-    """Set what was fitted, in both imagers."""
-    edits = [(e.name.replace("left.", "imager."), e.value) for e in estimates]
+def _with_estimates(sensor: Sensor, estimates: Sequence[Estimate]) -> Sensor:
+    """Set the estimates in both imagers."""
+    edits = [(estimate.name.replace("left.", "imager."), estimate.value) for estimate in estimates]
     return sensor_edits.with_values(sensor, edits)

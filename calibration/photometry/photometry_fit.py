@@ -1,11 +1,13 @@
-"""Fit what makes levels: projector power, ambient light, black level, darkening off the axes.
+"""Fit image levels: projector power, ambient light, black level, vignetting and falloff.
 
-level = b + d + c V^n (P F^k ((1 - h) D + h E) + I A + O): black level b, dark current's mean d as
-the sensor has it, relative reflectance c, lens's and projector's cosines V and F, power P, haze h,
-ambient irradiance I, and the layers D (dots), E (the projector's light spread evenly), A, O that
-the geometry gives.
-Power, exposure time, gain, quantum efficiency and lens transmission are one family: power is
-fitted, the others stay.
+level = b + d + c V^n (P F^k ((1 - h) D + h E) + I A + O)
+
+b is the black level, d the mean dark current of the sensor, c the relative reflectance. V and F
+are the off-axis cosines of lens and projector, P is the power, h the haze, I the ambient
+irradiance. The geometry gives the layers D (dots), E (uniform projector light), A and O.
+
+Power, exposure time, gain, quantum efficiency and lens transmission have the same effect. The fit
+changes only power.
 """
 
 from __future__ import annotations
@@ -29,8 +31,8 @@ from starling.calibration.photometry.light_model import (
     RIGHT_BLACK,
     RIGHT_GAIN,
     VIGNETTING,
-    Formed,
-    Image,
+    CapturedImage,
+    LevelsCache,
     ambient,
     exposure_ratio,
 )
@@ -44,22 +46,22 @@ from starling.sim.sensor import edits as sensor_edits
 from starling.sim.sensor.sensor import Sensor
 
 PARAMETERS = (POWER, AMBIENT, LEFT_BLACK, HAZE, VIGNETTING, FALLOFF, BLUR)
-"""What `free` may name; the right imager's black level and gain go with the left's black level."""
-_COMMON = tuple(name for name in PARAMETERS if name != AMBIENT)  # To all scenes.
+"""Names for `free`; the left black level also frees the right imager's black level and gain."""
+_COMMON = tuple(name for name in PARAMETERS if name != AMBIENT)  # Common to all scenes.
 
-_ROUNDS = 10
-# Tiles whose mean reflectance sets a tile's weights: by its own, a tile that noise has brightened
-# would count less.
+_ROUNDS = 10  # Maximum number of steps.
+# Radius in tiles of the mean reflectance in a tile's weights. The reflectance of a single tile
+# would correlate its weight with its noise.
 _AROUND = 2
-_STILL = 1e-3  # Share of the deviation below which a step ends the fit.
-_SCATTER = 0.04  # Scatter of tiles' reflectance, over the given, above which it is not believed.
+_STILL = 1e-3  # Step below which the fit ends [standard deviations].
+_SCATTER = 0.04  # Relative scatter of reflectance above which the given one is rejected.
 _UNITS = {
     POWER: "W",
     LEFT_BLACK: "DN",
     RIGHT_BLACK: "DN",
     BLUR: "px",
 }
-_LEAST = 1e-6  # Of what is positive.
+_LEAST = 1e-6  # Lower limit of positive parameters.
 _LIMITS = {
     POWER: (_LEAST, 10.0),
     VIGNETTING: (0.0, 20.0),
@@ -72,7 +74,7 @@ _LIMITS = {
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Photometry:
-    """Where a fit of levels ended, and what it says each image should be."""
+    """Result of a fit of levels, with the prediction of each image."""
 
     solution: Solution
     predictions: tuple[Prediction, ...]
@@ -80,15 +82,15 @@ class Photometry:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Case:
-    """What one run of the fit may move."""
+    """Inputs of one run of the fit."""
 
     sensor: Sensor
-    images: tuple[Image, ...]
-    names: tuple[str, ...]  # Free, in order.
-    values: Mapping[str, float]  # Of all parameters, free or not.
-    eliminate: bool  # Whether each tile's reflectance is free.
-    means: bool  # Whether tiles' mean levels alone are compared.
-    formed: Formed  # Changes as the fit goes on.
+    images: tuple[CapturedImage, ...]
+    names: tuple[str, ...]  # Free parameters, in order.
+    values: Mapping[str, float]  # Initial values of all parameters, free or fixed.
+    eliminate: bool  # Whether the reflectance of each tile is free.
+    means: bool  # Whether only mean levels of tiles are compared.
+    formed: LevelsCache  # Mutable cache.
 
 
 def fit_photometry(
@@ -100,29 +102,28 @@ def fit_photometry(
     reflectance_known: bool = False,
     free: Sequence[str] = PARAMETERS,
 ) -> Photometry:
-    """Fit levels to captures whose geometry is right.
+    """Fit levels to captures with calibrated geometry.
 
-    Both imagers are taken as one part, but for black level and gain. Deviations are robust
-    against errors that go together within 64 px of the image.
+    Both imagers share all parameters except black level and gain. Standard deviations allow for
+    correlated errors within clusters of the image (`tiles.clusters`).
 
     Args:
-        observations: with images and a surface.
-        sensor: its geometry, projector, pattern, noise and all that is not free.
-        layers: rendered with this sensor, by scene; those missing are rendered.
-        exposures: what the camera recorded, by scene. Without, and with auto exposure on, each
-            image has an exposure of its own.
-        reflectance_known: whether the surfaces' reflectances are right on an absolute scale.
-            If not, or if they prove to contradict each other, each tile of 16 px has a factor of
-            its own. A factor that all of them are wrong by is nowhere in the images: power and
-            ambient irradiance are then off by it.
-        free: what to fit, of `PARAMETERS`.
+        observations: scenes with images and a surface.
+        sensor: sensor with geometry, projector, pattern, noise and all fixed parameters.
+        layers: layers rendered with this sensor, by scene; missing ones are rendered.
+        exposures: recorded exposures, by scene. Without a recorded exposure and with auto
+            exposure on, the exposure of each image is free.
+        reflectance_known: whether the reflectances of the surfaces are absolute. Otherwise, or if
+            they are inconsistent, each tile of 16 px has a free factor. A common error of all
+            reflectances is not visible in the images and affects power and ambient irradiance.
+        free: names in `PARAMETERS`.
 
     Returns:
-        Estimates, one ambient irradiance for each scene; of what is not determined the start with
-        an infinite deviation, and a sentence that says why.
+        Estimates, with one ambient irradiance for each scene. An unidentifiable parameter keeps
+        its initial value with an infinite deviation, and a sentence gives the reason.
 
     Raises:
-        InputError: an unknown name in `free`, gamma, or nothing to look at.
+        InputError: if a name in `free` is unknown, gamma is not 1, or no image is usable.
     """
     for name in free:
         errors.one_of("free", name, PARAMETERS)
@@ -145,15 +146,15 @@ def fit_photometry(
             case = _case(images, sensor, free, eliminate=True, means=means)
             values, equations, costs = _run(case)
     if _black_is_open(case, equations):
-        less = [name for name in free if name != LEFT_BLACK]
-        case = _case(images, sensor, less, eliminate=case.eliminate, means=means)
+        reduced = [name for name in free if name != LEFT_BLACK]
+        case = _case(images, sensor, reduced, eliminate=case.eliminate, means=means)
         values, equations, costs = _run(case)
     solution = _solution(case, values, equations, costs, free, scatter)
     return Photometry(solution=solution, predictions=_predictions(case, values))
 
 
-def _black_is_open(case: _Case, equations: tiles.Normal) -> bool:
-    """Whether a black level was fitted that the captures do not tell from ambient light."""
+def _black_is_open(case: _Case, equations: tiles.ClusterEquations) -> bool:
+    """Return whether a fitted black level is confounded with ambient light."""
     deviation = np.sqrt(np.diagonal(equations.covariance()))
     return any(
         name in (LEFT_BLACK, RIGHT_BLACK) and sd > BLACK_DN
@@ -173,40 +174,40 @@ def _refuse_gamma(sensor: Sensor) -> None:
 
 
 def _case(
-    images: tuple[Image, ...],
+    images: tuple[CapturedImage, ...],
     sensor: Sensor,
     free: Sequence[str],
     *,
     eliminate: bool,
     means: bool,
 ) -> _Case:
-    """Choose what can be moved at all, and where everything starts."""
+    """Select the identifiable parameters and their initial values."""
     scenes = sorted({image.scene for image in images})
     strengths = {image.scene: image.ambient_w_m2 for image in images}
     values = light_model.start(sensor, strengths)
-    for image in images:  # No pixel is darker than black and dark current, but for noise.
+    for image in images:  # Apart from noise, no pixel is darker than black level and dark current.
         name = light_model.black_name(image.side)
         values[name] = min(values[name], image.lowest_dn)
     names = [name for name in _COMMON if name in free]
-    exposed = all(image.exposure_known for image in images)
-    if eliminate or not exposed:
+    exposure_known = all(image.exposure_known for image in images)
+    if eliminate or not exposure_known:
         names = [name for name in names if name != POWER]
     if eliminate:
         names = [name for name in names if name != VIGNETTING]
     if means:
         names = [name for name in names if name not in (HAZE, BLUR)]
-    if sensor.projector.haze == 1:  # Where no dots are, nothing stands out.
+    if sensor.projector.haze == 1:  # Haze of 1 means no dots.
         names = [name for name in names if name != HAZE]
     if any(image.side == "right" for image in images):
         names += [RIGHT_BLACK] if LEFT_BLACK in free else []
         names += [] if eliminate else [RIGHT_GAIN]
     pairs = {(image.scene, image.on) for image in images}
     for scene in scenes:
-        both = {(scene, True), (scene, False)} <= pairs
+        has_both = {(scene, True), (scene, False)} <= pairs
         if AMBIENT in free and ((scene, True) in pairs or not eliminate):
             names.append(ambient(scene))
-        if not exposed:
-            names += [exposure_ratio(scene, on=False)] if both else []
+        if not exposure_known:
+            names += [exposure_ratio(scene, on=False)] if has_both else []
             names += [] if eliminate else [exposure_ratio(scene, on=True)]
     return _Case(
         sensor=sensor,
@@ -219,8 +220,8 @@ def _case(
     )
 
 
-def _run(case: _Case) -> tuple[dict[str, float], tiles.Normal, list[float]]:
-    """Gauss-Newton; noise and blur follow the model."""
+def _run(case: _Case) -> tuple[dict[str, float], tiles.ClusterEquations, list[float]]:
+    """Run Gauss-Newton steps; weights and blur are updated with the model."""
     values, costs = dict(case.values), []
     equations = _equations(case, values)
     for _ in range(_ROUNDS):
@@ -236,7 +237,7 @@ def _run(case: _Case) -> tuple[dict[str, float], tiles.Normal, list[float]]:
 
 
 def _limited(name: str, value: float, change: float) -> float:
-    """Step without leaving what is possible, or what the step was linear over."""
+    """Apply a change within the parameter's limits and the range of linearity."""
     if name == BLUR:
         change = float(np.clip(change, -0.3, 0.3))
     if name.startswith(("exposure_ratio", "scene.ambient")) or name == POWER:
@@ -246,25 +247,25 @@ def _limited(name: str, value: float, change: float) -> float:
     return float(np.clip(value + change, low, high))
 
 
-def _equations(case: _Case, values: Mapping[str, float]) -> tiles.Normal:
-    """Normal equations of all images at these values."""
+def _equations(case: _Case, values: Mapping[str, float]) -> tiles.ClusterEquations:
+    """Return the normal equations of all images at the given values."""
     groups: dict[tuple[str, str], list[NDArray]] = {}
     counts: dict[tuple[str, str], NDArray] = {}
-    light_model.forget(case.formed, values[BLUR])
+    light_model.evict(case.formed, values[BLUR])
     for image in case.images:
         column = light_model.columns(image, values, case.sensor, case.names, case.formed)
         residual = light_model.above_black(image, values, case.sensor)
         factor = weights.tile_factor(image, residual, column.model, around=_AROUND)
-        given = factor if case.eliminate else None
-        weight = weights.weight(image, column, given)
+        reflectance = factor if case.eliminate else None
+        weight = weights.weight(image, column, reflectance)
         if not case.means:
             misfit = weights.dots_misfit(image, residual, column, weight)
-            weight = weights.weight(image, column, given, misfit=misfit)
+            weight = weights.weight(image, column, reflectance, misfit=misfit)
         bases = [column.model]
         if case.eliminate and not case.means:
             bases += [column.model * ramp for ramp in tiles.ramps(image.level.shape)]
         gram = tiles.grams([residual, *bases, *column.derivatives], weight, means=case.means)
-        pixels = (tiles.tiled(weight) > 0).sum(axis=1) * (gram[:, 1, 1] > 0)
+        pixels = (tiles.cut_tiles(weight) > 0).sum(axis=1) * (gram[:, 1, 1] > 0)
         key = (image.scene, image.side)
         groups.setdefault(key, []).append(gram)
         counts[key] = counts.get(key, 0) + (pixels > 0 if case.means else pixels)
@@ -279,21 +280,21 @@ def _equations(case: _Case, values: Mapping[str, float]) -> tiles.Normal:
                 sizes.append(counts[scene, side])
                 cluster.append(number + offset)
         offset += int(number.max()) + 1
-    return tiles.normal(np.concatenate(grams), np.concatenate(sizes), np.concatenate(cluster))
+    return tiles.sum_clusters(np.concatenate(grams), np.concatenate(sizes), np.concatenate(cluster))
 
 
 def _jacobian(gram: NDArray, case: _Case, side: str) -> NDArray:
-    """Turn products of level and model into those of residual and Jacobian, c eliminated or 1.
+    """Convert products of level and model to those of residual and Jacobian.
 
-    The black level's column is no model's derivative: it is not scaled by the reflectance.
+    The reflectance c is eliminated or 1. It does not scale the column of the black level.
     """
     if case.eliminate:
-        inner, factor = tiles.eliminated(gram, gram.shape[1] - 1 - len(case.names))
+        inner, factor = tiles.eliminate(gram, gram.shape[1] - 1 - len(case.names))
     else:
         change = np.eye(gram.shape[1])
         change[1, 0] = -1.0  # Residual = level - black - model.
-        moved = change.T @ gram @ change
-        inner, factor = np.delete(np.delete(moved, 1, 1), 1, 2), np.ones(len(gram))
+        transformed = change.T @ gram @ change
+        inner, factor = np.delete(np.delete(transformed, 1, 1), 1, 2), np.ones(len(gram))
     scale = np.repeat(factor[:, None], inner.shape[1], axis=1)
     scale[:, 0] = 1.0
     for number, name in enumerate(case.names):
@@ -303,7 +304,7 @@ def _jacobian(gram: NDArray, case: _Case, side: str) -> NDArray:
 
 
 def _scatter(case: _Case, values: Mapping[str, float]) -> float:
-    """Scatter of the tiles' reflectance over the given, beyond what noise makes."""
+    """Return the scatter of the tiles' relative reflectance, in excess of noise."""
     logs, noises = [], []
     for image in case.images:
         column = light_model.columns(image, values, case.sensor, (), case.formed)
@@ -315,9 +316,9 @@ def _scatter(case: _Case, values: Mapping[str, float]) -> float:
         logs.append(np.log(np.maximum(factor, 1e-3)))
         noises.append(1 / gram[used, 1, 1])
     log, noise = np.concatenate(logs), np.concatenate(noises)
-    seen = 1.4826 * np.median(np.abs(log - np.median(log)))
+    robust = 1.4826 * np.median(np.abs(log - np.median(log)))
     tail = (np.quantile(log, 0.95) - np.quantile(log, 0.05)) / 3.29
-    return float(np.sqrt(max(max(seen, tail) ** 2 - np.median(noise), 0.0)))
+    return float(np.sqrt(max(max(robust, tail) ** 2 - np.median(noise), 0.0)))
 
 
 def _predictions(case: _Case, values: Mapping[str, float]) -> tuple[Prediction, ...]:
@@ -337,12 +338,12 @@ def _predictions(case: _Case, values: Mapping[str, float]) -> tuple[Prediction, 
 def _solution(
     case: _Case,
     values: Mapping[str, float],
-    equations: tiles.Normal,
+    equations: tiles.ClusterEquations,
     costs: list[float],
     free: Sequence[str],
     scatter: float | None,
 ) -> Solution:
-    """State values and deviations; what was asked for and not fitted is open."""
+    """Return the solution; a requested parameter that was not fitted has an infinite deviation."""
     names = [name for name in case.names if not name.startswith("exposure_ratio")]
     held = [name for name in _COMMON if name in free and name not in names]
     rows = [case.names.index(name) for name in names]
@@ -359,7 +360,7 @@ def _solution(
         )
         for name, sd in zip([*names, *held], deviation, strict=True)
     )
-    open_ = sentences(
+    open_sentences = sentences(
         estimates,
         covariance,
         images=case.images,
@@ -371,7 +372,7 @@ def _solution(
     return Solution(
         estimates=estimates,
         covariance=covariance,
-        undetermined=open_,
+        undetermined=open_sentences,
         cost=tuple(costs),
         sensor=_fitted(case.sensor, values),
         scenes={
@@ -386,7 +387,7 @@ def _solution(
 
 
 def _fitted(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
-    """Set what was fitted; both imagers have one lens."""
+    """Set the fitted values; both imagers share the lens parameters."""
     edits = {name: values[name] for name in (POWER, HAZE, FALLOFF)}
     edits |= {name.replace("left", "imager"): values[name] for name in (VIGNETTING, BLUR)}
     edits |= {name: max(values[name], 0.0) for name in (LEFT_BLACK, RIGHT_BLACK)}

@@ -1,4 +1,4 @@
-"""What captures leave open of the levels' parameters: one sentence each, and what would tell it."""
+"""Sentences on unidentifiable photometric parameters, with the capture that determines each."""
 
 from __future__ import annotations
 
@@ -15,152 +15,160 @@ from starling.calibration.photometry.light_model import (
     POWER,
     RIGHT_BLACK,
     VIGNETTING,
-    Image,
+    CapturedImage,
     ambient,
     black_name,
 )
 from starling.calibration.solution import Estimate
 
-_TOGETHER = 0.98  # Correlation from which two parameters are one.
-BLACK_DN = 1.0  # Deviation from which a black level is as good as unknown.
-EVEN = 12**-0.5  # Deviation of what may lie anywhere in a range, over the range.
-_RANGE = {VIGNETTING: 20.0, FALLOFF: 20.0, BLUR: 20.0, HAZE: 1.0}  # Highest value; the lowest is 0.
-_BELOW_DN = 1.0  # By which a black level may exceed the darkest pixels'.
+_TOGETHER = 0.98  # Correlation above which two parameters are confounded.
+BLACK_DN = 1.0  # Standard deviation above which a black level counts as unknown.
+EVEN = 12**-0.5  # Standard deviation of a uniform distribution over its range.
+_RANGE = {VIGNETTING: 20.0, FALLOFF: 20.0, BLUR: 20.0, HAZE: 1.0}  # Maximum; the minimum is 0.
+_BELOW_DN = 1.0  # Permitted excess of a black level over the darkest pixels.
 
 
 def sentences(
     estimates: Sequence[Estimate],
     covariance: NDArray[np.float64],
     *,
-    images: Sequence[Image],
+    images: Sequence[CapturedImage],
     values: Mapping[str, float],
     eliminate: bool,
     means: bool,
     scatter: float | None,
 ) -> tuple[str, ...]:
-    """Name what is open.
+    """Describe the unidentifiable parameters.
 
     Args:
-        estimates: of the fit; an infinite deviation where a parameter was held.
-        covariance: of the estimates.
-        images: fitted.
-        values: of all parameters.
-        eliminate: whether each tile had a reflectance of its own.
+        estimates: estimates of the fit; a fixed parameter has an infinite deviation.
+        covariance: (n, n) covariance of the estimates.
+        images: fitted images.
+        values: value of each parameter.
+        eliminate: whether the reflectance of each tile was free.
         means: whether only tiles' mean levels were compared.
-        scatter: of the tiles' reflectance over what was given as known, where it was.
+        scatter: relative scatter of the tiles' reflectance about the given reflectance; None if
+            no reflectance was given.
     """
     held = {estimate.name for estimate in estimates if not np.isfinite(estimate.sd)}
-    found = []
+    texts = []
     if eliminate and scatter is not None:
-        found.append(
-            f"reflectance as given does not fit (surfaces differ from it by {scatter:.0%}): it was "
-            "left free, so what rests on it is open; give the surfaces' own reflectance."
+        texts.append(
+            f"reflectance as given does not fit (surfaces differ from it by {scatter:.0%}), so it "
+            "was fitted, and parameters that depend on it are not determined: give the measured "
+            "reflectance of the surfaces."
         )
     if POWER in held:
-        found.append(_power(images, values[POWER], eliminate=eliminate))
+        texts.append(_power(images, values[POWER], eliminate=eliminate))
     if VIGNETTING in held:
-        found.append(
-            f"{VIGNETTING} and reflectance cannot be told apart: give reflectance, or capture an "
+        texts.append(
+            f"{VIGNETTING} and reflectance cannot be separated: give reflectance, or capture an "
             "evenly painted wall."
         )
     if means:
-        found.append(
-            f"{BLUR} is open, and dots were not used: their places in the images are not the "
-            "pattern's (correlation below 0.3); calibrate geometry and pattern first."
+        texts.append(
+            f"{BLUR} is not determined, because the images do not match the pattern (correlation "
+            "below 0.3) and dots were not used: calibrate geometry and pattern first."
         )
-    lost = [name for name in held if "irradiance" in name]
-    if lost:
-        found.append(
-            f"{', '.join(lost)} cannot be told from reflectance: capture with the emitter off too, "
-            "or calibrate the pattern, so that dots tell."
+    unseparated = [name for name in held if "irradiance" in name]
+    if unseparated:
+        texts.append(
+            f"{', '.join(unseparated)} cannot be separated from reflectance: also capture with the "
+            "emitter off, or calibrate the pattern, so that dots can be used."
         )
-    found += _background(estimates, images) if eliminate else []
-    found += _wide(estimates)
-    found += _black(estimates, images)
-    found += _pairs(estimates, covariance)
-    return tuple(found)
+    texts += _background(estimates, images) if eliminate else []
+    texts += _wide(estimates)
+    texts += _black(estimates, images)
+    texts += _pairs(estimates, covariance)
+    return tuple(texts)
 
 
-def _power(images: Sequence[Image], power_w: float, *, eliminate: bool) -> str:
+def _power(images: Sequence[CapturedImage], power_w: float, *, eliminate: bool) -> str:
     relative = f"ambient irradiance is relative to {POWER} = {power_w:g} W"
     if not eliminate:
         return (
-            f"{POWER} and exposure cannot be told apart under auto exposure; {relative}: record "
+            f"{POWER} and exposure cannot be separated under auto exposure; {relative}: record "
             "exposure_s and gain, or switch auto exposure off."
         )
     if any(not image.on for image in images):
         return (
-            f"{POWER} and reflectance cannot be told apart; {relative}: give reflectance of one "
+            f"{POWER} and reflectance cannot be separated; {relative}: give the reflectance of one "
             "surface (a grey card)."
         )
     return (
-        f"{POWER} (gain, exposure) and reflectance cannot be told apart; {relative}: give "
-        "reflectance; with the emitter off too the ratio no longer rests on the dots' shape."
+        f"{POWER} (gain, exposure) and reflectance cannot be separated; {relative}: give "
+        "reflectance. Captures with the emitter off make the ratio independent of the dots' shape."
     )
 
 
-def _background(estimates: Sequence[Estimate], images: Sequence[Image]) -> list[str]:
-    """Even light is even light, whose reflectance is free: the projector's, or the room's.
+def _background(estimates: Sequence[Estimate], images: Sequence[CapturedImage]) -> list[str]:
+    """Report ambient light that is confounded with haze.
 
-    Where it is fitted, what tells them apart is how they change with distance.
+    Both are uniform light on surfaces of free reflectance. Only their change with distance
+    separates them, which requires haze to be fitted.
     """
     dark = {image.scene for image in images if not image.on}
-    told = {estimate.name for estimate in estimates if np.isfinite(estimate.sd)}
-    if HAZE in told:
+    determined = {estimate.name for estimate in estimates if np.isfinite(estimate.sd)}
+    if HAZE in determined:
         return []
     names = [ambient(scene) for scene in dict.fromkeys(image.scene for image in images if image.on)]
-    kept = [n for n in names if n in told and n not in {ambient(scene) for scene in dark}]
-    if not kept:
+    confounded = [
+        n for n in names if n in determined and n not in {ambient(scene) for scene in dark}
+    ]
+    if not confounded:
         return []
     return [
-        f"{', '.join(kept)} and {HAZE} cannot be told apart: {HAZE} was held; free photometry, or "
-        "capture with the emitter off too."
+        f"{', '.join(confounded)} and {HAZE} cannot be separated: {HAZE} was fixed; free "
+        "photometry, or also capture with the emitter off."
     ]
 
 
 def _wide(estimates: Sequence[Estimate]) -> list[str]:
-    """What is known less than by its range alone."""
+    """Report parameters whose standard deviation exceeds that of their range."""
     return [
-        f"{one.name} is open: its deviation of {one.sd:.2g} is more than its range from 0 to "
-        f"{_RANGE[one.name]:g} leaves; capture surfaces that fill the image, at several distances."
-        for one in estimates
-        if one.name in _RANGE and np.isfinite(one.sd) and one.sd > EVEN * _RANGE[one.name]
+        f"{estimate.name} is not determined: its standard deviation of {estimate.sd:.2g} exceeds "
+        f"that of its range from 0 to {_RANGE[estimate.name]:g}; capture surfaces that fill the "
+        "image, at several distances."
+        for estimate in estimates
+        if estimate.name in _RANGE
+        and np.isfinite(estimate.sd)
+        and estimate.sd > EVEN * _RANGE[estimate.name]
     ]
 
 
-def _black(estimates: Sequence[Estimate], images: Sequence[Image]) -> list[str]:
-    found = []
+def _black(estimates: Sequence[Estimate], images: Sequence[CapturedImage]) -> list[str]:
+    texts = []
     for estimate in estimates:
         if estimate.name not in (LEFT_BLACK, RIGHT_BLACK):
             continue
         lowest = min(image.lowest_dn for image in images if black_name(image.side) == estimate.name)
         if estimate.sd > BLACK_DN:
-            found.append(
-                f"{estimate.name} and ambient light cannot be told apart: {estimate.value:.3g} DN "
-                f"was held, the darkest pixels are at {lowest:.3g} DN; capture surfaces of several "
+            texts.append(
+                f"{estimate.name} and ambient light cannot be separated: {estimate.value:.3g} DN "
+                f"was kept, the darkest pixels are at {lowest:.3g} DN; capture surfaces of several "
                 "reflectances, or with the lens covered."
             )
         elif estimate.value > lowest + _BELOW_DN + 2 * estimate.sd:
-            found.append(
+            texts.append(
                 f"{estimate.name} = {estimate.value:.3g} DN exceeds the darkest pixels' "
-                f"{lowest:.3g} DN, so light is not as even as assumed: capture with the lens "
+                f"{lowest:.3g} DN, so light is less uniform than assumed: capture with the lens "
                 "covered."
             )
-    return found
+    return texts
 
 
 def _pairs(estimates: Sequence[Estimate], covariance: NDArray[np.float64]) -> list[str]:
     deviation = np.sqrt(np.diagonal(covariance))
-    found = []
-    for i, one in enumerate(estimates):
-        for j, other in enumerate(estimates[:i]):
+    texts = []
+    for i, second in enumerate(estimates):
+        for j, first in enumerate(estimates[:i]):
             if not (np.isfinite(deviation[i]) and np.isfinite(deviation[j])):
                 continue
-            together = covariance[i, j] / max(deviation[i] * deviation[j], 1e-300)
-            if abs(together) > _TOGETHER:
-                found.append(
-                    f"{other.name} and {one.name} cannot be told apart (correlation "
-                    f"{together:.2f}): capture surfaces at other distances and of other "
+            correlation = covariance[i, j] / max(deviation[i] * deviation[j], 1e-300)
+            if abs(correlation) > _TOGETHER:
+                texts.append(
+                    f"{first.name} and {second.name} cannot be separated (correlation "
+                    f"{correlation:.2f}): capture surfaces at other distances and of other "
                     "reflectances."
                 )
-    return found
+    return texts

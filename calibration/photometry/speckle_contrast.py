@@ -1,7 +1,7 @@
-"""Speckle's contrast, from what a fit of levels leaves over.
+"""Estimate the speckle contrast from the residuals of a fit of levels.
 
-Speckle multiplies laser light alone, so the residuals' variance grows with the square of the
-laser's part of the level, noise's with the level itself.
+Speckle multiplies only laser light, so its variance is proportional to the square of the laser
+level. The variance of shot noise is proportional to the level.
 
 Source: Goodman, Speckle Phenomena in Optics (2007), ch. 3 and 4.
 """
@@ -17,107 +17,110 @@ from scipy import optimize
 
 from starling.calibration.least_squares import tiles
 from starling.calibration.photometry.blocks import blocks, quietest, quietest_by_chance
-from starling.calibration.photometry.levels import part
+from starling.calibration.photometry.levels import side_imager
 from starling.calibration.photometry.photometry_open import EVEN
 from starling.calibration.photometry.prediction import Prediction
 from starling.calibration.solution import Estimate
 from starling.sim.imaging import speckle_field
-from starling.sim.imaging.imager import mixed, noise_e
+from starling.sim.imaging.imager import mix_pixels, noise_e
 from starling.sim.sensor.sensor import Sensor
 
 SPECKLE = "projector.speckle_contrast"
 
-_LAGS = 3  # Pixels to which speckle's own correlation is followed.
-_BRIGHTEST = 0.3  # Share of the blocks with most laser light, where speckle shows.
+_LAGS = 3  # Maximum lag of the speckle correlation [px].
+_BRIGHTEST = 0.3  # Share of blocks with the most laser light, where speckle dominates.
 
 
 def fit_speckle(
     predictions: Sequence[Prediction], sensor: Sensor, *, frames: int = 1
 ) -> Estimate | None:
-    """Fit the contrast; whatever else the prediction misses is taken for speckle.
+    """Fit the contrast; other errors of the prediction add to it.
 
     Args:
-        predictions: of `fit_photometry`; those with the projector on count.
-        sensor: as fitted; its smoothing, crosstalk and grain say what of speckle is left.
-        frames: that each captured image is the mean of.
+        predictions: predictions of `fit_photometry`; only those with the projector on are used.
+        sensor: fitted sensor; its smoothing, crosstalk and grain size attenuate speckle.
+        frames: number of frames averaged in each captured image.
 
     Returns:
-        The estimate, an upper bound where geometry or pattern are not quite right. Where the images
-        do not halve the deviation of what may lie anywhere from 0 to 1, or less is left at the
-        quietest places than the contrast needs, the sensor's own value, or what those places allow,
-        with an infinite deviation. None where no image has laser light whose dots are where they
-        were predicted.
+        The estimate, which is an upper bound if geometry or pattern have errors. It is
+        unidentifiable if its deviation exceeds half that of a uniform prior from 0 to 1, or if the
+        contrast exceeds `speckle_bound`. Then it is the sensor's value, at most the bound, with an
+        infinite deviation. None if no image has laser light with matching dots.
     """
-    rows, outs, groups = [], [], []
+    rows, used_masks, groups = [], [], []
     for number, prediction in enumerate(
-        p for p in predictions if p.on and p.dots and p.sharp_laser_dn.any()
+        candidate
+        for candidate in predictions
+        if candidate.on and candidate.dots and candidate.sharp_laser_dn.any()
     ):
         shape = (prediction.level_dn.shape[0], prediction.level_dn.shape[1])
-        squared = _kept(prediction, sensor)
+        squared = _speckle_variance(prediction, sensor)
         residual = _without_trend(prediction)
         images = (np.ones(shape), np.maximum(prediction.signal_dn, 0), squared, residual**2)
-        used = tiles.tiled(prediction.used.astype(np.float64))
-        whole = used.mean(axis=1) > 0.5
-        table = np.stack([(tiles.tiled(i) * used)[whole] for i in images], axis=1)
+        used = tiles.cut_tiles(prediction.used.astype(np.float64))
+        enough = used.mean(axis=1) > 0.5
+        table = np.stack([(tiles.cut_tiles(image) * used)[enough] for image in images], axis=1)
         rows.append(table)
-        groups.append(tiles.clusters(shape)[whole] + 10**6 * number)
-        outs.append(used[whole])
+        groups.append(tiles.clusters(shape)[enough] + 10**6 * number)
+        used_masks.append(used[enough])
     if not rows:
         return None
-    table, used, cluster = (np.concatenate(part) for part in (rows, outs, groups))
+    table, used, cluster = (np.concatenate(values) for values in (rows, used_masks, groups))
     value, sd = _line(table, used, cluster)
     contrast = float(np.sqrt(max(value, 0.0)))
     deviation = float(sd / (2 * contrast)) if value > sd else float(np.sqrt(sd))
-    start, most = sensor.projector.speckle_contrast, speckle_bound(predictions, sensor)
-    told = deviation <= EVEN / 2 and contrast <= most
+    start, bound = sensor.projector.speckle_contrast, speckle_bound(predictions, sensor)
+    determined = deviation <= EVEN / 2 and contrast <= bound
     return Estimate(
         name=SPECKLE,
-        value=contrast if told else min(start, most),
-        sd=deviation if told else np.inf,
+        value=contrast if determined else min(start, bound),
+        sd=deviation if determined else np.inf,
         unit="1",
         start=start,
     )
 
 
 def speckle_bound(predictions: Sequence[Prediction], sensor: Sensor) -> float:
-    """Contrast that speckle has at most, by the places where residuals are smallest.
+    """Return an upper bound of the contrast from the blocks with the smallest residuals.
 
-    Texture, and dots that are not quite as predicted, leave residuals that grow with the laser's
-    light as speckle's do, but not everywhere; speckle is everywhere.
+    Texture and errors of dots also cause residuals that grow with laser light, but only in some
+    places. Speckle is present everywhere.
 
     Args:
-        predictions: of `fit_photometry`, projector on.
-        sensor: as fitted: what noise is to be expected beside.
+        predictions: predictions of `fit_photometry`, projector on.
+        sensor: fitted sensor, for the expected noise.
 
     Returns:
-        The contrast at which the quietest tenth of blocks of 8 px is as quiet as chance makes it;
-        1 where there is no block.
+        The contrast at which the quietest tenth of blocks of 8 px has the variance expected by
+        chance; 1 without blocks.
     """
-    seen, noise, laser, pixels = [], [], [], []
-    for prediction in (p for p in predictions if p.on and p.dots):
+    variances, noise, laser, pixels = [], [], [], []
+    for prediction in (candidate for candidate in predictions if candidate.on and candidate.dots):
         residual = np.where(prediction.used, _without_trend(prediction), np.nan)
-        imager = part(sensor, prediction.side)
+        imager = side_imager(sensor, prediction.side)
         gain = imager.dn_per_electron
         electrons = prediction.signal_dn / np.float32(gain)
         noise_dn = gain * noise_e(imager, electrons, imager.exposure_s)
         images = (residual, noise_dn**2 + 1 / 12)
         variance, expected = (blocks(image) for image in images)
-        squared = blocks(_kept(prediction, sensor))
-        whole = np.isfinite(variance).all(axis=1)
-        seen.append(variance[whole].var(axis=1, ddof=1))
-        noise.append(expected[whole].mean(axis=1))
-        laser.append(squared[whole].mean(axis=1))
-        square = np.maximum((squared[whole] ** 2).sum(axis=1), 1e-12)
-        pixels.append(squared[whole].sum(axis=1) ** 2 / square)
-    if not sum(map(len, seen)):
+        squared = blocks(_speckle_variance(prediction, sensor))
+        complete = np.isfinite(variance).all(axis=1)
+        variances.append(variance[complete].var(axis=1, ddof=1))
+        noise.append(expected[complete].mean(axis=1))
+        laser.append(squared[complete].mean(axis=1))
+        square = np.maximum((squared[complete] ** 2).sum(axis=1), 1e-12)
+        pixels.append(squared[complete].sum(axis=1) ** 2 / square)
+    if not sum(map(len, variances)):
         return 1.0
-    found, quiet, light = (np.concatenate(one) for one in (seen, noise, laser))
+    measured, noise_variance, light = (
+        np.concatenate(values) for values in (variances, noise, laser)
+    )
     bright = light >= np.quantile(light, 1 - _BRIGHTEST)
-    found, quiet, light = found[bright], quiet[bright], light[bright]
+    measured, noise_variance, light = measured[bright], noise_variance[bright], light[bright]
     chance = quietest_by_chance(float(np.median(np.concatenate(pixels)[bright])))
 
     def surplus(contrast: float) -> float:
-        return quietest(found / (quiet + contrast**2 * light)) - chance
+        return quietest(measured / (noise_variance + contrast**2 * light)) - chance
 
     if surplus(0.0) <= 0:
         return 0.0
@@ -127,9 +130,9 @@ def speckle_bound(predictions: Sequence[Prediction], sensor: Sensor) -> float:
 
 
 def _line(table: NDArray, used: NDArray, cluster: NDArray) -> tuple[float, float]:
-    """Coefficient of the squared laser light in the squared residuals, and its deviation.
+    """Regress squared residuals on squared laser light; return the coefficient and its deviation.
 
-    Weighted twice by the variance the last round predicts; deviations hold for clusters.
+    The weights are iterated from the predicted variance. The deviation is clustered.
     """
     columns, target = table[:, :3], table[:, 3]
     scale = np.maximum(columns.mean(axis=(0, 2)), 1e-12)
@@ -142,11 +145,11 @@ def _line(table: NDArray, used: NDArray, cluster: NDArray) -> tuple[float, float
         expected = np.einsum("k,nkp->np", np.maximum(solution, 0), columns)
         weight = used / np.maximum(expected, 1e-3 * expected.mean() + 1e-12) ** 2
     matrix = np.einsum("nkp,nlp,np->kl", columns, columns, weight) / np.outer(scale, scale)
-    left = target - np.einsum("k,nkp->np", solution, columns)
-    each = np.einsum("nkp,np,np->nk", columns, left, weight) / scale
-    _, place = np.unique(cluster, return_inverse=True)
-    scores = np.zeros((int(place.max()) + 1, 3))
-    np.add.at(scores, place, each)
+    residual = target - np.einsum("k,nkp->np", solution, columns)
+    tile_scores = np.einsum("nkp,np,np->nk", columns, residual, weight) / scale
+    _, index = np.unique(cluster, return_inverse=True)
+    scores = np.zeros((int(index.max()) + 1, 3))
+    np.add.at(scores, index, tile_scores)
     bread = np.linalg.pinv(matrix, rcond=1e-10)
     meat = scores.T @ scores * len(scores) / max(len(scores) - 3, 1)
     covariance = bread @ meat @ bread / np.outer(scale, scale)
@@ -154,7 +157,7 @@ def _line(table: NDArray, used: NDArray, cluster: NDArray) -> tuple[float, float
 
 
 def _without_trend(prediction: Prediction) -> NDArray[np.float64]:
-    """Residual less what is smooth over a tile: errors of shading are no speckle."""
+    """Subtract the residual's smooth trend, because shading errors are not speckle."""
     used = prediction.used.astype(np.float32)
     residual = np.where(prediction.used, prediction.residual_dn, 0).astype(np.float32)
     sigma = tiles.TILE_PX / 2
@@ -163,38 +166,40 @@ def _without_trend(prediction: Prediction) -> NDArray[np.float64]:
     return (residual - mean).astype(np.float64)
 
 
-def _kept(prediction: Prediction, sensor: Sensor) -> NDArray[np.float64]:
-    """Variance that speckle of contrast 1 has after crosstalk and averaging (h, w) [DN^2].
+def _speckle_variance(prediction: Prediction, sensor: Sensor) -> NDArray[np.float64]:
+    """Return the variance of speckle of contrast 1 after crosstalk and averaging (h, w) [DN^2].
 
-    Both weigh neighbours' laser light L, as it was before them, by a kernel k: of independent
-    grains the sum of k^2 L^2 is left, more where neighbours share grains.
+    Both weight the laser light L of neighbours by a kernel k. Independent grains have the variance
+    sum of k^2 L^2. Grains that several pixels share increase it.
     """
-    imager = part(sensor, prediction.side)
+    imager = side_imager(sensor, prediction.side)
     size = 2 * int(np.ceil(4 * imager.smoothing_px + 2)) + 1
     point = np.zeros((size, size), np.float32)
     point[size // 2, size // 2] = 1
-    kernel = mixed(imager, point).astype(np.float64)
+    kernel = mix_pixels(imager, point).astype(np.float64)
     grain_px = speckle_field.grain_px(
         wavelength_nm=sensor.projector.wavelength_nm,
         f_number=imager.lens.f_number,
         pixel_pitch_m=imager.pixel_pitch_m,
     )
-    shared = _shared(grain_px)
+    correlation = _grain_correlation(grain_px)
     padded = np.pad(kernel, _LAGS)
     total = sum(
-        shared[abs(dy)] * shared[abs(dx)] * (padded * np.roll(padded, (dy, dx), (0, 1))).sum()
+        correlation[abs(dy)]
+        * correlation[abs(dx)]
+        * (padded * np.roll(padded, (dy, dx), (0, 1))).sum()
         for dy in range(-_LAGS, _LAGS + 1)
         for dx in range(-_LAGS, _LAGS + 1)
     )
-    more = total / (kernel**2).sum()
+    grain_factor = total / (kernel**2).sum()
     laser = prediction.sharp_laser_dn.astype(np.float64) ** 2
-    return more * cv2.filter2D(laser, cv2.CV_64F, kernel**2, borderType=cv2.BORDER_REFLECT)
+    return grain_factor * cv2.filter2D(laser, cv2.CV_64F, kernel**2, borderType=cv2.BORDER_REFLECT)
 
 
-def _shared(grain_px: float) -> NDArray[np.float64]:
-    """Correlation of speckle in pixels 0, 1, 2, 3 apart along one axis.
+def _grain_correlation(grain_px: float) -> NDArray[np.float64]:
+    """Return the correlation of speckle in pixels at distances 0, 1, 2, 3 along one axis.
 
-    Averaging the grain's Gaussian correlation over two pixels weighs it by a triangle.
+    The average of the grain's Gaussian correlation over two pixels has a triangular weight.
     """
     sigma = grain_px / (2 * np.sqrt(2 * np.log(2)))
     offset = (np.arange(-200, 201) / 200)[None, :]

@@ -1,4 +1,4 @@
-"""How much each pixel of a captured image counts in a fit of levels."""
+"""Weights of pixels in a fit of levels."""
 
 from __future__ import annotations
 
@@ -7,76 +7,80 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.least_squares import tiles
-from starling.calibration.photometry.light_model import Columns, Image
+from starling.calibration.photometry.light_model import CapturedImage, LightColumns
 
 Array = NDArray[np.float32]
 
-_MODEL_ERROR = 0.01  # Relative error of the model that no noise accounts for.
+_MODEL_ERROR = 0.01  # Relative model error, in addition to noise.
 
 
-def tile_factor(image: Image, signal: Array, model: Array, *, around: int = 0) -> Array:
-    """Ratio of captured to predicted signal, tile by tile (h, w); 1 where nothing counts.
+def tile_factor(image: CapturedImage, signal: Array, model: Array, *, around: int = 0) -> Array:
+    """Return the ratio of captured to predicted signal by tile (h, w); 1 in unused tiles.
 
     Args:
-        image: whose pixels count or not.
-        signal: captured, less the black level [DN] (h, w).
-        model: predicted [DN] (h, w).
-        around: tiles on each side that are averaged over too.
+        image: image with its mask of used pixels.
+        signal: captured signal above black [DN] (h, w).
+        model: predicted signal [DN] (h, w).
+        around: radius of the average in tiles.
     """
     shape = (model.shape[0], model.shape[1])
     grid = (shape[0] // tiles.TILE_PX, shape[1] // tiles.TILE_PX)
-    used = tiles.tiled(image.used)
+    used_pixels = tiles.cut_tiles(image.used)
     window = (2 * around + 1, 2 * around + 1)
-    seen, expected = (
-        np.asarray(cv2.blur((tiles.tiled(p) * used).sum(axis=1).reshape(grid), window)).ravel()
-        for p in (signal, model)
+    observed, expected = (
+        np.asarray(
+            cv2.blur((tiles.cut_tiles(picture) * used_pixels).sum(axis=1).reshape(grid), window)
+        ).ravel()
+        for picture in (signal, model)
     )
-    ratio = np.where(expected > 0, seen / np.maximum(expected, 1e-30), 1.0)
-    return np.nan_to_num(tiles.spread(np.maximum(ratio, 1e-3), shape), nan=1.0)
+    ratio = np.where(expected > 0, observed / np.maximum(expected, 1e-30), 1.0)
+    return np.nan_to_num(tiles.to_pixels(np.maximum(ratio, 1e-3), shape), nan=1.0)
 
 
-def weight(image: Image, column: Columns, factor: Array | None, *, misfit: float = 0.0) -> Array:
-    """One over the variance that noise, speckle and the model's own error have (h, w).
+def weight(
+    image: CapturedImage, column: LightColumns, factor: Array | None, *, misfit: float = 0.0
+) -> Array:
+    """Return the inverse variance of noise, speckle and model error (h, w).
 
     Args:
-        image: whose pixels count or not.
+        image: image with its mask of used pixels.
         column: its prediction.
-        factor: by which reflectance differs from the given; None is 1.
-        misfit: of its dots, as `dots_misfit` has it.
+        factor: reflectance relative to the given one; None means 1.
+        misfit: relative error of the dots from `dots_misfit`.
     """
-    least, per_signal, per_laser = column.variance
+    constant, per_signal, per_laser = column.variance
     signal = column.model if factor is None else column.model * factor
     laser = column.laser if factor is None else column.laser * factor
-    variance = least + per_signal * np.maximum(signal, 0) + per_laser * laser**2
+    variance = constant + per_signal * np.maximum(signal, 0) + per_laser * laser**2
     variance += (_MODEL_ERROR * signal) ** 2
     if misfit:
         shape = (laser.shape[0], laser.shape[1])
-        square = tiles.spread(tiles.tiled(laser**2).mean(axis=1), shape)
+        square = tiles.to_pixels(tiles.cut_tiles(laser**2).mean(axis=1), shape)
         variance += misfit**2 * np.nan_to_num(square)
     return np.where(image.used, 1 / variance, 0).astype(np.float32)
 
 
-def dots_misfit(image: Image, signal: Array, column: Columns, weight: Array) -> float:
-    """Error of the laser's light in a pixel beyond noise, over its root mean square in a tile.
+def dots_misfit(image: CapturedImage, signal: Array, column: LightColumns, weight: Array) -> float:
+    """Return the laser-light error in excess of noise, over the laser's RMS in a tile.
 
-    Dots a little off their places, or stronger or weaker than the pattern's: pixels that are to be
-    dark then have light of a dot beside them. Weighed by their own noise alone they would count
-    most, and all dots be taken for weaker than they are.
+    If dots are slightly displaced, or differ in strength from the pattern, pixels with a dark
+    prediction receive light from adjacent dots. Weighted by noise alone, these pixels would
+    dominate and bias the strength of all dots downwards.
 
     Args:
-        image: whose pixels count or not.
-        signal: captured, less the black level [DN] (h, w).
+        image: image with its mask of used pixels.
+        signal: captured signal above black [DN] (h, w).
         column: its prediction.
-        weight: one over the variance without this error (h, w).
+        weight: inverse variance without this error (h, w).
 
     Returns:
-        The median over tiles; 0 where there is no laser light.
+        The median over tiles; 0 without laser light.
     """
-    factor = tiles.fitted_factor(signal, column.model, weight)
+    factor = tiles.fit_factor(signal, column.model, weight)
     counts = weight > 0
     noise = np.where(counts, 1 / np.where(counts, weight, 1), 0)
-    beyond = np.where(counts, (signal - column.model * factor) ** 2 - noise, 0)
+    excess = np.where(counts, (signal - column.model * factor) ** 2 - noise, 0)
     light = np.where(counts, (column.laser * factor) ** 2, 0)
-    beyond, light = (tiles.tiled(part).sum(axis=1) for part in (beyond, light))
+    excess, light = (tiles.cut_tiles(sums).sum(axis=1) for sums in (excess, light))
     lit = light > 0
-    return float(np.sqrt(max(np.median(beyond[lit] / light[lit]), 0))) if lit.any() else 0.0
+    return float(np.sqrt(max(np.median(excess[lit] / light[lit]), 0))) if lit.any() else 0.0

@@ -1,1 +1,1 @@
-"""Whether captures can be what they claim to be."""
+"""Plausibility checks of captures before a fit."""

@@ -1,4 +1,4 @@
-"""Whether captures can be what they claim to be, before anything is fitted to them."""
+"""Check captures for errors before a fit."""
 
 from __future__ import annotations
 
@@ -14,142 +14,157 @@ from starling.calibration.plausibility import (
     reference_scale,
 )
 from starling.calibration.plausibility.correspondence import Correspondences
-from starling.calibration.plausibility.dots_seen import covered, see
-from starling.calibration.plausibility.reference_scale import Scale
+from starling.calibration.plausibility.dots_seen import covered_cells, detect_dots
+from starling.calibration.plausibility.reference_scale import ReferenceScale
 from starling.patterns.errors import refuse
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.sensor.sensor import Sensor
 
-_DOTTED = 0.1  # Share of the windows that must show dots: 0.30 and more in captured rooms.
-_FEWEST = 100  # Dots: each read to 0.1 px, together they hold a pose to 0.01 px.
-_COVERED = 0.5  # Share of the projector's field below which it is said what stays unknown.
-_STEP_PX = 8  # Every eighth pixel of a depth map will do.
+_DOTTED = 0.1  # Minimum share of windows with dots; captured rooms have 0.30 and more.
+_FEWEST = 100  # Minimum dot count; at 0.1 px each, they determine a pose to 0.01 px.
+_COVERED = 0.5  # Covered share of the projector's field below which a warning is given.
+_STEP_PX = 8  # Sampling step of depth maps.
 
 
 def check(observations: Sequence[Observation], sensor: Sensor) -> tuple[str, ...]:
-    """Refuse captures that no fit can make sense of; warn of those that leave much open.
+    """Refuse captures that cannot be fitted; warn about captures that determine little.
 
-    In this order, each with its measured criterion in the module named: a scene of another
-    geometry than the first; left and right swapped or the same, reference depth of another
-    scene or unit (`reference_scale`); no dots or too few, though the projector is on; another
-    model's dots or geometry (`preset_fit`); dots in less than half of the projector's field
-    (`dots_seen`); one distance only (`depth_spread`). What needs an image that is missing is
-    passed over; the device's own depth stands in for missing reference depth. About 0.3 s a
-    scene of 1280x720 on one core.
+    The checks, in order, with the module that documents their thresholds:
+
+    - Scenes have the same geometry.
+    - Left and right image are not swapped or equal (`reference_scale`).
+    - Reference depth is of the same scene and unit (`reference_scale`).
+    - Enough dots are visible if the projector is on.
+    - Dots and geometry match the camera model (`preset_fit`).
+    - Dots cover half of the projector's field (`dots_seen`).
+    - The captures span several distances (`depth_spread`).
+
+    A check is skipped if its image is missing. The device's depth replaces a missing reference.
+    The checks take about 0.3 s for a scene of 1280x720 on one core.
 
     Args:
-        observations: of one camera, at least one.
-        sensor: that is to be fitted.
+        observations: at least one observation of one camera.
+        sensor: sensor to be fitted.
 
     Returns:
-        Warnings, one sentence or two each.
+        Warnings of one or two sentences.
 
     Raises:
-        InputError: whatever is refused.
+        InputError: if a check fails.
     """
     for item in observations:
         _refuse_other_camera(item, observations[0])
-    found = [_found(item) for item in observations]
+    correspondences = [_find(item) for item in observations]
     references = [_reference_px(item) for item in observations]
     scales = [
         _scale(item, places, reference, sensor)
-        for item, places, reference in zip(observations, found, references, strict=True)
+        for item, places, reference in zip(observations, correspondences, references, strict=True)
     ]
     info = observations[0].info
     return (
         *reference_scale.check(tuple(scale for scale in scales if scale), info.depth_unit_m),
-        *_check_dots(observations, found, sensor),
+        *_check_dots(observations, correspondences, sensor),
         *depth_spread.check(reference for reference in references if reference is not None),
     )
 
 
 def _refuse_other_camera(item: Observation, first: Observation) -> None:
-    own, other = _geometry(item.info), _geometry(first.info)
-    if not np.allclose(own, other, rtol=1e-4, atol=1e-2):
+    geometry, expected = _geometry(item.info), _geometry(first.info)
+    if not np.allclose(geometry, expected, rtol=1e-4, atol=1e-2):
         raise refuse(
             f"scene {item.name}",
-            f"must be of one camera with scene {first.name}",
-            f"size, focal lengths, centre [px] and baseline [mm] {own}, not {other}",
+            f"must come from the same camera as scene {first.name}",
+            f"size, focal lengths, centre [px] and baseline [mm] {geometry}, not {expected}",
             "Calibrate one camera at a time.",
         )
 
 
 def _geometry(info: CaptureInfo) -> tuple[float, ...]:
-    """Size, intrinsics [px] and baseline [mm]."""
+    """Return size, intrinsics [px] and baseline [mm]."""
     intrinsics = (info.fx_px, info.fy_px, info.cx_px, info.cy_px)
     return (info.width, info.height, *intrinsics, 1e3 * info.baseline_m)
 
 
-def _found(item: Observation) -> Correspondences | None:
+def _find(item: Observation) -> Correspondences | None:
     if item.left is None or item.right is None:
         return None
     return correspondence.find(item.left, item.right)
 
 
 def _scale(
-    item: Observation, found: Correspondences | None, reference_px: Array | None, sensor: Sensor
-) -> Scale | None:
-    """Scale by the infrared pair; where there is none, by the device's own depth."""
-    if found is not None:
-        reference_scale.refuse_swapped(item.name, found)
+    item: Observation,
+    correspondences: Correspondences | None,
+    reference_px: Array | None,
+    sensor: Sensor,
+) -> ReferenceScale | None:
+    """Measure the reference's scale against the infrared pair, or else the device's depth."""
+    if correspondences is not None:
+        reference_scale.refuse_swapped(item.name, correspondences)
         return (
             None
             if reference_px is None
-            else reference_scale.measure(item.name, found, reference_px, item.info.fx_px)
+            else reference_scale.measure(item.name, correspondences, reference_px, item.info.fx_px)
         )
     if item.depth_m is None or reference_px is None:
         return None
     range_m = (sensor.post.near_m, sensor.post.far_m)
     reference_scale.refuse_out_of_range(item.name, item.depth_m, range_m, item.info.depth_unit_m)
-    every = (slice(None, None, _STEP_PX), slice(None, None, _STEP_PX))
-    own_px = item.info.disparity_px(item.depth_m)[every].ravel()
-    return reference_scale.compare(item.name, own_px, reference_px[every].ravel(), item.info.fx_px)
+    sparse = (slice(None, None, _STEP_PX), slice(None, None, _STEP_PX))
+    device_px = item.info.disparity_px(item.depth_m)[sparse].ravel()
+    return reference_scale.compare(
+        item.name, device_px, reference_px[sparse].ravel(), item.info.fx_px
+    )
 
 
 def _check_dots(
-    observations: Sequence[Observation], found: Sequence[Correspondences | None], sensor: Sensor
+    observations: Sequence[Observation],
+    correspondences: Sequence[Correspondences | None],
+    sensor: Sensor,
 ) -> tuple[str, ...]:
     info = observations[0].info
-    seen = {
-        item.name: see(places, info)
-        for item, places in zip(observations, found, strict=True)
+    dots_by_scene = {
+        item.name: detect_dots(places, info)
+        for item, places in zip(observations, correspondences, strict=True)
         if places is not None
     }
-    if not seen or sensor.projector.power_w == 0:
+    if not dots_by_scene or sensor.projector.power_w == 0:
         return preset_fit.check(info, sensor, None)
-    dark = [name for name, dots in seen.items() if dots.share < _DOTTED]
-    if len(dark) == len(seen):
+    dark = [name for name, dots in dots_by_scene.items() if dots.share < _DOTTED]
+    if len(dark) == len(dots_by_scene):
         raise refuse(
             "captures",
             "must show the projector's dots",
-            f"dots in at most {max(dots.share for dots in seen.values()):.0%} of a scene's windows",
-            "Was the emitter off or too weak for the room, or is the pair not rectified? For "
-            "captures without it set projector.power_w=0.",
+            f"dots in at most {max(dots.share for dots in dots_by_scene.values()):.0%} of a "
+            "scene's windows",
+            "Check that the emitter is on and bright enough, and that the pair is rectified. For "
+            "captures without emitter set projector.power_w=0.",
         )
-    count = sum(dots.count for dots in seen.values())
+    count = sum(dots.count for dots in dots_by_scene.values())
     if count < _FEWEST:
         raise refuse(
             "captures",
             f"must show at least {_FEWEST} dots",
-            f"about {count:.0f} in {len(seen)} scenes",
-            "Capture more scenes, with surfaces all over the image.",
+            f"about {count:.0f} in {len(dots_by_scene)} scenes",
+            "Capture more scenes, with surfaces that fill the image.",
         )
-    density = np.concatenate([dots.per_deg2 for name, dots in seen.items() if name not in dark])
-    cells = [covered(sensor.projector, dots, info) for dots in seen.values()]
+    density = np.concatenate(
+        [dots.per_deg2 for name, dots in dots_by_scene.items() if name not in dark]
+    )
+    cells = [covered_cells(sensor.projector, dots, info) for dots in dots_by_scene.values()]
     return (
-        *(f"scene {name} shows hardly any dots: was the emitter off?" for name in dark),
+        *(f"scene {name} shows almost no dots; check that the emitter was on." for name in dark),
         *preset_fit.check(info, sensor, float(density.mean())),
-        *_say_coverage(float(np.any(cells, axis=0).mean())),
+        *_coverage_warning(float(np.any(cells, axis=0).mean())),
     )
 
 
-def _say_coverage(share: float) -> tuple[str, ...]:
+def _coverage_warning(share: float) -> tuple[str, ...]:
     if share >= _COVERED:
         return ()
     return (
-        f"dots are seen in {share:.0%} of the projector's field: the pattern beyond stays "
-        "unknown, and the projector's rotation and field are weakly held. Fill the image with "
-        "surfaces, or capture more scenes.",
+        f"dots cover {share:.0%} of the projector's field: the pattern outside stays unknown, and "
+        "the projector's rotation and field are poorly determined. Fill the image with surfaces, "
+        "or capture more scenes.",
     )
 
 

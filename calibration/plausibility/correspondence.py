@@ -1,4 +1,4 @@
-"""Where windows of the left image lie in the right one, without knowing any depth."""
+"""Match windows of the left image in the right one, without any depth."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from starling.patterns.errors import refuse
 
 Array = NDArray[np.float32]
 
-_ROWS, _COLUMNS = 20, 24  # Windows looked for.
-_REACH = 4  # Disparities up to a quarter of the image's width, either sign.
-_ROWS_OFF_PX = 2  # Rows by which a pair may be off its rectification.
-_LEAST = 0.6  # NCC from which a window counts as found ...
-_SECOND = 0.8  # ... if the next best place has less than this share of it.
-_PEAK_PX = 4  # Places this near the best one are the same peak.
+_ROWS, _COLUMNS = 20, 24  # Grid of windows.
+_REACH = 4  # Search range: image width over this, for either sign of disparity.
+_ROWS_OFF_PX = 2  # Permitted vertical error of the rectification.
+_LEAST = 0.6  # Minimum NCC of a match.
+_SECOND = 0.8  # Maximum NCC of the second best position, relative to the best.
+_PEAK_PX = 4  # Positions within this distance belong to the same peak.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Correspondences:
-    """Windows of 31 x 31 px of the left image that were found in the right one, n of `tried`."""
+    """Windows of 31 x 31 px of the left image with a match in the right one, n of `tried`."""
 
     row: NDArray[np.intp]  # (n,) Centres in the left image [px].
     column: NDArray[np.intp]  # (n,)
     disparity_px: Array  # (n,) x_left - x_right, sub-pixel, of either sign.
-    patch: Array  # (n, 31, 31) Mean of both high-passed images: their noise does not agree.
+    patch: Array  # (n, 31, 31) Mean of both high-passed images, which reduces noise.
     tried: int
 
     def __len__(self) -> int:
@@ -37,11 +37,12 @@ class Correspondences:
 
 
 def find(left: NDArray, right: NDArray) -> Correspondences:
-    """Look for 20 x 24 windows of the left image along the rows of the right one.
+    """Search 20 x 24 windows of the left image along the rows of the right one.
 
-    Both images are high-passed; the best place by normalised cross-correlation counts if it
-    reaches 0.6 and no other place reaches 0.8 of it. Disparities up to a quarter of the
-    width are looked for, negative ones too (images may be swapped), and rows up to 2 px off.
+    Both images are high-passed. The best position by normalised cross-correlation is a match if
+    its score is at least 0.6, and no other position reaches 0.8 of it. The search covers
+    disparities up to a quarter of the width of either sign, because images may be swapped. It
+    covers vertical errors up to 2 px.
 
     Args:
         left: (h, w) [DN].
@@ -57,37 +58,44 @@ def find(left: NDArray, right: NDArray) -> Correspondences:
             f"{left.shape}, {right.shape}",
             "Give a rectified pair.",
         )
-    one, other = high_passed(left), high_passed(right)
-    height, width = one.shape
+    left_high, right_high = high_passed(left), high_passed(right)
+    height, width = left_high.shape
     half = WINDOW_PX // 2
     edge = half + _ROWS_OFF_PX
     rows = np.unique(np.linspace(edge, height - 1 - edge, _ROWS).astype(int))
     columns = np.unique(np.linspace(half, width - 1 - half, _COLUMNS).astype(int))
-    found = [_place(one, other, int(row), int(column)) for row, column in product(rows, columns)]
-    kept = [place for place in found if place is not None]
+    places = [
+        _place(left_high, right_high, int(row), int(column))
+        for row, column in product(rows, columns)
+    ]
+    matches = [place for place in places if place is not None]
     return Correspondences(
-        row=np.array([place[0] for place in kept], np.intp),
-        column=np.array([place[1] for place in kept], np.intp),
-        disparity_px=np.array([place[2] for place in kept], np.float32),
-        patch=np.array([place[3] for place in kept], np.float32).reshape(-1, WINDOW_PX, WINDOW_PX),
-        tried=len(found),
+        row=np.array([place[0] for place in matches], np.intp),
+        column=np.array([place[1] for place in matches], np.intp),
+        disparity_px=np.array([place[2] for place in matches], np.float32),
+        patch=np.array([place[3] for place in matches], np.float32).reshape(
+            -1, WINDOW_PX, WINDOW_PX
+        ),
+        tried=len(places),
     )
 
 
-def _place(one: Array, other: Array, row: int, column: int) -> tuple[int, int, float, Array] | None:
-    """Centre, disparity and mean patch of one window; None where it is not found."""
-    half, reach = WINDOW_PX // 2, one.shape[1] // _REACH
+def _place(
+    left_high: Array, right_high: Array, row: int, column: int
+) -> tuple[int, int, float, Array] | None:
+    """Return centre, disparity and mean patch of a window; None without a match."""
+    half, reach = WINDOW_PX // 2, left_high.shape[1] // _REACH
     first = max(0, column - reach - half)
-    window = one[row - half : row + half + 1, column - half : column + half + 1]
+    window = left_high[row - half : row + half + 1, column - half : column + half + 1]
     top = row - half - _ROWS_OFF_PX
-    strip = other[top : row + half + 1 + _ROWS_OFF_PX, first : column + reach + half + 1]
+    strip = right_high[top : row + half + 1 + _ROWS_OFF_PX, first : column + reach + half + 1]
     score = cv2.matchTemplate(strip, window, cv2.TM_CCOEFF_NORMED)
     down, across = np.unravel_index(int(score.argmax()), score.shape)
     best = float(score[down, across])
     sub = _peak(score[down, max(0, across - 1) : across + 2])
-    beside = score.copy()
-    beside[:, max(0, across - _PEAK_PX) : across + _PEAK_PX + 1] = -1
-    if not best >= _LEAST or beside.max() > _SECOND * best:
+    elsewhere = score.copy()
+    elsewhere[:, max(0, across - _PEAK_PX) : across + _PEAK_PX + 1] = -1
+    if not best >= _LEAST or elsewhere.max() > _SECOND * best:
         return None
     matched = strip[down : down + WINDOW_PX, across : across + WINDOW_PX]
     disparity = column - (first + float(across) + sub + half)
@@ -95,7 +103,7 @@ def _place(one: Array, other: Array, row: int, column: int) -> tuple[int, int, f
 
 
 def _peak(three: NDArray) -> float:
-    """Vertex of the parabola through three values, about the middle one; 0 at a border."""
+    """Return the vertex of the parabola through three values, from the middle; 0 at a border."""
     if len(three) < 3:
         return 0.0
     curve = float(three[0] - 2 * three[1] + three[2])

@@ -1,4 +1,4 @@
-"""How far apart in depth the captures are: what a flat wall alone leaves open."""
+"""Check that the captures span a range of depth."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-_SEEN_PX = 0.02  # Shift that an image can be trusted to show: a model's errors do not average.
-_BASELINE = 0.01  # Share of the baseline that it may pass for.
-_STEP_PX = 4  # Every fourth pixel will do.
-_SIGMAS = 3.29  # From the 5th to the 95th percentile of a normal distribution.
+_SEEN_PX = 0.02  # Systematic model error of an image shift, which does not average out.
+_BASELINE = 0.01  # Permitted relative error of the baseline from that shift.
+_STEP_PX = 4  # Sampling step of depth maps.
+_SIGMAS = 3.29  # Distance of the 5th and 95th percentile of a normal distribution.
 
 
 def check(references_px: Iterable[NDArray]) -> tuple[str, ...]:
-    """Say what captures of one distance alone cannot tell.
+    """Warn if the captures show a single distance.
 
-    A baseline longer by a share e moves the right image by e d, the imagers' yaw moves it by
-    about a constant, and so do the projector's position and rotation its pattern: what tells them
-    apart is how the disparity d = f b / z varies. With 0.02 px of error that does not average,
-    the baseline is open by 0.02 px / sd(d); said is 1 % and more, sd(d) below 2 px. The spread
-    is taken over all scenes together from the 5th to the 95th percentile, over 3.29; a captured
-    room alone has 5 to 26 px.
+    A relative baseline error e shifts the right image by e d, and yaw of an imager shifts it by
+    about a constant. The projector's position and rotation shift its pattern in the same way.
+    Only the variation of the disparity d = f b / z separates these parameters. A systematic error
+    of 0.02 px gives a relative baseline error of 0.02 px / std(d). The limit is 1 %,
+    at a std(d) of 2 px. Here std(d) is the range from the 5th to the 95th percentile of all
+    scenes, divided by 3.29. A single captured room has 5 to 26 px.
 
     Args:
         references_px: (h, w) disparity of each scene [px], NaN where unknown.
@@ -38,8 +38,8 @@ def check(references_px: Iterable[NDArray]) -> tuple[str, ...]:
     if spread >= _SEEN_PX / _BASELINE:
         return ()
     return (
-        f"the captures show one distance only: disparities of {middle:.1f} px vary by "
-        f"{spread:.2g} px. Baseline and yaw of the imagers, position, rotation and field of "
-        "the projector, and focal length and distance cannot be told apart: capture a wall at "
-        "a second distance, or a room.",
+        f"the captures show one distance only: disparities around {middle:.1f} px vary by "
+        f"{spread:.2g} px. These parameters cannot be separated: baseline and yaw of the imagers; "
+        "position, rotation and field of the projector; focal length and distance. Capture a wall "
+        "at a second distance, or a room.",
     )

@@ -1,4 +1,4 @@
-"""The projector's dots as a capture shows them: where, how dense, in how much of the field."""
+"""Detect the projector's dots in a capture: position, density, coverage of the field."""
 
 from __future__ import annotations
 
@@ -18,75 +18,75 @@ from starling.sim.sensor.sensor import Projector
 
 Array = NDArray[np.float32]
 
-_SKEWNESS = 0.5  # Bright dots on dark: 1 to 2 in captures, below 0 for most of a room's texture.
-_SMOOTH_PX = 0.8  # Sigma before spots are counted.
-_FAINTEST = 0.2  # A spot counts from this share of the brightest in its window: above noise.
-_IMAGER_BLUR_PX = 0.5  # Sigma that an imager's pixel and lens add to a drawn pattern.
-_CELLS = (8, 12)  # Rows and columns that the projector's field is cut into.
+_SKEWNESS = 0.5  # Minimum skewness of dots; captures have 1 to 2, room texture mostly below 0.
+_SMOOTH_PX = 0.8  # Sigma of the smoothing before spots are counted.
+_FAINTEST = 0.2  # Minimum brightness of a spot over the brightest of its window; above noise.
+_IMAGER_BLUR_PX = 0.5  # Sigma of the blur by an imager's pixel and lens.
+_CELLS = (8, 12)  # Rows and columns of cells in the projector's field.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class DotsSeen:
-    """Windows of one scene that show dots, n of `tried`."""
+class DetectedDots:
+    """Windows of one scene with dots, n of `tried`."""
 
     row: NDArray[np.intp]  # (n,) Centres in the left image [px].
     column: NDArray[np.intp]  # (n,)
     disparity_px: Array  # (n,)
     per_deg2: Array  # (n,) Spots per square degree of the imager's solid angle.
     tried: int
-    image_deg2: float  # The image in those square degrees.
+    image_deg2: float  # Solid angle of the whole image, in the same square degrees.
 
     @property
     def share(self) -> float:
-        """Share of the windows tried that show dots, 0 ... 1."""
+        """Share of the tried windows with dots, 0 ... 1."""
         return len(self.row) / self.tried
 
     @property
     def count(self) -> float:
-        """Dots in the whole image, had all of it been looked at."""
+        """Dots in the whole image, extrapolated from the windows."""
         return float(self.per_deg2.sum()) / self.tried * self.image_deg2
 
 
-def see(found: Correspondences, camera: CaptureInfo) -> DotsSeen:
-    """Pick the windows that both imagers see alike and whose light is bright spots on dark.
+def detect_dots(correspondences: Correspondences, camera: CaptureInfo) -> DetectedDots:
+    """Select the matched windows that show bright spots on a dark background.
 
-    The mean of both images' patches tells dots from texture by its skewness: above 0.5. In 15
-    captured rooms and one table 30 to 66 % of all windows pass with the projector on; off, 3 %
-    of the table's and up to 4 % of simulated rooms'. A surface full of small bright specks
-    would pass too.
+    A skewness above 0.5 of the mean patch separates dots from texture. With the projector on,
+    30 to 66 % of the windows pass in 15 captured rooms and one table. With the projector off, 3 %
+    of the table's windows and up to 4 % of simulated rooms' windows pass. A surface with many
+    small bright specks would pass as well.
 
     Args:
-        found: correspondences of the scene's infrared pair.
+        correspondences: matches of the scene's infrared pair.
         camera: size and focal length of the imagers.
     """
     scale = _px2_per_deg2(camera.fx_px)
-    square = (found.patch**2).mean(axis=(1, 2))
-    skewness = (found.patch**3).mean(axis=(1, 2)) / np.maximum(square, 1e-12) ** 1.5
+    square = (correspondences.patch**2).mean(axis=(1, 2))
+    skewness = (correspondences.patch**3).mean(axis=(1, 2)) / np.maximum(square, 1e-12) ** 1.5
     dotted = skewness > _SKEWNESS
-    return DotsSeen(
-        row=found.row[dotted],
-        column=found.column[dotted],
-        disparity_px=found.disparity_px[dotted],
-        per_deg2=_spots_per_px2(found.patch[dotted]) * scale,
-        tried=found.tried,
+    return DetectedDots(
+        row=correspondences.row[dotted],
+        column=correspondences.column[dotted],
+        disparity_px=correspondences.disparity_px[dotted],
+        per_deg2=_spots_per_px2(correspondences.patch[dotted]) * scale,
+        tried=correspondences.tried,
         image_deg2=camera.width * camera.height / scale,
     )
 
 
-def stated_per_deg2(part: Projector, focal_px: float) -> float:
-    """Spots per square degree that an imager counts where a projector's pattern is seen.
+def expected_per_deg2(part: Projector, focal_px: float) -> float:
+    """Return the expected spots per square degree in an imager that sees a projector's pattern.
 
-    It is counted as in captures, on the pattern drawn at the imager's resolution: spots that
-    melt together there count as one, so it falls short of the dots that were drawn. Patterns of
-    several emitters are laid over each other as they are far away; nearer they slide, and as many
-    spots melt elsewhere.
+    The count uses the method for captures, on the pattern at the imager's resolution. Spots that
+    merge count as one, so the result is lower than the number of dots. Patterns of several
+    emitters are summed as seen from far away. Near by, they shift against each other, but about
+    as many spots merge.
 
     Args:
         part: the projector.
-        focal_px: of the imagers.
+        focal_px: focal length of the imagers.
 
     Raises:
-        InputError: if the pattern cannot be had.
+        InputError: if the pattern is not available.
     """
     half_x, half_y = emission.half_tangents(part)
     size = (
@@ -101,23 +101,23 @@ def stated_per_deg2(part: Projector, focal_px: float) -> float:
         )
         for number in range(len(emission.emitters(part)))
     ]
-    seen = high_passed(cv2.GaussianBlur(np.sum(drawn, axis=0), (0, 0), _IMAGER_BLUR_PX))
-    starts = (range(0, length - WINDOW_PX + 1, WINDOW_PX) for length in seen.shape)
+    filtered = high_passed(cv2.GaussianBlur(np.sum(drawn, axis=0), (0, 0), _IMAGER_BLUR_PX))
+    starts = (range(0, length - WINDOW_PX + 1, WINDOW_PX) for length in filtered.shape)
     rows, columns = (list(start) for start in starts)
-    cut = [seen[y : y + WINDOW_PX, x : x + WINDOW_PX] for y in rows for x in columns]
-    return float(_spots_per_px2(np.stack(cut)).mean() * _px2_per_deg2(focal_px))
+    patches = [filtered[y : y + WINDOW_PX, x : x + WINDOW_PX] for y in rows for x in columns]
+    return float(_spots_per_px2(np.stack(patches)).mean() * _px2_per_deg2(focal_px))
 
 
-def covered(part: Projector, dots: DotsSeen, camera: CaptureInfo) -> NDArray[np.bool_]:
-    """Cells of the projector's field, (8, 12) in tangents, in which a scene shows dots.
+def covered_cells(part: Projector, dots: DetectedDots, camera: CaptureInfo) -> NDArray[np.bool_]:
+    """Mark the cells of the projector's field, (8, 12) in tangents, in which a scene shows dots.
 
     Args:
         part: the projector, posed in the left imager's frame.
-        dots: what the scene shows; its own disparities tell where the dots lie.
+        dots: detected dots; their disparities give their positions in space.
         camera: intrinsics and baseline of the imagers.
     """
     cells = np.zeros(_CELLS, bool)
-    near = dots.disparity_px > 0.5  # Beyond, the distance is anything.
+    near = dots.disparity_px > 0.5  # A smaller disparity does not determine the distance.
     depth = camera.focal_baseline_px_m / dots.disparity_px[near]
     points = np.stack(
         [
@@ -138,7 +138,7 @@ def covered(part: Projector, dots: DotsSeen, camera: CaptureInfo) -> NDArray[np.
 
 
 def _spots_per_px2(patches: NDArray) -> Array:
-    """Bright local maxima in (n, 31, 31) high-passed patches, less a border of 2 px."""
+    """Return the density of bright local maxima in (n, 31, 31) patches, without a 2 px border."""
     smooth = ndimage.gaussian_filter(patches, (0, _SMOOTH_PX, _SMOOTH_PX))
     bright = smooth > _FAINTEST * smooth.max(axis=(1, 2), keepdims=True, initial=0.0)
     peak = bright & (smooth == ndimage.maximum_filter(smooth, (1, 3, 3)))
@@ -147,5 +147,5 @@ def _spots_per_px2(patches: NDArray) -> Array:
 
 
 def _px2_per_deg2(focal_px: float) -> float:
-    """Pixels in a square degree on the axis; off it a pixel's solid angle shrinks."""
+    """Return the pixels per square degree on the axis; off-axis pixels have less solid angle."""
     return float(np.deg2rad(1) * focal_px) ** 2

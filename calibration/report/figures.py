@@ -1,4 +1,4 @@
-"""A calibration's figures, as `report.json` and `--json` have them."""
+"""Figures of a calibration, as written to `report.json` and printed by `--json`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.calibration.heldout import Scored
+from starling.calibration.heldout import SceneScore
 from starling.calibration.result import Calibration
 from starling.calibration.solution import Estimate
 
@@ -16,20 +16,24 @@ _NAN = float("nan")
 
 
 def figures(calibration: Calibration) -> dict[str, Any]:
-    """Put a calibration into plain values; what cannot be had is NaN (`starling.sim.console.record.dumps`: null).
+    """Convert a calibration to plain values; a missing value is NaN, and null in JSON.
 
     Returns:
-        - `parameters`, `derived`: by name `value`, `sd`, `unit`, `start`; of a name that several
-          solutions fitted, the last. `sd` is inf where the captures do not determine it.
+        - `parameters`, `derived`: by name `value`, `sd`, `unit`, `start`. If several solutions
+          fitted a parameter, the last one counts. `sd` is inf for an unidentifiable parameter.
         - `undetermined`, `warnings`: sentences.
         - `heldout`: medians over scenes, and `scenes`; see `heldout_figures`.
-        - `scenes`: by scene, what differs between them: pattern scale, ambient light ...
-        - `rooms`: fitted ones. `seconds`: total. `stages`: seconds of each.
+        - `scenes`: values by scene, such as pattern scale and ambient light.
+        - `rooms`: fitted rooms. `seconds`: total wall time. `stages`: wall time by stage [s].
     """
     solutions = calibration.solutions.values()
     return {
-        "parameters": {one.name: _estimate(one) for one in calibration.estimates},
-        "derived": {one.name: _estimate(one) for found in solutions for one in found.derived},
+        "parameters": {estimate.name: _estimate(estimate) for estimate in calibration.estimates},
+        "derived": {
+            estimate.name: _estimate(estimate)
+            for solution in solutions
+            for estimate in solution.derived
+        },
         "undetermined": list(calibration.undetermined),
         "warnings": list(calibration.warnings),
         "heldout": heldout_figures(calibration),
@@ -41,46 +45,52 @@ def figures(calibration: Calibration) -> dict[str, Any]:
 
 
 def heldout_figures(calibration: Calibration) -> dict[str, Any]:
-    """Tell how like their real infrared the re-simulated held-out scenes are.
+    """Summarise the correlation of simulated and real infrared images of held-out scenes.
 
     Returns:
-        `ncc` and `ncc_p25`, `ceiling` and `ceiling_p25`: medians over scenes of the windows' median
-        and lower quartile, both imagers' windows in one; `mirrored`: likewise the median by the
-        pattern turned over; `before`: `ncc` and `ncc_p25` of the sensor that the fit began from;
-        `scenes`: the same of each, by imager too. NaN where there is none.
+        - `ncc`, `ncc_p25`: median over scenes of the windows' median and lower quartile. Windows
+          of both imagers are pooled.
+        - `ceiling`, `ceiling_p25`: the same for the real right image in the left view.
+        - `mirrored`: the median with the mirrored pattern.
+        - `before`: `ncc` and `ncc_p25` of the initial sensor.
+        - `scenes`: the same by scene, and by imager. A missing value is NaN.
     """
-    before = {one.scene: one for one in calibration.before}
-    scenes = {one.scene: _scored(one, before.get(one.scene)) for one in calibration.heldout}
+    before = {scored.scene: scored for scored in calibration.before}
+    scenes = {
+        scored.scene: _scored(scored, before.get(scored.scene)) for scored in calibration.heldout
+    }
     names = ("ncc", "ncc_p25", "ceiling", "ceiling_p25", "mirrored")
-    began = [scene["before"] for scene in scenes.values()]
+    before_scores = [scene["before"] for scene in scenes.values()]
     return {
         **{name: _median(scene[name] for scene in scenes.values()) for name in names},
-        "before": {name: _median(one[name] for one in began) for name in ("ncc", "ncc_p25")},
+        "before": {
+            name: _median(scored[name] for scored in before_scores) for name in ("ncc", "ncc_p25")
+        },
         "scenes": scenes,
     }
 
 
 def scene_parameter(name: str) -> tuple[str, str]:
-    """Split the name of one scene's own parameter, `NAME[SCENE]`; the scene is "" for any other."""
-    own, bracket, scene = name.partition("[")
-    return (own, scene[:-1]) if bracket and scene.endswith("]") else (name, "")
+    """Split `NAME[SCENE]`, the name of a parameter of one scene; otherwise the scene is ""."""
+    base, bracket, scene = name.partition("[")
+    return (base, scene[:-1]) if bracket and scene.endswith("]") else (name, "")
 
 
-def _estimate(one: Estimate) -> dict[str, Any]:
+def _estimate(estimate: Estimate) -> dict[str, Any]:
     return {
-        "value": float(one.value),
-        "sd": float(one.sd),
-        "unit": one.unit,
-        "start": float(one.start),
+        "value": float(estimate.value),
+        "sd": float(estimate.sd),
+        "unit": estimate.unit,
+        "start": float(estimate.start),
     }
 
 
 def _scenes(calibration: Calibration) -> dict[str, dict[str, float]]:
     scenes: dict[str, dict[str, float]] = {}
-    for one in calibration.estimates:
-        own, scene = scene_parameter(one.name)
+    for estimate in calibration.estimates:
+        name, scene = scene_parameter(estimate.name)
         if scene:
-            scenes.setdefault(scene, {})[own] = float(one.value)
+            scenes.setdefault(scene, {})[name] = float(estimate.value)
     for solution in calibration.solutions.values():
         for scene, values in solution.scenes.items():
             scenes.setdefault(scene, {}).update(
@@ -89,21 +99,21 @@ def _scenes(calibration: Calibration) -> dict[str, dict[str, float]]:
     return scenes
 
 
-def _scored(one: Scored, before: Scored | None) -> dict[str, Any]:
-    ceiling = _windows([one.ceiling])
+def _scored(scored: SceneScore, before: SceneScore | None) -> dict[str, Any]:
+    ceiling = _windows([scored.ceiling])
     return {
-        "room": one.room,
-        "pattern_scale": float(one.scale),
-        **_by_imager(one.ncc),
+        "room": scored.room,
+        "pattern_scale": float(scored.scale),
+        **_by_imager(scored.ncc),
         "ceiling": ceiling["ncc"],
         "ceiling_p25": ceiling["ncc_p25"],
-        "mirrored": _windows(one.mirrored.values())["ncc"],
+        "mirrored": _windows(scored.mirrored.values())["ncc"],
         "before": _by_imager(before.ncc if before else {}),
     }
 
 
 def _by_imager(ncc: Mapping[Any, NDArray[np.float32]]) -> dict[str, Any]:
-    """Both imagers' windows in one, and each imager's."""
+    """Return the figures of both imagers' pooled windows, and of each imager."""
     return {
         **_windows(ncc.values()),
         **{side: _windows([ncc[side]] if side in ncc else []) for side in ("left", "right")},
@@ -111,7 +121,7 @@ def _by_imager(ncc: Mapping[Any, NDArray[np.float32]]) -> dict[str, Any]:
 
 
 def _windows(parts: Iterable[NDArray[np.float32]]) -> dict[str, float]:
-    """Median and lower quartile of windows' correlations; NaN of none."""
+    """Return median and lower quartile of the windows' correlations; NaN without windows."""
     pooled = np.concatenate([*parts, np.empty(0, np.float32)])
     if not pooled.size:
         return {"ncc": _NAN, "ncc_p25": _NAN}
@@ -120,6 +130,6 @@ def _windows(parts: Iterable[NDArray[np.float32]]) -> dict[str, float]:
 
 
 def _median(values: Iterable[float]) -> float:
-    """Median of those that are known."""
+    """Return the median of the finite values."""
     known = [value for value in values if np.isfinite(value)]
     return float(np.median(known)) if known else _NAN

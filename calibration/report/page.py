@@ -1,4 +1,4 @@
-"""A calibration's report as one page that needs nothing beside it: `report.html`."""
+"""A calibration's report as one self-contained HTML page: `report.html`."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from starling.sim.report.elements import TIMES, counted, listed, number, sentenc
 from starling.sim.report.style import STYLE
 
 _SECTIONS = {
-    "parameters": "What was fitted",
-    "open": "What the captures leave open",
-    "heldout": "Does it render what the camera sees?",
-    "pattern": "The pattern",
-    "correlation": "Which numbers move together",
-    "fit": "How the fit went",
+    "parameters": "Fitted parameters",
+    "open": "Unidentifiable parameters and warnings",
+    "heldout": "Held-out scenes",
+    "pattern": "Recovered pattern",
+    "correlation": "Correlation of the parameters",
+    "fit": "Convergence",
 }
 
 
 def page(calibration: Calibration) -> str:
-    """Write a calibration as an HTML page: inline style, pictures inside, no scripts.
+    """Return a calibration as an HTML page with inline style, embedded pictures and no scripts.
 
-    The figures are those of `starling.calibration.report.figures`; pictures show the held-out scenes that
-    came out best, middling and worst.
+    The figures come from `starling.calibration.report.figures`. Pictures show the held-out scenes
+    with the best, the median and the worst score.
     """
-    found = figures.figures(calibration)
+    values = figures.figures(calibration)
     bodies = {
         "parameters": _parameters(calibration),
         "open": _open(calibration),
-        "heldout": heldout_section.section(calibration, found["heldout"]),
+        "heldout": heldout_section.section(calibration, values["heldout"]),
         "pattern": pattern_section.section(calibration.recovered) if calibration.recovered else "",
         "correlation": _correlation(calibration.solutions),
-        "fit": _fit(calibration, found),
+        "fit": _fit(calibration, values),
     }
     shown = {key: body for key, body in bodies.items() if body}
     links = "".join(f'<a href="#{key}">{_SECTIONS[key]}</a>' for key in shown)
@@ -49,38 +49,38 @@ def page(calibration: Calibration) -> str:
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{title}</title><style>{STYLE}</style></head><body><main>"
-        f"<header><h1>{title}</h1>{_summary(calibration, found)}<nav>{links}</nav></header>"
+        f"<header><h1>{title}</h1>{_summary(calibration, values)}<nav>{links}</nav></header>"
         f"{sections}</main></body></html>\n"
     )
 
 
-def _summary(calibration: Calibration, found: dict[str, Any]) -> str:
-    sensor, held = calibration.sensor, found["heldout"]
+def _summary(calibration: Calibration, values: dict[str, Any]) -> str:
+    sensor, held = calibration.sensor, values["heldout"]
     rooms = listed(calibration.fitted_rooms)
     groups = listed(calibration.solutions)
     text = (
         f"The sensor model <b>{escape(sensor.name)}</b> ({sensor.width} {TIMES} {sensor.height} "
-        f"px) was fitted to captures of known surfaces so that it renders what the camera sees. "
+        f"px) was fitted to captures of known surfaces. "
         f"Fitted: {groups}. Captures: {counted(len(calibration.fitted_rooms), 'room')}, {rooms}. "
-        "Numbers come with their standard deviation (sd); scores are of scenes in rooms that the "
-        "fit has not seen."
+        "Each parameter has a standard deviation (std). Scores come from scenes in held-out rooms, "
+        "which the fit did not use."
     )
-    loose = sum(not math.isfinite(one["sd"]) for one in found["parameters"].values())
+    loose = sum(not math.isfinite(parameter["sd"]) for parameter in values["parameters"].values())
     facts = [
         (
             "Held-out correlation",
             number(held["ncc"], ".3f"),
-            f"ceiling {number(held['ceiling'], '.3f')}; before {_before(held, 'ncc')}",
+            f"upper bound {number(held['ceiling'], '.3f')}; before {_before(held, 'ncc')}",
         ),
         (
-            "Its lower quartile",
+            "Lower quartile",
             number(held["ncc_p25"], ".3f"),
-            f"ceiling {number(held['ceiling_p25'], '.3f')}; before {_before(held, 'ncc_p25')}",
+            f"upper bound {number(held['ceiling_p25'], '.3f')}; before {_before(held, 'ncc_p25')}",
         ),
-        ("Numbers fitted", str(len(found["parameters"])), f"{loose} of them not determined"),
-        ("Left open", str(len(found["undetermined"])), "by these captures"),
-        ("Warnings", str(len(found["warnings"])), "on the captures"),
-        ("Time", _time(found["seconds"]), f"{counted(len(found['stages']), 'stage')}"),
+        ("Parameters", str(len(values["parameters"])), f"{loose} of them unidentifiable"),
+        ("Unidentifiable", str(len(values["undetermined"])), "parameters or combinations"),
+        ("Warnings", str(len(values["warnings"])), "about the captures"),
+        ("Time", _time(values["seconds"]), f"{counted(len(values['stages']), 'stage')}"),
     ]
     cells = "".join(
         f"<div><dt>{name}</dt><dd>{value}<small>{note}</small></dd></div>"
@@ -90,55 +90,64 @@ def _summary(calibration: Calibration, found: dict[str, Any]) -> str:
 
 
 def _parameters(calibration: Calibration) -> str:
-    parts = [
-        '<p class="quiet">A name is a path in the sensor\'s file; <code>projector.field</code> is '
-        "the tangent of the projector's half horizontal field. Places are in the frame of the left "
-        "imager: x right, y down, z forward.</p>"
+    blocks = [
+        '<p class="quiet">A name is a path in the sensor file; <code>projector.field</code> is '
+        "the tangent of half the projector's horizontal field of view. Positions are in the frame "
+        "of the left imager: x right, y down, z forward.</p>"
     ]
     for name, solution in calibration.solutions.items():
-        common = [one for one in solution.estimates if not figures.scene_parameter(one.name)[1]]
-        own = [one for one in solution.estimates if figures.scene_parameter(one.name)[1]]
-        parts.append(f"<h3>{escape(name.capitalize())}</h3>")
+        common = [
+            estimate
+            for estimate in solution.estimates
+            if not figures.scene_parameter(estimate.name)[1]
+        ]
+        scene_estimates = [
+            estimate for estimate in solution.estimates if figures.scene_parameter(estimate.name)[1]
+        ]
+        blocks.append(f"<h3>{escape(name.capitalize())}</h3>")
         if common:
-            parts.append(tables.estimates(common))
+            blocks.append(tables.estimates(common))
         if solution.derived:
-            parts.append("<h4>Derived: combinations, and what follows from the above</h4>")
-            parts.append(tables.estimates(solution.derived))
-        if own:
-            parts.append(
-                f"<details><summary>{counted(len(own), 'number')} of single scenes</summary>"
-                f"{tables.estimates(own)}</details>"
+            blocks.append("<h4>Derived from the parameters above</h4>")
+            blocks.append(tables.estimates(solution.derived))
+        if scene_estimates:
+            blocks.append(
+                f"<details><summary>{counted(len(scene_estimates), 'parameter')} of single scenes"
+                f"</summary>{tables.estimates(scene_estimates)}</details>"
             )
-    return "".join(parts)
+    return "".join(blocks)
 
 
 def _open(calibration: Calibration) -> str:
     undetermined = sentences(
-        calibration.undetermined, "The captures determine everything that was freed."
+        calibration.undetermined, "The captures determine all free parameters."
     )
-    warnings = sentences(calibration.warnings, "Nothing in the captures speaks against them.")
-    return f"<h3>Not determined</h3>{undetermined}<h3>Warnings on the captures</h3>{warnings}"
+    warnings = sentences(calibration.warnings, "The checks of the captures found nothing wrong.")
+    return (
+        f"<h3>Unidentifiable parameters</h3>{undetermined}"
+        f"<h3>Warnings about the captures</h3>{warnings}"
+    )
 
 
 def _correlation(solutions: Mapping[str, Solution]) -> str:
-    parts = [
+    blocks = [
         f"<h3>{escape(name.capitalize())}</h3>"
         + tables.strongest(solution)
         + tables.correlations(solution)
         for name, solution in solutions.items()
         if len(solution.estimates) > 1
     ]
-    if not parts:
+    if not blocks:
         return ""
     return (
-        "<p>Correlation of the fitted numbers' errors, by the fit's covariance. Near 1 or "
-        "\N{MINUS SIGN}1 the captures tell a combination better than its parts. Columns carry the "
-        "rows' numbers; empty cells are below 0.005 or of a number that is not determined.</p>"
-        + "".join(parts)
+        "<p>Correlation of the parameters' errors, from the covariance of the fit. Near 1 or "
+        "\N{MINUS SIGN}1, the captures determine a combination of two parameters better than each "
+        "of them. Columns have the numbers of the rows. A cell is empty if its value is below "
+        "0.005 or a parameter is unidentifiable.</p>" + "".join(blocks)
     )
 
 
-def _fit(calibration: Calibration, found: dict[str, Any]) -> str:
+def _fit(calibration: Calibration, values: dict[str, Any]) -> str:
     costs = [
         [
             escape(name),
@@ -147,15 +156,15 @@ def _fit(calibration: Calibration, found: dict[str, Any]) -> str:
         ]
         for name, solution in calibration.solutions.items()
     ]
-    stages = [[escape(name), number(value, ".1f")] for name, value in found["stages"].items()]
-    stages.append(["Total", number(found["seconds"], ".1f")])
-    scenes = tables.scenes(found["scenes"]) if found["scenes"] else ""
+    stages = [[escape(name), number(value, ".1f")] for name, value in values["stages"].items()]
+    stages.append(["Total", number(values["seconds"], ".1f")])
+    scenes = tables.scenes(values["scenes"]) if values["scenes"] else ""
     return (
-        "<p>Cost: what the fit brings down, at its start and end. Of images it is the weighted "
-        "mean squared residual, where noise alone makes 1.</p>"
+        "<p>The cost is the quantity that the fit minimises. For images it is the weighted mean "
+        "squared residual; sensor noise alone gives 1.</p>"
         + table(["Fit", "Steps", "Cost at start", "Cost at end"], costs)
         + table(["Stage", "Seconds"], stages, total=True)
-        + (f"<h3>Scene by scene</h3>{scenes}" if scenes else "")
+        + (f"<h3>Values by scene</h3>{scenes}" if scenes else "")
     )
 
 

@@ -1,4 +1,4 @@
-"""The part of a report that shows a recovered pattern, as HTML."""
+"""The report's section on a recovered pattern, as HTML."""
 
 from __future__ import annotations
 
@@ -8,56 +8,57 @@ import numpy as np
 
 from starling.calibration.pattern import emission, emitter_model
 from starling.calibration.pattern.lattice import Lattice
-from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.pattern.recovery import RecoveredPattern
 from starling.calibration.report import pictures as report_pictures
 from starling.sim.report.elements import PLUS_MINUS, TIMES, bar, counted, figure, number, table
 
 
-def section(recovered: Recovered) -> str:
-    """Show the pattern, where it was seen, how well it is known, and its emitters."""
+def section(recovered: RecoveredPattern) -> str:
+    """Show the pattern, its coverage, its standard deviation and its emitters."""
     image = recovered.image
-    drawn = report_pictures.of_pattern(image)
-    looked = image.views > 0
-    across, down = (
+    drawn = report_pictures.draw_pattern(image)
+    covered = image.views > 0
+    half_x_deg, half_y_deg = (
         math.degrees(math.asin(min(half, 1.0))) for half in (image.grid.half_a, image.grid.half_b)
     )
-    deviation = image.sd[looked & np.isfinite(image.sd)]
-    median = float(np.median(deviation)) if deviation.size else math.nan
+    sds = image.sd[covered & np.isfinite(image.sd)]
+    median_sd = float(np.median(sds)) if sds.size else math.nan
     unknown = "rgb({}, {}, {})".format(*report_pictures.UNKNOWN)
-    swatch = f'<span class="swatch" style="background:{unknown}"></span> no view looked there'
+    swatch = f'<span class="swatch" style="background:{unknown}"></span> not covered by any view'
     pictures = [
-        figure(drawn.value, f"<b>Recovered pattern</b>, as from one emitter; {swatch}."),
-        figure(drawn.zoomed, "<b>About its axis</b>, enlarged.", zoomed=True),
+        figure(drawn.value, f"<b>Recovered pattern</b>, as seen from one emitter; {swatch}."),
+        figure(drawn.zoomed, "<b>Around the axis</b>, enlarged.", zoomed=True),
         figure(
             drawn.coverage,
-            "<b>Coverage</b>: views that looked in each direction."
+            "<b>Coverage</b>: number of views in each direction."
             + bar(drawn.scale, "0", f"{drawn.most_views:.0f}"),
         ),
         figure(
             drawn.sd,
-            "<b>Uncertainty</b>: standard deviation in each direction, where the pattern itself "
-            "deviates by about 1."
+            "<b>Uncertainty</b>: standard deviation in each direction. The pattern itself has a "
+            "standard deviation of about 1."
             + bar(drawn.scale, *(f"{limit:.2g}" for limit in drawn.sd_limits)),
         ),
     ]
     return (
-        f"<p>Recovered over direction cosines to {PLUS_MINUS}{across:.1f} degrees across and "
-        f"{PLUS_MINUS}{down:.1f} down. {looked.mean():.1%} of the directions were seen; their "
-        f"median standard deviation is {number(median, '.2g')}.</p>"
+        f"<p>The pattern was recovered over direction cosines up to {PLUS_MINUS}{half_x_deg:.1f} "
+        f"degrees horizontally and {PLUS_MINUS}{half_y_deg:.1f} degrees vertically. Views cover "
+        f"{covered.mean():.1%} of the directions; the median standard deviation there is "
+        f"{number(median_sd, '.2g')}.</p>"
         f'<div class="pictures">{"".join(pictures)}</div>{_emitters(recovered)}'
     )
 
 
-def _emitters(recovered: Recovered) -> str:
+def _emitters(recovered: RecoveredPattern) -> str:
     fitted = recovered.fitted
     head = ["Emitter", "x [mm]", "y [mm]", "z [mm]", "Share of light"]
     head += ["Pitch [mrad]", "Angle [deg]", "Dot sigma [mrad]", "Dots in the field"]
     rows = []
-    for place, (emitter, share) in enumerate(
+    for index, (emitter, share) in enumerate(
         zip(fitted.model.emitters, fitted.shares, strict=True)
     ):
-        own = emitter_model.of_emitter(place)
-        sds = (fitted.sd(f"{own}position.{axis}") for axis in emission.PLACE)
+        prefix = emitter_model.emitter_prefix(index)
+        sds = (fitted.sd(f"{prefix}position.{axis}") for axis in emission.PLACE)
         positions = [
             f"{number(1e3 * value, '.3f')} {PLUS_MINUS} {number(1e3 * sd, '.3f')}"
             for value, sd in zip(emitter.position_m, sds, strict=True)
@@ -66,20 +67,20 @@ def _emitters(recovered: Recovered) -> str:
         dots = ["an image", "", "", ""]
         if isinstance(source, Lattice):
             dots = _lattice(source, recovered)
-        rows.append([str(place), *positions, f"{share:.1%}", *dots])
+        rows.append([str(index), *positions, f"{share:.1%}", *dots])
     text = (
         f"The pattern is {counted(len(recovered.lattices), 'lattice')} of dots, each from its own "
-        "emitter. Emitters side by side make patterns that slide against each other with distance."
+        "emitter. The lattices of separate emitters shift against each other with distance."
         if recovered.lattices
-        else "No dot lattice stands out of the pattern's spectrum, so it is kept as an image."
+        else "No dot lattice stands out in the pattern's spectrum, so the pattern is an image."
     )
     return f"<h3>Emitters and dots</h3><p>{text}</p>{table(head, rows)}"
 
 
-def _lattice(source: Lattice, recovered: Recovered) -> list[str]:
-    """Pitches, the angle that they enclose, width and number of a lattice's dots."""
+def _lattice(source: Lattice, recovered: RecoveredPattern) -> list[str]:
+    """Return the pitches of a lattice, the angle between them, dot width and dot count."""
     first, second = source.pitch.T
-    pitches = [float(np.linalg.norm(one)) for one in (first, second)]
+    pitches = [float(np.linalg.norm(vector)) for vector in (first, second)]
     cosine = float(first @ second) / (pitches[0] * pitches[1])
     angle = math.degrees(math.acos(min(max(cosine, -1), 1)))
     grid = recovered.image.grid

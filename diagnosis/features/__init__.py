@@ -1,1 +1,1 @@
-"""Numbers that tell of a reading how it was made; each part of the chain leaves its own."""
+"""Features of an observation: statistics that each respond to some part of the sensor pipeline."""

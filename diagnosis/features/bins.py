@@ -1,4 +1,4 @@
-"""Statistics of an image in the bins of a covariate; NaN where a bin holds too little."""
+"""Statistics of images in bins of pixels; NaN if a bin holds too few valid pixels."""
 
 from __future__ import annotations
 
@@ -9,74 +9,74 @@ from numpy.typing import NDArray
 from starling.diagnosis.scenes.strata import Image, Mask, Pixels
 from starling.sim.metrics import MAD_TO_SIGMA
 
-FEWEST = 100  # Pixels that a bin must hold.
-_LEAST = 1e-6  # Of what a logarithm is taken.
+FEWEST = 100  # Least number of pixels in a bin.
+_LEAST = 1e-6  # Lower limit of the argument of a logarithm.
 
 
 def mean(values: NDArray, where: Pixels) -> float:
-    """Mean of finite values; NaN where they are few."""
+    """Average finite values; NaN if they are too few."""
     if where.size < FEWEST:
         return float("nan")
     inside = values.ravel()[where]
-    found = float(inside.mean())
-    if np.isfinite(found):  # So are all: most images have no gaps.
-        return found
+    average = float(inside.mean())
+    if np.isfinite(average):  # Then all values are finite: most images have no gaps.
+        return average
     inside = inside[np.isfinite(inside)]
     return float(inside.mean()) if inside.size >= FEWEST else float("nan")
 
 
 def median(values: NDArray, where: Pixels) -> float:
-    """Median of finite values; NaN where they are few."""
-    inside = _known(values, where)
-    return float("nan") if inside is None else _middle(inside)
+    """Compute the median of finite values; NaN if they are too few."""
+    inside = _finite(values, where)
+    return float("nan") if inside is None else _median(inside)
 
 
 def spread(values: NDArray, where: Pixels) -> float:
-    """Logarithm of 1.4826 median absolute deviation; NaN where values are few."""
+    """Compute the logarithm of 1.4826 median absolute deviation; NaN if values are too few."""
     return median_and_spread(values, where)[1]
 
 
 def median_and_spread(values: NDArray, where: Pixels) -> tuple[float, float]:
-    """As `median` and `spread`, whose median is then taken once."""
-    inside = _known(values, where)
+    """Compute `median` and `spread` with one median."""
+    inside = _finite(values, where)
     if inside is None:
         return float("nan"), float("nan")
-    middle = _middle(inside)
-    deviation = _middle(np.abs(inside - inside.dtype.type(middle)))
+    middle = _median(inside)
+    deviation = _median(np.abs(inside - inside.dtype.type(middle)))
     return middle, float(np.log(max(MAD_TO_SIGMA * deviation, _LEAST)))
 
 
-def _known(values: NDArray, where: Pixels) -> NDArray | None:
+def _finite(values: NDArray, where: Pixels) -> NDArray | None:
     inside = values.ravel()[where]
     inside = inside[np.isfinite(inside)]
     return inside if inside.size >= FEWEST else None
 
 
-def _middle(inside: NDArray) -> float:
-    """Median of finite values; half the time of NumPy's, which looks for NaN."""
+def _median(inside: NDArray) -> float:
+    """Compute the median of finite values in half of NumPy's time, which checks for NaN."""
     half = inside.size // 2
-    parted = np.partition(inside, half)
-    above = parted[half]
-    return float(above if inside.size % 2 else (parted[:half].max() + above) / 2)
+    partitioned = np.partition(inside, half)
+    above = partitioned[half]
+    return float(above if inside.size % 2 else (partitioned[:half].max() + above) / 2)
 
 
 def rate(event: Mask, where: Pixels) -> float:
-    """Arcsine of the root of a share, whose deviation does not depend on the share; NaN if few."""
+    """Compute the arcsine of the root of a share, which stabilises its variance; NaN if too few."""
     if where.size < FEWEST:
         return float("nan")
     return float(np.arcsin(np.sqrt(np.count_nonzero(event.ravel()[where]) / where.size)))
 
 
 def log(value: float) -> float:
-    """Logarithm of a positive number; NaN stays."""
+    """Compute the logarithm of a positive number; NaN stays NaN."""
     return float(np.log(max(value, _LEAST))) if np.isfinite(value) else float("nan")
 
 
 def smooth(image: Image, size_px: int) -> Image:
-    """Mean over square windows (h, w)."""
+    """Average over square windows (h, w)."""
     return np.asarray(cv2.blur(np.asarray(image, np.float32), (size_px, size_px)), np.float32)
 
 
 def among(where: Pixels, mask: Mask) -> Pixels:
-    """Those of some pixels that lie in a mask (h, w)."""
+    """Select the pixels that lie in a mask (h, w)."""
     return where[mask.ravel()[where]]

@@ -1,45 +1,45 @@
-"""How a disparity map errs and where it has none: by depth, place, level, edges, fraction."""
+"""Features of a disparity map's errors and holes."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from starling.diagnosis.features import bins
-from starling.diagnosis.scenes.strata import FAR_OFF_PX, Ground, Image
+from starling.diagnosis.scenes.strata import FAR_OFF_PX, Image, Strata
 
 _PLACES = ("depth", "x", "y", "radius", "level", "incidence")
 
 
-def disparity(found_px: Image, ground: Ground) -> dict[str, float]:
-    """Errors against the reference, and shares without depth.
+def disparity_features(measured_px: Image, strata: Strata) -> dict[str, float]:
+    """Compute bias, spread and rates of wrong matches and holes, by bin.
 
     Args:
-        found_px: (h, w) measured disparity; NaN where there is none.
-        ground: of the scene.
+        measured_px: (h, w) measured disparity; NaN where invalid.
+        strata: reference and bins of the scene.
     """
-    error = found_px - ground.disparity_px
+    error = measured_px - strata.disparity_px
     near = np.where(np.abs(error) <= FAR_OFF_PX, error, np.nan)
-    [(_, everywhere)], [(_, far)] = ground.whole(), ground.whole(far=True)
-    found_there = np.isfinite(found_px)
-    missing = ~found_there
-    off = np.nan_to_num(np.abs(error), nan=0.0) > FAR_OFF_PX
-    middle, spread = bins.median_and_spread(near, far)
-    found = {
+    [(_, everywhere)], [(_, interior)] = strata.all_pixels(), strata.all_pixels(interior=True)
+    valid = np.isfinite(measured_px)
+    missing = ~valid
+    wrong = np.nan_to_num(np.abs(error), nan=0.0) > FAR_OFF_PX
+    middle, spread = bins.median_and_spread(near, interior)
+    features = {
         "error.bias.all": middle,
         "error.spread.all": spread,
-        "error.far off.all": bins.rate(off, bins.among(everywhere, found_there)),
+        "error.far off.all": bins.rate(wrong, bins.among(everywhere, valid)),
         "holes.all": bins.rate(missing, everywhere),
     }
-    for name, where in ground.each(*_PLACES, far=True):
+    for name, where in strata.bins(*_PLACES, interior=True):
         bias, spread = bins.median_and_spread(near, where)
-        found |= {f"error.bias.{name}": bias, f"error.spread.{name}": spread}
-    for name, where in ground.each(*_PLACES):
-        found[f"holes.{name}"] = bins.rate(missing, where)
-    for name, where in ground.each("edge"):
+        features |= {f"error.bias.{name}": bias, f"error.spread.{name}": spread}
+    for name, where in strata.bins(*_PLACES):
+        features[f"holes.{name}"] = bins.rate(missing, where)
+    for name, where in strata.bins("edge"):
         bias, spread = bins.median_and_spread(near, where)
-        found |= {f"error.bias.{name}": bias, f"error.spread.{name}": spread}
-        found[f"error.far off.{name}"] = bins.rate(off, bins.among(where, found_there))
-        found[f"holes.{name}"] = bins.rate(missing, where)
-    for name, where in ground.each("fraction", far=True):
-        found[f"error.fraction.{name}"] = bins.median(near, where) - middle
-    return found
+        features |= {f"error.bias.{name}": bias, f"error.spread.{name}": spread}
+        features[f"error.far off.{name}"] = bins.rate(wrong, bins.among(where, valid))
+        features[f"holes.{name}"] = bins.rate(missing, where)
+    for name, where in strata.bins("fraction", interior=True):
+        features[f"error.fraction.{name}"] = bins.median(near, where) - middle
+    return features

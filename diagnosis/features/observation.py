@@ -1,4 +1,4 @@
-"""All features of a reading, by the arm of the stage swap that they belong to."""
+"""All features of an observation, by pipeline segment."""
 
 from __future__ import annotations
 
@@ -14,58 +14,63 @@ from starling.diagnosis.features import (
     surface,
     texture,
 )
-from starling.diagnosis.scenes.observation import Reading
-from starling.diagnosis.scenes.strata import Ground, Image
+from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.strata import Image, Strata
 
 Features = dict[str, float]
 
 
-def of_image(reading: Reading, ground: Ground, *, ceiling: float) -> Features:
-    """What infrared images, and our matcher on them, tell; medians over repeats are not taken: the
-    first repeat stands for all but what changes in time.
+def image_features(observation: SceneObservation, strata: Strata, *, ceiling: float) -> Features:
+    """Compute features of infrared images and of our matcher's disparity from them.
+
+    Only features in time use all repeats; all others use the first one.
 
     Args:
-        reading: with infrared images.
-        ground: of the scene.
+        observation: observation with infrared images.
+        strata: reference and bins of the scene.
         ceiling: largest code.
     """
-    assert reading.left is not None and reading.right is not None and reading.ours_px is not None
-    left, right = (image[0].astype(np.float32) for image in (reading.left, reading.right))
-    beside = shifts.warped(right, ground.disparity_px)
-    found = levels.levels(np.rint(left), ground, ceiling)
-    found |= levels.codes(left, ground.counted, ceiling)
-    found |= _named("right", levels.levels(beside, ground, ceiling))
-    found |= _named("right", levels.codes(right, np.ones(right.shape, bool), ceiling))
-    found |= texture.texture(left, ground)
-    found |= _named("right", texture.texture(beside, ground, ("radius",)))
-    found |= residual.residual(left, ground)
-    found |= shifts.pair(left, right, ground)
-    found |= shifts.dots(left, ground)
-    found |= disparity.disparity(reading.ours_px[0], ground)
-    if len(reading.left) > 1:
-        found |= repeats.infrared(reading.left, ground)
-    return found
+    assert observation.left is not None and observation.right is not None
+    assert observation.ours_px is not None
+    left, right = (images[0].astype(np.float32) for images in (observation.left, observation.right))
+    warped = shifts.warp_to_left(right, strata.disparity_px)
+    features = levels.level_features(np.rint(left), strata, ceiling)
+    features |= levels.code_features(left, strata.counted, ceiling)
+    features |= _prefixed("right", levels.level_features(warped, strata, ceiling))
+    features |= _prefixed("right", levels.code_features(right, np.ones(right.shape, bool), ceiling))
+    features |= texture.texture_features(left, strata)
+    features |= _prefixed("right", texture.texture_features(warped, strata, ("radius",)))
+    features |= residual.residual_features(left, strata)
+    features |= shifts.pair_shift_features(left, right, strata)
+    features |= shifts.dot_shift_features(left, strata)
+    features |= disparity.disparity_features(observation.ours_px[0], strata)
+    if len(observation.left) > 1:
+        features |= repeats.infrared_repeat_features(observation.left, strata)
+    return features
 
 
-def of_depth(reading: Reading, ground: Ground, *, captured_px: Image | None) -> Features:
-    """What a device's depth tells, where images are there also beside our matcher's on the same.
+def depth_features(
+    observation: SceneObservation, strata: Strata, *, captured_px: Image | None
+) -> Features:
+    """Compute features of device depth; with images also relative to our matcher's depth.
 
     Args:
-        reading: with depth of a device's own.
-        ground: of the scene.
-        captured_px: (h, w) what the device gave of these images; None where there are none.
+        observation: observation with device depth.
+        strata: reference and bins of the scene.
+        captured_px: (h, w) captured device disparity of these images; None without images.
     """
-    assert reading.device_px is not None
-    device = reading.device_px[0]
-    found = disparity.disparity(device, ground) | surface.surface(device, ground)
+    assert observation.device_px is not None
+    device = observation.device_px[0]
+    features = disparity.disparity_features(device, strata)
+    features |= surface.surface_features(device, strata)
     if captured_px is not None:
-        assert reading.ours_px is not None
-        found |= rematched.against(device, reading.ours_px[0], ground)
-        found |= rematched.unlike(device, captured_px, ground)
-    if len(reading.device_px) > 1:
-        found |= repeats.depth(reading.device_px, ground)
-    return found
+        assert observation.ours_px is not None
+        features |= rematched.bias_features(device, observation.ours_px[0], strata)
+        features |= rematched.difference_features(device, captured_px, strata)
+    if len(observation.device_px) > 1:
+        features |= repeats.depth_repeat_features(observation.device_px, strata)
+    return features
 
 
-def _named(prefix: str, features: Features) -> Features:
+def _prefixed(prefix: str, features: Features) -> Features:
     return {f"{prefix} {name}": value for name, value in features.items()}

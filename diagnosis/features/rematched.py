@@ -1,48 +1,48 @@
-"""Depth beside what our matcher makes of the same infrared pair, and beside the device's own."""
+"""Features of depth relative to our matcher's depth and to the captured device depth."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from starling.diagnosis.features import bins
-from starling.diagnosis.scenes.strata import FAR_OFF_PX, Ground, Image
+from starling.diagnosis.scenes.strata import FAR_OFF_PX, Image, Strata
 
 _PLACES = ("edge", "level", "depth")
-_MOST_PX = 1.0  # Apart: beyond, one of them is a wrong match, and how wrong tells nothing.
+_MOST_PX = 1.0  # Upper limit of a difference: beyond it is a wrong match of unknown size.
 
 
-def against(found_px: Image, ours_px: Image, ground: Ground) -> dict[str, float]:
-    """Which way depth is off our matcher's.
+def bias_features(measured_px: Image, ours_px: Image, strata: Strata) -> dict[str, float]:
+    """Compute the median difference from our matcher's disparity, by bin.
 
-    How far is not asked: that is nothing where our matcher is simulated, so that whatever makes
-    its depth another would come nearer to a device's.
+    The spread is not a feature. It is zero where our matcher is simulated, so that any effect on
+    depth would increase it towards the device's.
 
     Args:
-        found_px: (h, w) disparity; NaN where there is none.
-        ours_px: (h, w) that of our matcher, no effect set.
-        ground: of the scene.
+        measured_px: (h, w) disparity; NaN where invalid.
+        ours_px: (h, w) disparity by our matcher without effects.
+        strata: bins of the scene.
     """
-    difference = found_px - ours_px
+    difference = measured_px - ours_px
     near = np.where(np.abs(difference) < FAR_OFF_PX, difference, np.nan)
     return {
         f"against.bias.{name}": bins.median(near, where)
-        for name, where in (*ground.whole(), *ground.each(*_PLACES))
+        for name, where in (*strata.all_pixels(), *strata.bins(*_PLACES))
     }
 
 
-def unlike(found_px: Image, captured_px: Image, ground: Ground) -> dict[str, float]:
-    """How far depth is from the device's own, pixel by pixel: nothing if it is that.
+def difference_features(measured_px: Image, captured_px: Image, strata: Strata) -> dict[str, float]:
+    """Compute pixelwise differences from the captured device disparity, by bin.
 
     Args:
-        found_px: (h, w) disparity; NaN where there is none.
-        captured_px: (h, w) what the device gave of the same pair.
-        ground: of the scene.
+        measured_px: (h, w) disparity; NaN where invalid.
+        captured_px: (h, w) captured device disparity of the same pair.
+        strata: bins of the scene.
     """
-    measured, captured = np.isfinite(found_px), np.isfinite(captured_px)
+    measured, captured = np.isfinite(measured_px), np.isfinite(captured_px)
     both = measured & captured
-    apart = np.minimum(np.abs(found_px - captured_px), _MOST_PX)
-    found = {}
-    for name, where in (*ground.whole(), *ground.each(*_PLACES)):
-        found[f"unlike.holes.{name}"] = bins.rate(measured != captured, where)
-        found[f"unlike.disparity.{name}"] = bins.mean(apart, bins.among(where, both))
-    return found
+    difference = np.minimum(np.abs(measured_px - captured_px), _MOST_PX)
+    features = {}
+    for name, where in (*strata.all_pixels(), *strata.bins(*_PLACES)):
+        features[f"unlike.holes.{name}"] = bins.rate(measured != captured, where)
+        features[f"unlike.disparity.{name}"] = bins.mean(difference, bins.among(where, both))
+    return features

@@ -1,5 +1,4 @@
-"""Where dots lie: the right image against the left by the true disparity, the left against the
-simulator's."""
+"""Features of dot positions: left against right image, and left against expected image."""
 
 from __future__ import annotations
 
@@ -10,29 +9,29 @@ import cv2
 import numpy as np
 
 from starling.diagnosis.features import bins
-from starling.diagnosis.scenes.strata import Ground, Image
+from starling.diagnosis.scenes.strata import Image, Strata
 
-STEP_PX = 0.7  # Shift to both sides of the expected place.
-_WINDOW_PX = 15
-_MOST = 0.95  # Of a correlation, whose measure would else be without end where images are alike.
-_SURE = 0.3  # Correlation below which its place is chance.
+STEP_PX = 0.7  # Shift to both sides of the expected position.
+_WINDOW_PX = 15  # Side of the window in which images are standardised.
+_MOST = 0.95  # Factor on a correlation: keeps its Fisher transform finite for equal images.
+_RELIABLE = 0.3  # Correlation below which the position of its peak is chance.
 _BINS = ("depth", "x", "y")
 _STEPS = {"": (0, 0), "+x": (1, 0), "-x": (-1, 0), "+y": (0, 1), "-y": (0, -1)}
-_SCENES = 16  # Whose expected images are kept.
+_SCENES = 16  # Scenes whose standardised expected images are cached.
 
 
-def pair(left: Image, right: Image, ground: Ground) -> dict[str, float]:
-    """Correlate the right image, warped by the true disparity, with the left."""
-    return _shifts("pair", left, _moved(right, ground.disparity_px), ground)
+def pair_shift_features(left: Image, right: Image, strata: Strata) -> dict[str, float]:
+    """Correlate the left image with the right image, warped by the reference disparity."""
+    return _shift_features("pair", left, _shifted(right, strata.disparity_px), strata)
 
 
-def dots(left: Image, ground: Ground) -> dict[str, float]:
-    """Correlate the left image with the one that the simulator expects."""
-    return _shifts("dots", left, _expected(ground), ground)
+def dot_shift_features(left: Image, strata: Strata) -> dict[str, float]:
+    """Correlate the left image with the expected image."""
+    return _shift_features("dots", left, _shifted_expected(strata), strata)
 
 
-def warped(image: Image, disparity_px: Image, dx: float = 0.0, dy: float = 0.0) -> Image:
-    """See an image (h, w) from the left view; `dx`, `dy` to the right and below [px]."""
+def warp_to_left(image: Image, disparity_px: Image, dx: float = 0.0, dy: float = 0.0) -> Image:
+    """Warp a right image (h, w) into the left view; `dx`, `dy` shift right and down [px]."""
     y, x = np.indices(image.shape, np.float32)
     return np.asarray(
         cv2.remap(
@@ -46,44 +45,47 @@ def warped(image: Image, disparity_px: Image, dx: float = 0.0, dy: float = 0.0) 
     )
 
 
-def _moved(image: Image, disparity_px: Image) -> dict[str, Image]:
-    """An image seen from the left view, and a step to each side of that."""
+def _shifted(image: Image, disparity_px: Image) -> dict[str, Image]:
+    """Warp an image into the left view at the expected position and a step to each side."""
     return {
-        name: _standard(warped(image, disparity_px, dx * STEP_PX, dy * STEP_PX))
+        name: _standardise(warp_to_left(image, disparity_px, dx * STEP_PX, dy * STEP_PX))
         for name, (dx, dy) in _STEPS.items()
     }
 
 
 @lru_cache(maxsize=_SCENES)
-def _expected(ground: Ground) -> dict[str, Image]:
-    """The same of the expected image, with which all readings of a scene are compared."""
-    return _moved(ground.expected, np.zeros_like(ground.disparity_px))
+def _shifted_expected(strata: Strata) -> dict[str, Image]:
+    """Shift the expected image; cached because all observations of a scene use it."""
+    return _shifted(strata.expected, np.zeros_like(strata.disparity_px))
 
 
-def _shifts(kind: str, one: Image, moved: Mapping[str, Image], ground: Ground) -> dict[str, float]:
-    """Peak of the correlation and its place in x and y, by bins."""
-    flat = _standard(one)
-    products = {name: flat * image for name, image in moved.items()}
-    powers = flat**2, moved[""] ** 2
-    found = {}
-    for name, where in (*ground.whole(far=True), *ground.each(*_BINS, far=True)):
-        at = {step: bins.mean(product, where) for step, product in products.items()}
+def _shift_features(
+    kind: str, image: Image, shifted: Mapping[str, Image], strata: Strata
+) -> dict[str, float]:
+    """Compute height, position and width in x and y of the correlation peak, by bin."""
+    flat = _standardise(image)
+    products = {step: flat * partner for step, partner in shifted.items()}
+    powers = flat**2, shifted[""] ** 2
+    features = {}
+    for name, where in (*strata.all_pixels(interior=True), *strata.bins(*_BINS, interior=True)):
+        means = {step: bins.mean(product, where) for step, product in products.items()}
         power = float(np.prod([bins.mean(square, where) for square in powers]))
-        likeness = at[""] / np.sqrt(max(power, 1e-6))
-        found[f"{kind}.match.{name}"] = float(np.arctanh(_MOST * np.clip(likeness, -1, 1)))
-        sure = likeness > _SURE
+        correlation = means[""] / np.sqrt(max(power, 1e-6))
+        features[f"{kind}.match.{name}"] = float(np.arctanh(_MOST * np.clip(correlation, -1, 1)))
+        reliable = correlation > _RELIABLE
         for axis in ("x", "y"):
-            bend = at[f"+{axis}"] + at[f"-{axis}"] - 2 * at[""]
-            lean = 0.5 * (at[f"+{axis}"] - at[f"-{axis}"])
-            if not sure or bend > -1e-3:
+            curvature = means[f"+{axis}"] + means[f"-{axis}"] - 2 * means[""]
+            slope = 0.5 * (means[f"+{axis}"] - means[f"-{axis}"])
+            if not reliable or curvature > -1e-3:
                 continue
-            found[f"{kind}.shift {axis}.{name}"] = float(np.clip(-STEP_PX * lean / bend, -3, 3))
-            found[f"{kind}.width {axis}.{name}"] = bins.log(-bend / at[""])
-    return found
+            shift_px = -STEP_PX * slope / curvature
+            features[f"{kind}.shift {axis}.{name}"] = float(np.clip(shift_px, -3, 3))
+            features[f"{kind}.width {axis}.{name}"] = bins.log(-curvature / means[""])
+    return features
 
 
-def _standard(image: Image) -> Image:
-    """Take off the local mean and divide by the local deviation."""
+def _standardise(image: Image) -> Image:
+    """Subtract the local mean and divide by the local standard deviation."""
     fine = np.asarray(image, np.float32)
     mean = bins.smooth(fine, _WINDOW_PX)
     variance = bins.smooth(fine**2, _WINDOW_PX) - mean**2

@@ -1,1 +1,1 @@
-"""How far the gap shrinks once an effect is in, on scenes that had no say in it."""
+"""How far accepted effects close the gap on held-out scenes."""

@@ -1,6 +1,6 @@
-"""How far a simulation is from a real reading of one scene, each in its own unit; less is better.
+"""Distances between simulated and real observations of one scene, each in its own unit.
 
-0 is best but of a negative log likelihood.
+Less is better; the optimum is 0 except for the negative log-likelihood.
 """
 
 from __future__ import annotations
@@ -11,90 +11,101 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.diagnosis.howfar import holes
-from starling.diagnosis.scenes.observation import Reading
-from starling.diagnosis.scenes.strata import FAR_OFF_PX, Ground, Image, Mask
+from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.strata import FAR_OFF_PX, Image, Mask, Strata
 from starling.learning.data.physics_probability import drawn_probability
 
 _QUANTILES = np.linspace(0.005, 0.995, 199)
-_LEAST_DN = 0.3  # Deviation of a code that no camera is below: rounding's.
+_LEAST_DN = 0.3  # Least noise std [DN]: rounding alone causes 1 / sqrt(12).
 
 
-def distances(real: Reading, simulated: Sequence[Reading], ground: Ground) -> dict[str, float]:
-    """Measure a scene.
+def scene_distances(
+    real: SceneObservation, simulated: Sequence[SceneObservation], strata: Strata
+) -> dict[str, float]:
+    """Measure the distances of one scene.
 
     Args:
-        real: its captured reading.
-        simulated: readings of several seeds.
-        ground: of the scene.
+        real: captured observation.
+        simulated: simulated observations of several seeds.
+        strata: pixel strata of the scene.
 
     Returns:
-        Brier score, 1 - AUC and ECE of what the draws tell of holes (`howfar.holes`); 1 - overlap
-        of one draw's holes (`iou`); difference of bias and of the logarithm of NMAD; distance of
-        the errors' distributions [px]; where there is infrared its dots' contrast and its mean
-        negative log likelihood a pixel; with repeats the logarithm of noise in time.
+        Distance by name. Holes: Brier score, 1 - AUC and ECE of the probability from all draws
+        (`howfar.holes`), and 1 - IoU of one draw. Disparity: difference of bias [px], log ratio of
+        NMAD, and distance of the error distributions [px]. With infrared: difference of dot
+        contrast, and negative log-likelihood per pixel. With repeats: log ratio of temporal noise.
     """
     target = real.depth_px
-    draws = np.stack([one.depth_px[0] for one in simulated])
-    found = _holes(~np.isfinite(target[0]), ~np.isfinite(draws), ground.counted)
-    found |= _errors(target[0], draws, ground)
+    draws = np.stack([observation.depth_px[0] for observation in simulated])
+    figures = _holes(~np.isfinite(target[0]), ~np.isfinite(draws), strata.counted)
+    figures |= _errors(target[0], draws, strata)
     if real.left is not None and simulated[0].left is not None:
-        found |= _infrared(
-            real.left, [one.left for one in simulated if one.left is not None], ground
+        figures |= _infrared(
+            real.left,
+            [observation.left for observation in simulated if observation.left is not None],
+            strata,
         )
-    return found
+    return figures
 
 
 def _holes(real: Mask, draws: NDArray[np.bool_], where: Mask) -> dict[str, float]:
-    told = drawn_probability(draws.mean(axis=0), len(draws))
+    probability = drawn_probability(draws.mean(axis=0), len(draws))
     overlap = np.count_nonzero(draws[0] & real & where)
     union = np.count_nonzero((draws[0] | real) & where)
     return {
-        **holes.figures(told, real, where),
+        **holes.hole_figures(probability, real, where),
         "ndp_1_iou": 1 - overlap / union if union else 0.0,
     }
 
 
-def _errors(real: Image, draws: NDArray, ground: Ground) -> dict[str, float]:
-    one = (real - ground.disparity_px)[ground.open]
-    other = (draws[0] - ground.disparity_px)[ground.open]
-    both = np.isfinite(one) & np.isfinite(other)  # Else pixels that either loses would bias it.
-    one, other = (np.clip(error[both], -FAR_OFF_PX, FAR_OFF_PX) for error in (one, other))
-    if one.size < 100:
+def _errors(real: Image, draws: NDArray, strata: Strata) -> dict[str, float]:
+    real_error = (real - strata.disparity_px)[strata.interior]
+    simulated_error = (draws[0] - strata.disparity_px)[strata.interior]
+    both = np.isfinite(real_error) & np.isfinite(
+        simulated_error
+    )  # Pixels lost by either would bias the comparison.
+    real_error, simulated_error = (
+        np.clip(error[both], -FAR_OFF_PX, FAR_OFF_PX) for error in (real_error, simulated_error)
+    )
+    if real_error.size < 100:
         return dict.fromkeys(("bias_px", "log_nmad", "error_distribution_px"), float("nan"))
-    spread = [max(float(np.median(np.abs(e - np.median(e)))), 1e-3) for e in (one, other)]
-    quantiles = [np.quantile(error, _QUANTILES) for error in (one, other)]
+    spread = [
+        max(float(np.median(np.abs(e - np.median(e)))), 1e-3) for e in (real_error, simulated_error)
+    ]
+    quantiles = [np.quantile(error, _QUANTILES) for error in (real_error, simulated_error)]
     return {
-        "bias_px": float(abs(np.median(one) - np.median(other))),
+        "bias_px": float(abs(np.median(real_error) - np.median(simulated_error))),
         "log_nmad": float(abs(np.log(spread[0] / spread[1]))),
         "error_distribution_px": float(np.mean(np.abs(quantiles[0] - quantiles[1]))),
     }
 
 
-def _infrared(real: NDArray, simulated: Sequence[NDArray], ground: Ground) -> dict[str, float]:
-    dots = ground.covariates["dots"]
-    on, between = dots.where("on dots"), dots.where("between")
+def _infrared(real: NDArray, simulated: Sequence[NDArray], strata: Strata) -> dict[str, float]:
+    dots = strata.covariates["dots"]
+    on, between = dots.mask("on dots"), dots.mask("between")
 
     def contrast(image: NDArray) -> float:
         high, low = float(image[on].mean()), float(image[between].mean())
         return (high - low) / max(high + low, 1e-6)
 
-    frames = np.stack([one[0] for one in simulated]).astype(np.float64)
+    frames = np.stack([images[0] for images in simulated]).astype(np.float64)
     mean = frames.mean(axis=0)
-    # One photon transfer for the image: draws are too few for a deviation of each pixel.
-    noise = np.polynomial.Polynomial.fit(
-        mean[ground.counted], frames.var(axis=0, ddof=1)[ground.counted], 1
+    # Fit one photon transfer curve: the draws are too few for a variance of each pixel.
+    photon_transfer = np.polynomial.Polynomial.fit(
+        mean[strata.counted], frames.var(axis=0, ddof=1)[strata.counted], 1
     )
-    variance = np.maximum(noise(mean), _LEAST_DN**2)
-    off = (real[0] - mean)[ground.counted]
-    inside = variance[ground.counted]
-    likelihood = 0.5 * np.mean(np.log(2 * np.pi * inside) + off**2 / inside)
-    found = {
+    variance = np.maximum(photon_transfer(mean), _LEAST_DN**2)
+    residual = (real[0] - mean)[strata.counted]
+    inside = variance[strata.counted]
+    likelihood = 0.5 * np.mean(np.log(2 * np.pi * inside) + residual**2 / inside)
+    figures = {
         "dot_contrast": abs(contrast(real[0]) - contrast(frames[0])),
         "infrared_nll": float(likelihood),
     }
     if len(real) > 1 and len(simulated[0]) > 1:
         sizes = [
-            float(one.astype(np.float64).std(axis=0, ddof=1).mean()) for one in (real, simulated[0])
+            float(images.astype(np.float64).std(axis=0, ddof=1).mean())
+            for images in (real, simulated[0])
         ]
-        found["log_noise_in_time"] = float(abs(np.log(max(sizes[0], 1e-3) / max(sizes[1], 1e-3))))
-    return found
+        figures["log_noise_in_time"] = float(abs(np.log(max(sizes[0], 1e-3) / max(sizes[1], 1e-3))))
+    return figures

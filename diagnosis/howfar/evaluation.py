@@ -1,4 +1,4 @@
-"""How far the gap closes on scenes that had no say in what was named."""
+"""Gap reduction by the accepted effects on held-out scenes."""
 
 from __future__ import annotations
 
@@ -8,129 +8,136 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from starling.diagnosis.howfar.distances import distances
-from starling.diagnosis.howfar.reduction import Closed, closed
-from starling.diagnosis.scenes.scene_model import Subject
+from starling.diagnosis.howfar.distances import scene_distances
+from starling.diagnosis.howfar.reduction import GapReduction, gap_reductions
+from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.which import null
 from starling.diagnosis.which.likelihood import Likelihood
-from starling.diagnosis.which.predicted import Made
-from starling.diagnosis.which.segment import Found
-from starling.diagnosis.which.table import Bench
+from starling.diagnosis.which.response import PredictedChange
+from starling.diagnosis.which.segment import SegmentResult
+from starling.diagnosis.which.table import FeatureTable
 from starling.sim.console import progress
 from starling.sim.effects.effect import Value
 
 Settings = Mapping[str, Value]
 
-DRAWS = 4  # Seeds of a simulated reading.
-OTHER = 100  # Device, and seed, of what stands for the real capture.
+DRAWS = 4  # Number of seeds simulated per scene.
+OTHER = 100  # Device number and seed of the simulated capture that replaces the real one.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Judged:
-    """Answers to the third question."""
+class Evaluation:
+    """Answers to the question how far the gap closes."""
 
-    figures: dict[str, Closed]
-    # By effect, of what is closed in its arm's features (Shapley): sum 1 in each arm; none of
-    # effects of which some can only be set together.
+    figures: dict[str, GapReduction]
+    # Shapley share of each effect in the reduction of its segment's features; they sum to 1 in each
+    # segment. Empty if some effects can only be applied together.
     shares: dict[str, float]
 
 
-def judged(
-    locked: Sequence[Subject],
+def evaluate_reduction(
+    held_out: Sequence[SceneModel],
     settings: Settings,
-    arms: Sequence[Found],
+    segments: Sequence[SegmentResult],
     *,
     track: progress.Progress = progress.silent,
-) -> Judged:
-    """Measure the gap of locked scenes before and after, and what noise alone makes.
+) -> Evaluation:
+    """Measure the gap of held-out scenes before and after, and the noise floor.
 
-    Distances are of simulated readings from real ones; two captures that are compared have none.
-    Beside every distance stands `features of the ARM`: the size of the gap in all that the
-    diagnosis looks at.
+    Distances compare simulated with real observations, so two compared captures have none.
+    In addition, `features of the SEGMENT` is the size of the gap over all features.
 
     Args:
-        locked: scenes that told nothing of which.
+        held_out: scenes that were not used to select effects.
         settings: value by accepted effect.
-        arms: whose features are looked at.
+        segments: segments with their features.
         track: wraps loops that take long.
     """
-    each = [_figures(one, settings) for one in track(locked, "locked scenes")]
-    before, after, floor = ([figures[part] for figures in each] for part in range(3))
+    distances = [_distances(scene, settings) for scene in track(held_out, "held-out scenes")]
+    before, after, floor = ([scene[part] for scene in distances] for part in range(3))
     shares: dict[str, float] = {}
-    for arm in arms:
-        table, likelihood, other = _likelihoods(arm, locked)
-        made = _made(table, arm.settings) if arm.settings else likelihood.nothing
-        name = f"features of the {arm.bench.arm.value}"
-        for many, of, by in (
-            (before, likelihood, likelihood.nothing),
-            (after, likelihood, made),
-            (floor, other, made),
+    for segment in segments:
+        table, real, simulated = _likelihoods(segment, held_out)
+        change = _change(table, segment.settings) if segment.settings else real.no_change
+        name = f"features of the {segment.table.segment.value}"
+        for rows, likelihood, applied in (
+            (before, real, real.no_change),
+            (after, real, change),
+            (floor, simulated, change),
         ):
-            for row, size in zip(many, of.sizes(by), strict=True):
+            for row, size in zip(rows, likelihood.scene_sizes(applied), strict=True):
                 row[name] = float(size)
-        shares |= _shares(arm, table, likelihood)
-    return Judged(figures=closed(before, after, floor, [one.room for one in locked]), shares=shares)
+        shares |= _shares(segment, table, real)
+    return Evaluation(
+        figures=gap_reductions(before, after, floor, [scene.room for scene in held_out]),
+        shares=shares,
+    )
 
 
-def _figures(of: Subject, settings: Settings) -> tuple[dict[str, float], ...]:
-    """Distances before, after and floor of one scene."""
-    if of.against is not None:
+def _distances(scene: SceneModel, settings: Settings) -> tuple[dict[str, float], ...]:
+    """Return the distances before, after and at the noise floor for one scene."""
+    if scene.against is not None:
         return {}, {}, {}
     before, after = (
-        [of.like_captured(one, seed=seed) for seed in range(DRAWS)] for one in ({}, settings)
+        [scene.simulate_like_captured(values, seed=seed) for seed in range(DRAWS)]
+        for values in ({}, settings)
     )
-    other = of.another(OTHER).like_captured(settings, seed=OTHER)
+    replacement = scene.with_device(OTHER).simulate_like_captured(settings, seed=OTHER)
     return (
-        distances(of.real, before, of.ground),
-        distances(of.real, after, of.ground),
-        distances(other, after, of.ground),
+        scene_distances(scene.real, before, scene.strata),
+        scene_distances(scene.real, after, scene.strata),
+        scene_distances(replacement, after, scene.strata),
     )
 
 
-def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likelihood, Likelihood]:
-    """The locked scenes' features: of the real readings, and of simulated ones in their place."""
-    table = dataclasses.replace(arm.bench, subjects=tuple(locked), _kept={}, _begun={})
-    base, weight = null.base(table), arm.screen.weight
-    made = null.another(table, base, arm.settings, number=OTHER)
-    assert made is not None  # As they were accepted together.
-    beside, other = made
-    return table, base.likelihood(table.real(), weight), beside.likelihood(other, weight)
+def _likelihoods(
+    segment: SegmentResult, held_out: Sequence[SceneModel]
+) -> tuple[FeatureTable, Likelihood, Likelihood]:
+    """Return the feature table, and likelihoods of real and of simulated captures."""
+    table = dataclasses.replace(segment.table, scene_models=tuple(held_out), _rows={}, _pending={})
+    base, weight = null.simulate_base(table), segment.screening.weight
+    capture = null.simulate_capture(table, base, segment.settings, number=OTHER)
+    assert capture is not None  # The settings were accepted together.
+    capture_base, simulated = capture
+    return table, base.likelihood(table.real(), weight), capture_base.likelihood(simulated, weight)
 
 
-def _made(table: Bench, settings: Settings) -> Made:
+def _change(table: FeatureTable, settings: Settings) -> PredictedChange:
     change = table.change(settings)
-    assert change is not None  # Those that exclude each other are not accepted together.
-    return Made(change)
+    assert change is not None  # Accepted effects do not exclude each other.
+    return PredictedChange(change)
 
 
-def _shares(arm: Found, table: Bench, likelihood: Likelihood) -> dict[str, float]:
-    """Shapley values of the accepted effects over what they close together.
+def _shares(
+    segment: SegmentResult, table: FeatureTable, likelihood: Likelihood
+) -> dict[str, float]:
+    """Return Shapley values of the accepted effects over their joint reduction.
 
     Source: Shapley, A value for n-person games (1953), eq. 13.
     """
-    names = tuple(arm.settings)
-    closed_by: dict[tuple[str, ...], float] = {(): 0.0}
+    names = tuple(segment.settings)
+    reduction: dict[tuple[str, ...], float] = {(): 0.0}
     for count in range(1, len(names) + 1):
-        for some in itertools.combinations(names, count):
-            change = table.change({name: arm.settings[name] for name in some})
-            if change is None:  # As a small penalty that is above the base's large one.
+        for subset in itertools.combinations(names, count):
+            change = table.change({name: segment.settings[name] for name in subset})
+            if change is None:  # For example a small SGM penalty above the base's large one.
                 return {}
-            size = likelihood.size(Made(change))
-            closed_by[some] = likelihood.size(likelihood.nothing) - size
-    total = closed_by[names]
+            size = likelihood.size(PredictedChange(change))
+            reduction[subset] = likelihood.size(likelihood.no_change) - size
+    total = reduction[names]
     if total <= 0:
         return {}
-    return {name: _shapley(name, names, closed_by) / total for name in names}
+    return {name: _shapley(name, names, reduction) / total for name in names}
 
 
 def _shapley(
-    name: str, names: tuple[str, ...], closed_by: Mapping[tuple[str, ...], float]
+    name: str, names: tuple[str, ...], reduction: Mapping[tuple[str, ...], float]
 ) -> float:
-    others = [one for one in names if one != name]
+    remaining = [each for each in names if each != name]
     value = 0.0
-    for count in range(len(others) + 1):
-        weight = math.factorial(count) * math.factorial(len(others) - count)
-        for some in itertools.combinations(others, count):
-            with_it = tuple(one for one in names if one in some or one == name)
-            value += weight * (closed_by[with_it] - closed_by[some])
+    for count in range(len(remaining) + 1):
+        weight = math.factorial(count) * math.factorial(len(remaining) - count)
+        for subset in itertools.combinations(remaining, count):
+            with_it = tuple(each for each in names if each in subset or each == name)
+            value += weight * (reduction[with_it] - reduction[subset])
     return value / math.factorial(len(names))

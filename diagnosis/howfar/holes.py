@@ -1,4 +1,4 @@
-"""How well holes are told: the figures of `starling evaluate`, of one scene."""
+"""Accuracy of predicted holes in one scene, with the figures of `starling evaluate`."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from starling.learning.evaluation.figures.reliability import reliability
 from starling.learning.evaluation.figures.roc import roc
 
 
-def figures(told: Image, real: Mask, counted: Mask) -> dict[str, float]:
-    """Measure what is told of a scene's holes; the less, the better.
+def hole_figures(probability: Image, real: Mask, counted: Mask) -> dict[str, float]:
+    """Measure the accuracy of a hole probability; less is better.
 
     Args:
-        told: (h, w) probability, 0 to 1, that a pixel has no depth.
-        real: (h, w) pixels that have none.
-        counted: (h, w) pixels that count.
+        probability: (h, w) probability, 0 to 1, that a pixel has no depth.
+        real: (h, w) pixels without depth.
+        counted: (h, w) pixels to include.
 
     Returns:
-        Brier score, 1 - AUC (NaN where the pixels are all of one kind) and ECE.
+        Brier score, 1 - AUC (NaN if all pixels are of one class) and ECE.
 
     Raises:
-        InputError: if no pixel counts, or a probability is none.
+        InputError: if no pixel is counted, or a value is not a probability.
     """
-    judged = judge(told, real, counted)
+    judged = judge(probability, real, counted)
     area = roc(judged).area if 0 < judged.share < 1 else float("nan")
     return {
         "ndp_brier": brier(judged),

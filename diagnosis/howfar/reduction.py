@@ -1,4 +1,4 @@
-"""Share of the closable gap that is closed: before less after, over before less floor."""
+"""Gap reduction: (before - after) / (before - noise floor)."""
 
 from __future__ import annotations
 
@@ -8,56 +8,59 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.scenes.rooms import FEWEST, draws, interval, mean_interval
+from starling.diagnosis.scenes.rooms import FEWEST, interval, mean_interval, resample_rooms
 
 _DRAWS = 2000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Closed:
-    """One figure, means over scenes."""
+class GapReduction:
+    """One figure before and after, mean over scenes."""
 
     before: float
     after: float
-    floor: float
-    closed_pct: float | None  # Ratio of sums over scenes; None where nothing can be closed.
-    interval: tuple[float, float] | None  # 95 %, over rooms; None of few.
+    floor: float  # Noise floor.
+    closed_pct: float | None  # Ratio of sums over scenes [%]; None if not identifiable.
+    interval: tuple[float, float] | None  # 95 %, over rooms; None with fewer than three.
 
 
-def closed(
+def gap_reductions(
     before: Sequence[Mapping[str, float]],
     after: Sequence[Mapping[str, float]],
     floor: Sequence[Mapping[str, float]],
     rooms: Sequence[str],
-) -> dict[str, Closed]:
-    """Compare three sets of distances, scene by scene.
+) -> dict[str, GapReduction]:
+    """Compute the gap reduction of each figure from distances per scene.
 
     Args:
-        before: by figure, of each scene that has it, with the base.
-        after: with the accepted effects.
-        floor: of two simulated readings, by two devices of the kind.
-        rooms: of the scenes.
+        before: figures of each scene with the base; scenes may lack figures.
+        after: figures with the accepted effects.
+        floor: figures between simulated captures by two devices of the same model.
+        rooms: room of each scene.
 
     Returns:
-        By figure. A gap whose 95 % interval over rooms reaches down to the floor is none: not
-        identifiable. Of fewer than three rooms every scene must have it, and there is no interval.
+        Reduction by figure. It is not identifiable if the 95 % interval of before - floor over
+        rooms includes zero. With fewer than three rooms, before must exceed the floor in every
+        scene, and there is no interval.
     """
-    found = {}
-    for name in dict.fromkeys(name for one in before for name in one):
+    reductions = {}
+    for name in dict.fromkeys(name for figures in before for name in figures):
         columns = [
-            np.array([one.get(name, np.nan) for one in many], float)
-            for many in (before, after, floor)
+            np.array([figures.get(name, np.nan) for figures in scenes], float)
+            for scenes in (before, after, floor)
         ]
         known = np.all([np.isfinite(column) for column in columns], axis=0)
         if known.any():
-            of = [room for room, told in zip(rooms, known, strict=True) if told]
-            one, other, least = (column[known] for column in columns)
-            found[name] = _closed(one, other, least, of)
-    return found
+            known_rooms = [room for room, is_known in zip(rooms, known, strict=True) if is_known]
+            known_before, known_after, known_floor = (column[known] for column in columns)
+            reductions[name] = _reduction(known_before, known_after, known_floor, known_rooms)
+    return reductions
 
 
-def _closed(before: NDArray, after: NDArray, floor: NDArray, rooms: Sequence[str]) -> Closed:
-    times = draws(rooms, _DRAWS, np.random.default_rng(0))
+def _reduction(
+    before: NDArray, after: NDArray, floor: NDArray, rooms: Sequence[str]
+) -> GapReduction:
+    times = resample_rooms(rooms, _DRAWS, np.random.default_rng(0))
     count = len(set(rooms))
     share, ends = None, None
     if count >= FEWEST:
@@ -68,10 +71,10 @@ def _closed(before: NDArray, after: NDArray, floor: NDArray, rooms: Sequence[str
         share = float(100 * (before - after).sum() / (before - floor).sum())
     if share is not None and count >= FEWEST:
         gap = times @ (before - floor)
-        gap = np.where(gap > 0, gap, np.nan)  # The few draws without one have no share.
+        gap = np.where(gap > 0, gap, np.nan)  # Samples without a gap have no reduction.
         low, high = interval(100 * (times @ (before - after)) / gap, share, count)
         ends = (float(low), float(high))
-    return Closed(
+    return GapReduction(
         before=float(before.mean()),
         after=float(after.mean()),
         floor=float(floor.mean()),

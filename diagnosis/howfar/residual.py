@@ -1,10 +1,10 @@
-"""The learned residual as a bound and as a witness.
+"""The learned residual: a bound on the gap reduction, and a test of the accepted effects.
 
-*Bound*: what a network that corrects the base's holes reaches on scenes that had no say: anything
-that knows what the network knows can close as much.
-*Witness*: with a true effect in the simulator the network gains no more than where nothing is off;
-with a stand-in it gains as much as before. Where nothing is off it gains too: it learns how sure a
-few draws are.
+*Bound*: the figures of a network that corrects the simulated holes, on held-out scenes. Any model
+with the same inputs can close as much of the gap.
+*Test*: if the accepted effects are true, the network gains no more with them applied than without
+a gap. If they are surrogates, it gains as much as before. Even without a gap it gains, because it
+learns how uncertain a few simulated draws are.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import numpy as np
 
 from starling.diagnosis.howfar import holes
 from starling.diagnosis.howfar.evaluation import DRAWS, OTHER, Settings
-from starling.diagnosis.howfar.reduction import closed
-from starling.diagnosis.scenes.observation import Reading
-from starling.diagnosis.scenes.scene_model import Subject
+from starling.diagnosis.howfar.reduction import gap_reductions
+from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.learning.data.example import Example, Physics
 from starling.learning.data.learnable import known_holes
 from starling.learning.data.physics_probability import physics_probability
@@ -29,41 +29,41 @@ from starling.patterns.errors import refuse
 from starling.sim.console import progress
 from starling.sim.stereo.depth import depth_from_disparity
 
-METHOD = "hybrid"  # Of `starling.learning.registry`.
+METHOD = "hybrid"  # Name in `starling.learning.registry`.
 _SEED = 0
 _BRIER = "ndp_brier"
 _GAIN = "gain"
 
-_Gains = Sequence[Mapping[str, float]]  # Of each scene.
+_Gains = Sequence[Mapping[str, float]]  # One mapping per scene.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Absorption:
-    """How much less a residual gains with the accepted effects in.
+    """Share of the residual's gain that the accepted effects absorb.
 
-    A gain is the Brier score of physics alone less that with the residual, mean over scenes.
+    A gain is the Brier score of physics alone minus that with the residual, mean over scenes.
     """
 
-    gain_before: float  # On the base.
-    gain_after: float | None  # With the accepted effects; None where there is none.
-    gain_floor: float  # Of another simulated capture in the real one's place.
-    closable: bool  # Whether before is above floor for sure.
-    share: float | None  # Before less after, over before less floor; None where not known.
-    interval: tuple[float, float] | None  # 95 %, bootstrap over rooms; None of few.
+    gain_before: float  # Gain on the base.
+    gain_after: float | None  # Gain with the accepted effects; None without any.
+    gain_floor: float  # Gain if a simulated capture replaces the real one.
+    closable: bool  # Whether before is significantly above floor.
+    share: float | None  # (before - after) / (before - floor); None if unknown.
+    interval: tuple[float, float] | None  # 95 % over rooms; None with fewer than three.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Residual:
-    """What was learnt, judged on locked scenes; figures by `starling.diagnosis.howfar.holes`."""
+class LearnedResidual:
+    """Figures of `howfar.holes` on held-out scenes, without and with the learned residual."""
 
-    alone: dict[str, float]  # Of the base's physics, mean over scenes.
-    bound: dict[str, float]  # With the residual.
+    alone: dict[str, float]  # Physics of the base alone, mean over scenes.
+    bound: dict[str, float]  # Physics with the residual, mean over scenes.
     absorption: Absorption
 
 
 @dataclass(frozen=True, slots=True)
-class _Told:
-    """Figures of each locked scene."""
+class _SceneFigures:
+    """Figures of each held-out scene."""
 
     alone: list[dict[str, float]]
     corrected: list[dict[str, float]]
@@ -71,106 +71,114 @@ class _Told:
     @property
     def gains(self) -> list[dict[str, float]]:
         pairs = zip(self.alone, self.corrected, strict=True)
-        return [{_GAIN: one[_BRIER] - other[_BRIER]} for one, other in pairs]
+        return [{_GAIN: alone[_BRIER] - corrected[_BRIER]} for alone, corrected in pairs]
 
 
-def learn(
+def learn_residual(
     method: Method,
-    asked: Sequence[Subject],
-    locked: Sequence[Subject],
+    training: Sequence[SceneModel],
+    held_out: Sequence[SceneModel],
     settings: Settings,
     *,
     track: progress.Progress = progress.silent,
-) -> Residual:
-    """Learn the residual of the base, of the simulator with effects, and of one that is right.
+) -> LearnedResidual:
+    """Learn the residual of the base, of the simulator with effects, and without a gap.
 
-    Holes are those of the device's own depth, where it has none our matcher's.
+    Holes are those of the device's own depth. Without it, our matcher's count.
 
     Args:
-        method: that corrects physics, `METHOD`.
-        asked: subjects to learn from.
-        locked: subjects to judge on.
+        method: method that corrects physics, `METHOD`.
+        training: scenes to learn from.
+        held_out: scenes to evaluate on.
         settings: value by accepted effect.
         track: wraps loops that take long.
 
     Raises:
-        InputError: if no scene is locked, or nothing can be learnt from those that are asked
+        InputError: if no scene is held out, or the training scenes do not suffice
             (`starling.learning.data.learnable`).
     """
-    if not locked:
-        raise refuse("locked scenes", "must be at least 1", 0, "Take captures of four rooms.")
+    if not held_out:
+        rule = "must be at least 1"
+        raise refuse("held-out scenes", rule, 0, "Capture at least four rooms.")
 
-    subjects = [*asked, *locked]
+    scenes = [*training, *held_out]
 
-    def simulated(by: Settings) -> list[Physics]:
-        each = track(subjects, "holes simulated")
-        return [one.physics(by, seeds=range(DRAWS)) for one in each]
+    def simulated(values: Settings) -> list[Physics]:
+        tracked = track(scenes, "simulated holes")
+        return [scene.physics(values, seeds=range(DRAWS)) for scene in tracked]
 
-    def told(physics: Sequence[Physics], real: Callable[[Subject], Reading]) -> _Told:
-        pairs = zip(subjects, physics, strict=True)
-        many = [_example(one, known, real(one)) for one, known in pairs]
-        return _judged(method, many[: len(asked)], many[len(asked) :], track)
+    def figures(
+        physics: Sequence[Physics], real: Callable[[SceneModel], SceneObservation]
+    ) -> _SceneFigures:
+        pairs = zip(scenes, physics, strict=True)
+        examples = [_example(scene, inputs, real(scene)) for scene, inputs in pairs]
+        split = len(training)
+        return _evaluate(method, examples[:split], examples[split:], track)
 
     base = simulated({})
     with_effects = simulated(settings) if settings else base
-    before = told(base, lambda one: one.real)
-    after = told(with_effects, lambda one: one.real) if settings else None
-    floor = told(with_effects, lambda one: one.another(OTHER).like_captured(settings, seed=OTHER))
-    return Residual(
+    before = figures(base, lambda scene: scene.real)
+    after = figures(with_effects, lambda scene: scene.real) if settings else None
+    floor = figures(
+        with_effects,
+        lambda scene: scene.with_device(OTHER).simulate_like_captured(settings, seed=OTHER),
+    )
+    return LearnedResidual(
         alone=_mean(before.alone),
         bound=_mean(before.corrected),
         absorption=_absorption(
-            before.gains, after and after.gains, floor.gains, [one.room for one in locked]
+            before.gains, after and after.gains, floor.gains, [scene.room for scene in held_out]
         ),
     )
 
 
-def _judged(
+def _evaluate(
     method: Method,
-    learnt_from: Sequence[Example],
-    held: Sequence[Example],
+    training: Sequence[Example],
+    held_out: Sequence[Example],
     track: progress.Progress,
-) -> _Told:
+) -> _SceneFigures:
     with tempfile.TemporaryDirectory() as folder:
-        predictor = method.fit(learnt_from, folder=Path(folder), seed=_SEED, track=track)
-    found = _Told([], [])
-    for one in held:
-        assert one.physics is not None
-        known = known_holes(one)
-        found.alone.append(holes.figures(physics_probability(one.physics), *known))
-        found.corrected.append(holes.figures(predictor.probability(one), *known))
-    return found
+        predictor = method.fit(training, folder=Path(folder), seed=_SEED, track=track)
+    figures = _SceneFigures([], [])
+    for example in held_out:
+        assert example.physics is not None
+        known = known_holes(example)
+        alone = physics_probability(example.physics)
+        figures.alone.append(holes.hole_figures(alone, *known))
+        figures.corrected.append(holes.hole_figures(predictor.probability(example), *known))
+    return figures
 
 
-def _example(of: Subject, physics: Physics, real: Reading) -> Example:
-    ground = of.ground
-    info = ground.info
+def _example(scene: SceneModel, physics: Physics, real: SceneObservation) -> Example:
+    strata = scene.strata
+    info = strata.info
     return Example(
-        scene=of.name,
-        room=of.room,
+        scene=scene.name,
+        room=scene.room,
         info=info,
         depth_m=depth_from_disparity(
-            ground.disparity_px, focal_px=info.fx_px, baseline_m=info.baseline_m
+            strata.disparity_px, focal_px=info.fx_px, baseline_m=info.baseline_m
         ),
         ndp=~np.isfinite(real.depth_px[0]),
-        counted=ground.counted,
+        counted=strata.counted,
         physics=physics,
     )
 
 
 def _mean(scenes: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Mean of each figure over the scenes that have it; NaN where none has."""
-    found = {}
+    """Return the mean of each figure over the scenes that have it; NaN if none has."""
+    means = {}
     for name in scenes[0]:
-        known = [one[name] for one in scenes if np.isfinite(one[name])]
-        found[name] = float(np.mean(known)) if known else float("nan")
-    return found
+        known = [figures[name] for figures in scenes if np.isfinite(figures[name])]
+        means[name] = float(np.mean(known)) if known else float("nan")
+    return means
 
 
 def _absorption(
     before: _Gains, after: _Gains | None, floor: _Gains, rooms: Sequence[str]
 ) -> Absorption:
-    gain = closed(before, before if after is None else after, floor, rooms)[_GAIN]
+    gain = gap_reductions(before, before if after is None else after, floor, rooms)[_GAIN]
     share, interval = None, None
     if after is not None and gain.closed_pct is not None:
         share = gain.closed_pct / 100

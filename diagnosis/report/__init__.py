@@ -1,1 +1,1 @@
-"""A diagnosis for people and programs: sentences, numbers, pictures."""
+"""Report of a diagnosis: sentences, figures for JSON, and an HTML page."""

@@ -1,4 +1,4 @@
-"""What a diagnosis's page is made of beside a report's common elements: bars, pictures, words."""
+"""HTML elements of a diagnosis page: bar charts, pictures, paragraphs, formatted numbers."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ class Bar:
     """One bar of a chart, from zero to its value."""
 
     name: str
-    value: float  # NaN where it is not known: no bar is drawn.
-    told: str  # The value in words.
-    low: float = math.nan  # Interval.
+    value: float  # NaN if unknown: no bar is drawn.
+    text: str  # The value as text.
+    low: float = math.nan  # Ends of the interval.
     high: float = math.nan
-    kind: Kind = "first"  # Its colour.
+    kind: Kind = "first"  # Selects the colour.
 
 
 def chart(bars: Sequence[Bar], *, line: float = math.nan) -> str:
-    """Bars on one common axis that holds zero; numbers stand beside them as text.
+    """Draw bars on one common axis that includes zero, each with its value as text.
 
     Args:
-        bars: from the top.
-        line: value at which a line is drawn through all of them; NaN draws none.
+        bars: bars from top to bottom.
+        line: position of a vertical line through all bars; NaN draws none.
     """
     ends = [0.0, line, *(end for bar in bars for end in (bar.value, bar.low, bar.high))]
     known = [end for end in ends if math.isfinite(end)]
     least, span = min(known), (max(known) - min(known)) or 1.0
 
-    def between(one: float, other: float) -> str:
-        left = 100 * (min(one, other) - least) / span
-        return f'style="left:{left:.2f}%;width:{100 * abs(other - one) / span:.2f}%"'
+    def between(start: float, end: float) -> str:
+        offset = 100 * (min(start, end) - least) / span
+        return f'style="left:{offset:.2f}%;width:{100 * abs(end - start) / span:.2f}%"'
 
     rows = []
     for bar in bars:
@@ -53,19 +53,19 @@ def chart(bars: Sequence[Bar], *, line: float = math.nan) -> str:
         rows.append(
             f'<li><span class="name">{escape(bar.name)}</span>'
             f'<span class="track" aria-hidden="true">{drawn}</span>'
-            f'<span class="told">{escape(bar.told)}</span></li>'
+            f'<span class="value">{escape(bar.text)}</span></li>'
         )
     return f'<ul class="bars">{"".join(rows)}</ul>'
 
 
 def picture(png: bytes, *, alt: str, caption: str, sharp: bool = False) -> str:
-    """A picture inside the page.
+    """Embed a picture in the page.
 
     Args:
-        png: file.
-        alt: what it shows, for those who do not see it.
-        caption: below it.
-        sharp: its pixels stay squares where it is drawn larger.
+        png: file content.
+        alt: text alternative.
+        caption: text below the picture.
+        sharp: whether enlarged pixels stay square.
     """
     source = base64.b64encode(png).decode("ascii")
     kind = ' class="sharp"' if sharp else ""
@@ -76,23 +76,23 @@ def picture(png: bytes, *, alt: str, caption: str, sharp: bool = False) -> str:
 
 
 def prose(*sentences: str, quiet: bool = False) -> str:
-    """A paragraph of plain text."""
+    """Write a paragraph of plain text."""
     kind = ' class="quiet"' if quiet else ""
     return f"<p{kind}>{escape(' '.join(sentences))}</p>"
 
 
 def points(share: float) -> str:
-    """A difference of shares."""
+    """Format a difference of shares in percentage points."""
     return f"{number(100 * share, '+.2f')} points"
 
 
 def percent(share: float) -> str:
-    """A share."""
+    """Format a share as a percentage."""
     return f"{number(100 * share, '.1f')} %" if math.isfinite(share) else NONE
 
 
 def interval(low: float, high: float, digits: str) -> str:
-    """An interval in brackets; a dash where it is not known."""
+    """Format an interval in brackets; a dash if it is unknown."""
     if not (math.isfinite(low) and math.isfinite(high)):
         return NONE
     return f"[{number(low, digits)}, {number(high, digits)}]"

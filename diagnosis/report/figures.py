@@ -1,4 +1,4 @@
-"""Every number of a diagnosis, as JSON has them."""
+"""All figures of a diagnosis in the structure of `report.json`."""
 
 from __future__ import annotations
 
@@ -7,127 +7,142 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from starling.diagnosis.diagnosis import Diagnosis
-from starling.diagnosis.howfar.evaluation import Judged
-from starling.diagnosis.howfar.residual import Residual
+from starling.diagnosis.howfar.evaluation import Evaluation
+from starling.diagnosis.howfar.residual import LearnedResidual
 from starling.diagnosis.report import sentences
 from starling.diagnosis.where import frames
-from starling.diagnosis.which.search import Accepted
-from starling.diagnosis.which.segment import Found
+from starling.diagnosis.which.search import AcceptedEffect
+from starling.diagnosis.which.segment import SegmentResult
 
 
-def figures(of: Diagnosis) -> dict[str, Any]:
-    """Return what `starling diagnose --json` prints; NaN is null there (`starling.sim.console.record.dumps`)."""
+def figures(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return the content of `report.json`, with NaN for unknown values.
+
+    `starling.sim.console.record.dumps` writes NaN as null.
+    """
     return {
-        "verdict": of.kind,
-        "against": of.against,
-        "says": sentences.answer(of),
-        "effects": [{**one, "taken_up": one["name"] in of.taken_up} for one in effects(of.arms)],
-        "noticed": [dataclasses.asdict(one) for one in of.noticed],
-        "tell_apart": [{**dataclasses.asdict(one), "enough": one.enough} for one in of.tell_apart],
+        "verdict": diagnosis.kind,
+        "against": diagnosis.against,
+        "says": sentences.answer(diagnosis),
+        "effects": [
+            {**effect, "taken_up": effect["name"] in diagnosis.absorbed}
+            for effect in effects(diagnosis.segments)
+        ],
+        "noticed": [dataclasses.asdict(limits) for limits in diagnosis.sensitivities],
+        "tell_apart": [
+            {**dataclasses.asdict(pair), "enough": pair.enough}
+            for pair in diagnosis.discriminations
+        ],
         "where": {
-            "parts": {name: _part(part) for name, part in of.where.parts.items()},
-            "rules": [dataclasses.asdict(rule) for rule in of.where.rules],
-            "rows": [dataclasses.asdict(row) for row in of.where.rows],
-            "off": [dataclasses.asdict(row) for row in of.where.off],
+            "parts": {name: _part(part) for name, part in diagnosis.where.parts.items()},
+            "rules": [dataclasses.asdict(rule) for rule in diagnosis.where.rules],
+            "rows": [dataclasses.asdict(row) for row in diagnosis.where.hole_bins],
+            "off": [dataclasses.asdict(row) for row in diagnosis.where.error_bins],
             "maps": [
                 {
-                    "quantity": one.quantity,
-                    "frame": one.frame,
-                    "mean": one.mean.tolist(),
-                    "deviations": one.deviations.tolist(),
-                    "agreement": one.agreement.tolist(),
+                    "quantity": gap_map.quantity,
+                    "frame": gap_map.frame,
+                    "mean": gap_map.mean.tolist(),
+                    "deviations": gap_map.deviations.tolist(),
+                    "agreement": gap_map.agreement.tolist(),
                 }
-                for one in of.where.maps
+                for gap_map in diagnosis.where.maps
             ],
             "frames": {
-                one.quantity: frames.frame(of.where.maps, one.quantity) for one in of.where.maps
+                quantity: frames.common_frame(diagnosis.where.maps, quantity)
+                for quantity in dict.fromkeys(each.quantity for each in diagnosis.where.maps)
             },
-            "bodies": [dataclasses.asdict(body) for body in of.where.bodies],
+            "bodies": [dataclasses.asdict(body) for body in diagnosis.where.bodies],
         },
         "which": {
-            arm.bench.arm.value: {
-                **_arm(arm),
-                "frame": frames.of_arm(of.where.maps, arm.bench.arm.value),
+            segment.table.segment.value: {
+                **_segment(segment),
+                "frame": frames.segment_frame(diagnosis.where.maps, segment.table.segment.value),
             }
-            for arm in of.arms
+            for segment in diagnosis.segments
         },
-        "howfar": _with_bound(howfar(of.howfar), of.residual),
-        "shares": {} if of.howfar is None else of.howfar.shares,
-        "absorption": ({} if of.residual is None else dataclasses.asdict(of.residual.absorption)),
-        "scenes": of.scenes,
-        "locked": of.locked,
-        "fitted": of.fitted,
-        "limits": of.limits,
+        "howfar": _with_bound(howfar(diagnosis.howfar), diagnosis.residual),
+        "shares": {} if diagnosis.howfar is None else diagnosis.howfar.shares,
+        "absorption": (
+            {} if diagnosis.residual is None else dataclasses.asdict(diagnosis.residual.absorption)
+        ),
+        "scenes": diagnosis.scenes,
+        "locked": diagnosis.held_out,
+        "fitted": diagnosis.fitted,
+        "limits": diagnosis.limits,
     }
 
 
-def effects(arms: Sequence[Found]) -> list[dict[str, Any]]:
-    """What is told of each accepted effect."""
-    return [_effect(arm, one) for arm in arms for one in arm.search.accepted]
+def effects(segments: Sequence[SegmentResult]) -> list[dict[str, Any]]:
+    """Return the figures of each accepted effect."""
+    return [_effect(segment, effect) for segment in segments for effect in segment.search.accepted]
 
 
-def howfar(of: Judged | None) -> dict[str, Any]:
-    """What is told of how far the gap closes."""
-    if of is None:
+def howfar(evaluation: Evaluation | None) -> dict[str, Any]:
+    """Return before, after, floor and reduction of each figure."""
+    if evaluation is None:
         return {}
-    return {name: dataclasses.asdict(one) for name, one in of.figures.items()}
+    return {name: dataclasses.asdict(reduction) for name, reduction in evaluation.figures.items()}
 
 
-def _with_bound(told: dict[str, Any], of: Residual | None) -> dict[str, Any]:
-    """Put beside each figure what a learned residual reaches on the base."""
-    if of is None:
-        return told
+def _with_bound(figures: dict[str, Any], residual: LearnedResidual | None) -> dict[str, Any]:
+    """Add to each figure the bound that a learned residual reaches on the base."""
+    if residual is None:
+        return figures
     unknown = dict.fromkeys(("before", "after", "floor", "closed_pct", "interval"))
     bounds = {
-        name: {**told.get(name, {**unknown, "before": of.alone[name]}), "bound": bound}
-        for name, bound in of.bound.items()
+        name: {**figures.get(name, {**unknown, "before": residual.alone[name]}), "bound": bound}
+        for name, bound in residual.bound.items()
     }
-    return told | bounds
+    return figures | bounds
 
 
 def _part(part: Any) -> dict[str, Any]:
     return {**dataclasses.asdict(part), "image_share": part.image_share}
 
 
-def _effect(arm: Found, one: Accepted) -> dict[str, Any]:
+def _effect(segment: SegmentResult, effect: AcceptedEffect) -> dict[str, Any]:
     return {
-        "name": one.fit.name,
-        "arm": arm.bench.arm.value,
-        "parameters": {one.fit.name: one.fit.value},
-        "interval": list(one.interval),
-        "base": one.fit.signature.candidate.base,
-        "set": [one.fit.name, *(rival.name for rival in one.rivals)],
-        "rivals": {rival.name: rival.value for rival in one.rivals},
+        "name": effect.fit.name,
+        "arm": segment.table.segment.value,
+        "parameters": {effect.fit.name: effect.fit.value},
+        "interval": list(effect.interval),
+        "base": effect.fit.signature.candidate.base,
+        "set": [effect.fit.name, *(rival.name for rival in effect.rivals)],
+        "rivals": {rival.name: rival.value for rival in effect.rivals},
         "rival_intervals": {
             rival.name: list(ends)
-            for rival, ends in zip(one.rivals, one.rival_intervals, strict=True)
+            for rival, ends in zip(effect.rivals, effect.rival_intervals, strict=True)
         },
-        "rival_gains": {rival.name: rival.total for rival in one.rivals},
-        "gain": one.fit.total,
-        "stand_in": arm.unexplained,
+        "rival_gains": {rival.name: rival.total for rival in effect.rivals},
+        "gain": effect.fit.total,
+        "stand_in": segment.unexplained,
     }
 
 
-def _arm(arm: Found) -> dict[str, Any]:
-    before, after = arm.sizes
-    gap = dict(zip(arm.bench.names, arm.likelihood.gap.T.tolist(), strict=True))
+def _segment(segment: SegmentResult) -> dict[str, Any]:
+    before, after = segment.sizes
+    gap = dict(zip(segment.table.names, segment.likelihood.gap.T.tolist(), strict=True))
     return {
         "before": before,
         "after": after,
-        "beyond": arm.beyond,
-        "noise": arm.screen.noise,
-        "threshold": arm.search.threshold,
-        "explained_below": arm.explained_below,
-        "unexplained": arm.unexplained,
-        "lead": arm.lead,
-        "varying": arm.varying,
-        "by_scene": _before_and_after(arm.by_scene),
-        "by_group": _before_and_after(arm.by_group),
-        "alike": {name: {"gap": gap[name], "left": each} for name, each in arm.alike.items()},
-        "features": len(arm.bench.names),
-        "votes": float(arm.screen.weight.sum()),
+        "beyond": segment.unexplained_size,
+        "noise": segment.screening.noise,
+        "threshold": segment.search.threshold,
+        "explained_below": segment.explained_below,
+        "unexplained": segment.unexplained,
+        "lead": segment.lead,
+        "varying": segment.varying,
+        "by_scene": _before_and_after(segment.by_scene),
+        "by_group": _before_and_after(segment.by_group),
+        "alike": {
+            name: {"gap": gap[name], "left": each} for name, each in segment.consistent.items()
+        },
+        "features": len(segment.table.names),
+        "votes": float(segment.screening.weight.sum()),
         "alone": [
-            {"name": one.name, "value": one.value, "gain": one.total} for one in arm.search.alone
+            {"name": fit.name, "value": fit.value, "gain": fit.total}
+            for fit in segment.search.alone
         ],
     }
 

@@ -1,31 +1,31 @@
-"""What groups of features are called where people read of them."""
+"""Names of feature groups in reports."""
 
 from __future__ import annotations
 
 _RIGHT = "right "
 WORDS = {
     "level": "brightness",
-    "codes": "which codes the converter uses",
-    "noise": "noise from pixel to pixel",
-    "time": "what changes from frame to frame",
+    "codes": "codes used by the converter",
+    "noise": "pixel-to-pixel noise",
+    "time": "change from frame to frame",
     "texture": "sharpness",
-    "dots": "place and width of dots",
-    "pair": "the right image against the left",
-    "error": "errors of disparity",
+    "dots": "position and width of dots",
+    "pair": "difference of right and left image",
+    "error": "disparity error",
     "holes": "pixels without depth",
     "surface": "steps and flat parts of the depth map",
-    "range": "the nearest and farthest depth",
-    "against": "which way the device's depth is off our matcher's",
-    "unlike": "how far the device's depth is from ours",
+    "range": "nearest and farthest depth",
+    "against": "sign of the difference between the device's depth and our matcher's",
+    "unlike": "size of the difference between the device's depth and our matcher's",
 }
 
 
-def told(group: str) -> str:
-    """A group of features in words.
+def describe(group: str) -> str:
+    """Describe a group of features in words.
 
     Args:
-        group: as `starling.diagnosis.which.residuals.group` names it.
+        group: name as `starling.diagnosis.which.residuals.group` returns it.
     """
-    kind, by, covariate = group.removeprefix(_RIGHT).partition(" by ")
+    kind, separator, covariate = group.removeprefix(_RIGHT).partition(" by ")
     side = " of the right image" if group.startswith(_RIGHT) else ""
-    return f"{WORDS[kind]}{side}{by and ','}{by}{covariate}"
+    return f"{WORDS[kind]}{side}{separator and ','}{separator}{covariate}"

@@ -1,4 +1,4 @@
-"""How far the gap closes, as a part of a page."""
+"""Report section on how far the accepted effects close the gap."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 
 from starling.diagnosis.diagnosis import Diagnosis
-from starling.diagnosis.howfar.reduction import Closed
+from starling.diagnosis.howfar.reduction import GapReduction
 from starling.diagnosis.report import residual_section, sentences
 from starling.diagnosis.report.elements import Bar, Kind, chart, interval, prose
 from starling.sim.report.elements import counted, number
@@ -17,101 +17,107 @@ from starling.sim.report.elements import counted, number
 _KINDS: dict[str, Kind] = {"after": "second", "floor": "part", "bound": "third"}
 TITLES = {
     "ndp_brier": "Holes: Brier score",
-    "ndp_1_auc": "Holes: 1 less area under the curve",
-    "ndp_ece": "Holes: calibration error",
-    "ndp_1_iou": "Holes: 1 less overlap",
-    "bias_px": "Bias of disparity [px]",
-    "log_nmad": "Spread of disparity: logarithm of its ratio",
-    "error_distribution_px": "Distribution of disparity errors [px]",
-    "dot_contrast": "Contrast of the dots",
-    "infrared_nll": "Infrared: negative log likelihood of a pixel",
-    "log_noise_in_time": "Noise in time: logarithm of its ratio",
+    "ndp_1_auc": "Holes: 1 minus area under the ROC curve",
+    "ndp_ece": "Holes: expected calibration error",
+    "ndp_1_iou": "Holes: 1 minus intersection over union",
+    "bias_px": "Disparity: difference of bias [px]",
+    "log_nmad": "Disparity: log ratio of spreads (NMAD)",
+    "error_distribution_px": "Disparity: distance of error distributions [px]",
+    "dot_contrast": "Infrared: difference of dot contrast",
+    "infrared_nll": "Infrared: negative log-likelihood per pixel",
+    "log_noise_in_time": "Infrared: log ratio of temporal noise",
 }
 
 
-def section(of: Diagnosis) -> str:
-    """Write the answer to the third question as HTML."""
-    learnt = "" if of.residual is None else residual_section.section(of.residual)
-    bound = {} if of.residual is None else of.residual.bound
-    if of.howfar is None:
-        before = {} if of.residual is None else of.residual.alone
+def section(diagnosis: Diagnosis) -> str:
+    """Write the section as HTML."""
+    residual = diagnosis.residual
+    learned = "" if residual is None else residual_section.section(residual)
+    bound = {} if residual is None else residual.bound
+    if diagnosis.howfar is None:
+        before = {} if residual is None else residual.alone
         why = (
-            "no scene is locked"
-            if not of.locked
-            else "no effect was accepted whose share can be measured"
+            "no scene is held out"
+            if not diagnosis.held_out
+            else "no effect was accepted whose contribution can be measured"
         )
         return (
-            prose(f"How far the gap closes was not judged: {why}.")
+            prose(f"The gap reduction was not evaluated: {why}.")
             + "".join(
                 f"<h4>{_title(name)}</h4>{_bars(before=before[name], bound=bound[name])}"
                 for name in bound
             )
-            + learnt
+            + learned
         )
-    tells = (
-        "Each figure tells how far simulated is from real: the less, the better."
-        if of.against is None
-        else "Each figure tells how far these captures are from the others in all that is looked "
-        "at, before and after what simulation says of the accepted effects is taken off."
+    distance = (
+        "Each figure is a distance between simulated and real captures; less is better."
+        if diagnosis.against is None
+        else "Each figure is a distance between these captures and the others over all features: "
+        "before, and after the simulated change of the accepted effects is subtracted."
     )
-    said = (
-        f"Measured on {counted(len(of.locked), 'scene')} that had no say in what is named. {tells} "
-        "Floor: that of two simulated captures by two devices of the kind, and, where their "
-        "matcher reads finer bits than images have, by these. Closed: before less after, over "
-        "before less floor; above 100 % what is left is less than two devices differ by, below "
-        "0 % it is more than before."
+    text = (
+        f"Measured on {counted(len(diagnosis.held_out), 'held-out scene')}. {distance} "
+        "Floor: the distance between simulated captures by two devices of the same model. If the "
+        "device's matcher reads more bits than stored images have, the floor includes these bits. "
+        "Gap reduction: (before minus after) over (before minus floor). Above 100 %, the remaining "
+        "gap is smaller than the difference of two devices; below 0 %, the gap has grown."
     )
-    stand_ins = (
-        "Stand-ins are among what is named: what they close tells how well they imitate something "
-        "unknown, not that they are there."
+    surrogates = (
+        "Surrogate effects are among the accepted ones. Their gap reduction measures how well they "
+        "imitate an unknown effect; it does not show that they are present."
     )
     return (
-        prose(said)
-        + (prose(stand_ins) if sentences.with_stand_ins(of) else "")
-        + _closings(of.howfar.figures)
-        + "".join(_figure(name, one, bound.get(name)) for name, one in of.howfar.figures.items())
-        + _shares(of.howfar.shares)
-        + learnt
+        prose(text)
+        + (prose(surrogates) if sentences.with_surrogates(diagnosis) else "")
+        + _overview(diagnosis.howfar.figures)
+        + "".join(
+            _figure(name, reduction, bound.get(name))
+            for name, reduction in diagnosis.howfar.figures.items()
+        )
+        + _shares(diagnosis.howfar.shares)
+        + learned
     )
 
 
-def _closings(figures: Mapping[str, Closed]) -> str:
-    """What is closed of every figure side by side, where that can be told."""
+def _overview(figures: Mapping[str, GapReduction]) -> str:
+    """Draw the reduction of every figure in one chart, where it is identifiable."""
     bars = []
-    for name, one in figures.items():
-        if one.closed_pct is None:
+    for name, reduction in figures.items():
+        if reduction.closed_pct is None:
             continue
-        low, high = (math.nan, math.nan) if one.interval is None else one.interval
+        low, high = (math.nan, math.nan) if reduction.interval is None else reduction.interval
         bars.append(
             Bar(
                 name=TITLES.get(name, name.capitalize()),
-                value=_shown(one.closed_pct),
-                told=f"{number(one.closed_pct, '.0f')} %",
-                low=_shown(low),
-                high=_shown(high),
+                value=_clipped(reduction.closed_pct),
+                text=f"{number(reduction.closed_pct, '.0f')} %",
+                low=_clipped(low),
+                high=_clipped(high),
                 kind="third",
             )
         )
     if not bars:
         return ""
-    said = "Closed, in percent, with 95 % intervals; bars end at -50 and 150 at most."
-    return f"<h4>All figures</h4>{prose(said)}{chart(bars, line=100.0)}"
+    text = "Gap reduction in percent with 95 % intervals. Bars are clipped to -50 and 150."
+    return f"<h4>All figures</h4>{prose(text)}{chart(bars, line=100.0)}"
 
 
-def _shown(percent: float) -> float:
-    """Where a bar ends, so that a wide one does not squeeze all others."""
+def _clipped(percent: float) -> float:
+    """Limit a bar's end, so that one long bar does not compress all others."""
     return float(np.clip(percent, -50.0, 150.0))
 
 
-def _figure(name: str, one: Closed, bound: float | None) -> str:
-    drawn = _bars(before=one.before, after=one.after, floor=one.floor, bound=bound)
-    return f"<h4>{_title(name)}</h4><p>{escape(_closed(one))}</p>{drawn}"
+def _figure(name: str, reduction: GapReduction, bound: float | None) -> str:
+    drawn = _bars(
+        before=reduction.before, after=reduction.after, floor=reduction.floor, bound=bound
+    )
+    return f"<h4>{_title(name)}</h4><p>{escape(_sentence(reduction))}</p>{drawn}"
 
 
 def _bars(**values: float | None) -> str:
     return chart(
         [
-            Bar(name=name, value=value, told=number(value), kind=_KINDS.get(name, "first"))
+            Bar(name=name, value=value, text=number(value), kind=_KINDS.get(name, "first"))
             for name, value in values.items()
             if value is not None
         ]
@@ -124,24 +130,26 @@ def _title(name: str) -> str:
     return escape(name.capitalize())
 
 
-def _closed(one: Closed) -> str:
-    if one.closed_pct is None:
-        return "Not identifiable: before and floor do not differ for sure."
-    said = f"Closed by {number(one.closed_pct, '.0f')} %"
-    if one.interval is None:
-        return f"{said}; fewer than three rooms give no interval."
-    return f"{said}, 95 % interval {interval(*one.interval, '.0f')} %."
+def _sentence(reduction: GapReduction) -> str:
+    if reduction.closed_pct is None:
+        return "Not identifiable: before and floor do not differ significantly."
+    text = f"Gap reduction {number(reduction.closed_pct, '.0f')} %"
+    if reduction.interval is None:
+        return f"{text}; fewer than three rooms give no interval."
+    return f"{text}, 95 % interval {interval(*reduction.interval, '.0f')} %."
 
 
 def _shares(shares: dict[str, float]) -> str:
     if not shares:
         return ""
     bars = [
-        Bar(name=name, value=100 * share, told=f"{number(100 * share, '.0f')} %", kind="third")
+        Bar(name=name, value=100 * share, text=f"{number(100 * share, '.0f')} %", kind="third")
         for name, share in shares.items()
     ]
     return (
         "<h3>Share of each effect</h3>"
-        + prose("Of what the accepted effects of a half close together in its features (Shapley).")
+        + prose(
+            "Shapley share of each accepted effect in the gap reduction of its segment's features."
+        )
         + chart(bars)
     )

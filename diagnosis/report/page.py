@@ -1,18 +1,22 @@
-"""A diagnosis as one page that needs nothing beside it: `report.html`."""
+"""The report of a diagnosis as one self-contained HTML page, `report.html`."""
 
 from __future__ import annotations
 
 from html import escape
 
 from starling.diagnosis.diagnosis import Diagnosis
-from starling.diagnosis.report import howfar_section, where_section, which_section
-from starling.diagnosis.report import sentences as said
+from starling.diagnosis.report import (
+    howfar_section,
+    where_section,
+    which_section,
+)
+from starling.diagnosis.report import sentences as summary
 from starling.diagnosis.report.elements import prose
 from starling.diagnosis.report.style import STYLE
-from starling.diagnosis.report.words import words
+from starling.diagnosis.report.words import side_names
 from starling.diagnosis.which import null
-from starling.diagnosis.which.attribution import LOCKED
-from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.which.attribution import ROOMS_PER_TEST_ROOM
+from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.likelihood import TAU
 from starling.diagnosis.which.segment import BEYOND_NOISE, OF_BEFORE, UNEXPLAINED
 from starling.sim.report.elements import counted, listed, number, sentences, table
@@ -22,18 +26,18 @@ _VERDICTS = {
     "effects": "Consistent with known effects",
     "no gap": "No gap found",
     "none of the known": "Not explained by the known effects",
-    "cannot tell": "These captures cannot tell",
+    "cannot tell": "These captures cannot identify the effect",
 }
 _QUESTIONS = ("Where", "Which", "How far")
 
 
-def page(of: Diagnosis) -> str:
-    """Write a diagnosis as an HTML page: inline style, pictures inside, no scripts."""
+def page(diagnosis: Diagnosis) -> str:
+    """Write a diagnosis as an HTML page: inline style, embedded pictures, no scripts."""
     bodies = {
-        "where": ("Where the gap lies", where_section.section(of)),
-        "which": ("Which effects it is consistent with", which_section.section(of)),
-        "howfar": ("How far it closes", howfar_section.section(of)),
-        "made": ("How this was made", _made(of)),
+        "where": ("Where the gap lies", where_section.section(diagnosis)),
+        "which": ("Which effects it is consistent with", which_section.section(diagnosis)),
+        "howfar": ("How far the gap closes", howfar_section.section(diagnosis)),
+        "made": ("How this report was made", _method(diagnosis)),
     }
     links = "".join(f'<a href="#{key}">{title}</a>' for key, (title, _) in bodies.items())
     sections = "".join(
@@ -43,81 +47,91 @@ def page(of: Diagnosis) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>Diagnosis: {escape(_VERDICTS[of.kind])}</title><style>{COMMON}{STYLE}</style>"
+        f"<title>Diagnosis: {escape(_VERDICTS[diagnosis.kind])}</title>"
+        f"<style>{COMMON}{STYLE}</style>"
         f'</head><body><main><header><p class="verdict">Diagnosis</p><h1>'
-        f"{escape(_VERDICTS[of.kind])}</h1>{_answer(of)}<nav>{links}</nav></header>{sections}"
-        "</main></body></html>\n"
+        f"{escape(_VERDICTS[diagnosis.kind])}</h1>{_answer(diagnosis)}<nav>{links}</nav></header>"
+        f"{sections}</main></body></html>\n"
     )
 
 
-def _answer(of: Diagnosis) -> str:
+def _answer(diagnosis: Diagnosis) -> str:
     items = "".join(
         f"<li><b>{question}</b>{escape(sentence)}</li>"
-        for question, sentence in zip(_QUESTIONS, said.answer(of), strict=True)
+        for question, sentence in zip(_QUESTIONS, summary.answer(diagnosis), strict=True)
     )
-    locked = (
-        f"Locked away, to judge by alone: {listed(of.locked)}."
-        if of.locked
-        else "None is locked away, to judge by."
+    held_out = (
+        f"Held out for evaluation: {listed(diagnosis.held_out)}."
+        if diagnosis.held_out
+        else "No scene is held out for evaluation."
     )
-    limits = f"<h3>What these captures cannot tell</h3>{sentences(of.limits, '')}"
-    scenes = counted(len(of.scenes), "scene")
+    limits = f"<h3>Limits of these captures</h3>{sentences(diagnosis.limits, '')}"
+    scenes = counted(len(diagnosis.scenes), "scene")
     return (
-        f'<ul class="answer">{items}</ul>{_compared(of)}'
-        f"<p>Diagnosed: {scenes}, {listed(of.scenes)}. {locked}</p>{limits if of.limits else ''}"
+        f'<ul class="answer">{items}</ul>{_compared(diagnosis)}'
+        f"<p>Diagnosed: {scenes}, {listed(diagnosis.scenes)}. {held_out}</p>"
+        f"{limits if diagnosis.limits else ''}"
     )
 
 
-def _compared(of: Diagnosis) -> str:
-    if of.against is None:
+def _compared(diagnosis: Diagnosis) -> str:
+    if diagnosis.against is None:
         return ""
-    return prose(words(of.against).gap, f"The others: {of.against}.")
+    return prose(side_names(diagnosis.against).gap, f"The other captures: {diagnosis.against}.")
 
 
-def _made(of: Diagnosis) -> str:
+def _method(diagnosis: Diagnosis) -> str:
     rows = [
         [
-            escape(said.STAGES[arm.bench.arm.value].capitalize()),
-            str(len(arm.bench.names)),
-            number(float(arm.screen.weight.sum()), ".1f"),
-            number(arm.search.threshold, ".1f"),
-            *(number(size, ".3g") for size in arm.sizes),
-            number(arm.beyond, ".3g"),
-            number(arm.explained_below, ".3g"),
+            escape(summary.SEGMENTS[segment.table.segment.value].capitalize()),
+            str(len(segment.table.names)),
+            number(float(segment.screening.weight.sum()), ".1f"),
+            number(segment.search.threshold, ".1f"),
+            *(number(size, ".3g") for size in segment.sizes),
+            number(segment.unexplained_size, ".3g"),
+            number(segment.explained_below, ".3g"),
         ]
-        for arm in of.arms
+        for segment in diagnosis.segments
     ]
-    head = ["Half", "Features", "Votes", "Threshold", "Gap before", "Gap after"]
+    head = ["Segment", "Features", "Sum of weights", "Threshold", "Gap before", "Gap after"]
     head += ["Unexplained", "Explained below"]
     return (
         prose(
-            "Every scene is simulated with the sensor at hand and told by features: numbers of "
-            "levels, texture, shifts, holes and disparity errors in parts of the image. Features "
-            "that effects move alike share one vote. An effect is fitted to the gap of some rooms "
-            "and judged by its gain in log likelihood on the others."
+            "Every scene is simulated with the given sensor and summarised by features: numbers "
+            "for levels, texture, shifts, holes and disparity errors in parts of the image. "
+            "Features that effects change in the same way share one weight. An effect is fitted to "
+            "the gap of some rooms and scored by its gain in log-likelihood on the other rooms."
         )
         + prose(
-            f"An effect is accepted if it gains at least the threshold: the most that the best of "
-            f"all effects gains by chance in {null.SEEDS} simulated readings of the base, and no "
-            f"less than {number(null.LEAST_GAIN, '.0f')}, which stands alone where nothing is "
-            "drawn: for pairs matched again by a matcher that reads the bits that are put out. "
-            "Where nothing reaches the threshold, half of it is enough of one effect that explains "
-            "the gap alone. Another effect is not separable from it if it gains less by no more "
-            "than the threshold or a tenth, or not surely less when rooms are drawn anew. A gap "
-            "counts as explained if what is left, less what may be wrong by "
-            f"{number(100 * TAU, '.0f')} % of what effects make, is below that of noise alone and "
+            "An effect is accepted if its held-out gain reaches the threshold. The threshold is "
+            "the largest gain that any effect reaches by chance in "
+            f"{null.SEEDS} simulated captures of the base sensor, and at least "
+            f"{number(null.LEAST_GAIN, '.0f')}. Only this minimum applies if the simulation has "
+            "no random part, as for stored pairs that are matched again. If no effect reaches the "
+            "threshold, half of it suffices for one effect that explains the gap alone. "
+            "Another effect is not separable from an accepted one in two cases. Its gain is lower "
+            "by no more than the threshold or a tenth, or the difference of the gains is not "
+            "significant when rooms are resampled."
+        )
+        + prose(
+            "The unexplained part of a gap is what remains after allowing for an error of "
+            f"{number(100 * TAU, '.0f')} % in the predicted effects. A gap counts as explained if "
+            "this part is below a limit. The limit is the size that noise alone makes plus "
             f"{number(BEYOND_NOISE, '.2f')}, at most {number(UNEXPLAINED, '.2f')}, plus "
-            f"{number(100 * OF_BEFORE[Arm.IMAGE], '.0f')} % of its size before "
-            f"({number(100 * OF_BEFORE[Arm.DEPTH], '.0f')} % in the half of "
-            f"matcher and filters). One room in {LOCKED}, of eight and more at least three, is "
-            "locked away by lot: no effect is fitted to it or named by it, and it judges how far. "
-            "What differs from scene to scene (pose of the reference, light, reflectance, scale of "
-            "the pattern) is fitted to each by itself, and where is told of all."
+            f"{number(100 * OF_BEFORE[Segment.IMAGE], '.0f')} % of the gap before "
+            f"({number(100 * OF_BEFORE[Segment.DEPTH], '.0f')} % for matcher and filters)."
+        )
+        + prose(
+            f"One room in {ROOMS_PER_TEST_ROOM} is held out at random; of eight or more rooms, at "
+            "least three. Held-out rooms are not used to fit or accept effects. They only measure "
+            "how far the gap closes. Parameters that differ between scenes (pose of the reference, "
+            "light, reflectance, pattern scale) are fitted to each scene separately. The section "
+            "on where the gap lies uses all scenes."
         )
         + (table(head, rows) if rows else "")
         + prose(
-            "That a gap is consistent with an effect does not prove that the effect made it: what "
-            "no effect of the table describes is not tried. Every number of this page but those "
-            "under the pictures of one scene is in report.json beside it, or follows from what is."
+            "That a gap is consistent with an effect does not prove that the effect is present: "
+            "only effects of the table are tried. All numbers on this page are in report.json or "
+            "follow from it, except those under the pictures of a single scene."
         )
     )

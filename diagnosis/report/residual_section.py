@@ -1,47 +1,49 @@
-"""What a learned residual reaches, as a part of a page."""
+"""Report section on the learned residual."""
 
 from __future__ import annotations
 
 from html import escape
 
-from starling.diagnosis.howfar.residual import Absorption, Residual
+from starling.diagnosis.howfar.residual import Absorption, LearnedResidual
 from starling.diagnosis.report.elements import Bar, chart, interval, prose
 from starling.sim.report.elements import number
 
 
-def section(of: Residual) -> str:
-    """Write what the bound is, and how much of the residual effects take over, as HTML."""
+def section(residual: LearnedResidual) -> str:
+    """Write the bound and the share of the residual that effects absorb as HTML."""
     bound = (
-        "A network was trained on the scenes that were asked, to correct where the sensor at hand "
-        "has no depth in simulation, and judged on the locked ones: that is the bound. Anything "
-        "that knows what the network knows can close as much."
+        "A network was trained to correct the simulated no-depth pixels on the scenes that were "
+        "not held out. Its figures on the held-out scenes are the bound: any model with the same "
+        "inputs can close as much of the gap."
     )
     gain = (
-        "Its gain is the Brier score of holes without it less that with it. Floor: its gain where "
-        "another simulated capture stands for the real one, so that nothing is off; it learns how "
-        "sure a few draws are. After: its gain with the accepted effects in, near floor where they "
-        "are true, and as before where they stand in for something else."
+        "The gain of the network is the Brier score of holes without it minus that with it. "
+        "Before: its gain on the base. After: its gain with the accepted effects applied. "
+        "Floor: its gain if another simulated capture replaces the real one, so that there is no "
+        "gap. The network gains there too, because it learns how uncertain a few simulated draws "
+        "are. After is near the floor if the effects are true, and near before if they are "
+        "surrogates."
     )
-    one = of.absorption
-    bars = [Bar(name="before", value=one.gain_before, told=number(one.gain_before))]
-    if one.gain_after is not None:
-        bars.append(
-            Bar(name="after", value=one.gain_after, told=number(one.gain_after), kind="second")
-        )
-    bars.append(Bar(name="floor", value=one.gain_floor, told=number(one.gain_floor), kind="part"))
+    absorption = residual.absorption
+    before, floor = absorption.gain_before, absorption.gain_floor
+    bars = [Bar(name="before", value=before, text=number(before))]
+    if absorption.gain_after is not None:
+        after = absorption.gain_after
+        bars.append(Bar(name="after", value=after, text=number(after), kind="second"))
+    bars.append(Bar(name="floor", value=floor, text=number(floor), kind="part"))
     return (
-        f"<h3>What a learned residual reaches</h3>{prose(bound)}<h4>Gain of the network</h4>"
-        f"{prose(gain)}<p>{escape(_taken_over(one))}</p>{chart(bars)}"
+        f"<h3>Bound by a learned residual</h3>{prose(bound)}<h4>Gain of the network</h4>"
+        f"{prose(gain)}<p>{escape(_absorbed(absorption))}</p>{chart(bars)}"
     )
 
 
-def _taken_over(of: Absorption) -> str:
-    if not of.closable:
-        return "Not identifiable: before and floor do not differ for sure."
-    if of.share is None:
-        return "No effect is accepted that could take it over."
-    said = f"Taken over by the effects: {number(100 * of.share, '.0f')} %"
-    if of.interval is None:
-        return f"{said}; fewer than three rooms give no interval."
-    low, high = of.interval
-    return f"{said}, 95 % interval {interval(100 * low, 100 * high, '.0f')} %."
+def _absorbed(absorption: Absorption) -> str:
+    if not absorption.closable:
+        return "Not identifiable: before and floor do not differ significantly."
+    if absorption.share is None:
+        return "No accepted effect could absorb the residual."
+    text = f"Absorbed by the effects: {number(100 * absorption.share, '.0f')} %"
+    if absorption.interval is None:
+        return f"{text}; fewer than three rooms give no interval."
+    low, high = absorption.interval
+    return f"{text}, 95 % interval {interval(100 * low, 100 * high, '.0f')} %."

@@ -1,39 +1,49 @@
-"""One scene as it was captured and as it is simulated before and after, for a report to show."""
+"""Captured and simulated readings of one scene, shown as an example in the report."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from starling.diagnosis.scenes.observation import Reading
-from starling.diagnosis.scenes.scene_model import Subject
-from starling.diagnosis.scenes.strata import Ground
+from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.scenes.strata import Strata
 from starling.sim.effects.effect import Value
 
 _SEED = 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Shown:
+class SceneImages:
     """Readings of one scene."""
 
     scene: str
-    real: Reading
-    before: Reading  # Simulated with the base, or the capture that this one is compared with.
-    after: Reading | None  # Simulated with effects; None without any.
-    ground: Ground
+    real: SceneObservation
+    before: (
+        SceneObservation  # Simulated with the base, or the capture that `real` is compared with.
+    )
+    after: SceneObservation | None  # Simulated with effects; None without any.
+    strata: Strata
 
 
-def shown(of: Subject, settings: Mapping[str, Value]) -> Shown:
-    """Simulate a scene before and after, with common noise; of two captures nothing is simulated.
+def scene_images(scene_model: SceneModel, settings: Mapping[str, Value]) -> SceneImages:
+    """Simulate a scene before and after with common noise.
+
+    Nothing is simulated if two captures are compared.
 
     Args:
-        of: the scene.
-        settings: value by effect; none: nothing is simulated after.
+        scene_model: the scene.
+        settings: value by effect; if empty, `after` is None.
     """
-    if of.against is not None:
-        before, after = of.against, None
+    if scene_model.against is not None:
+        before, after = scene_model.against, None
     else:
-        before = of.like_captured({}, seed=_SEED)
-        after = of.like_captured(settings, seed=_SEED) if settings else None
-    return Shown(scene=of.name, real=of.real, before=before, after=after, ground=of.ground)
+        before = scene_model.simulate_like_captured({}, seed=_SEED)
+        after = scene_model.simulate_like_captured(settings, seed=_SEED) if settings else None
+    return SceneImages(
+        scene=scene_model.name,
+        real=scene_model.real,
+        before=before,
+        after=after,
+        strata=scene_model.strata,
+    )

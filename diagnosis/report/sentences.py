@@ -1,155 +1,172 @@
-"""The answer in three sentences: where, which, how far."""
+"""The three sentences that answer where, which and how far."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from starling.diagnosis.diagnosis import Diagnosis
-from starling.diagnosis.howfar.reduction import Closed
+from starling.diagnosis.howfar.reduction import GapReduction
 from starling.diagnosis.report import group_names
-from starling.diagnosis.report.words import words
+from starling.diagnosis.report.words import side_names
 from starling.diagnosis.where import frames
-from starling.diagnosis.which.search import Accepted
-from starling.diagnosis.which.segment import Found
+from starling.diagnosis.which.search import AcceptedEffect
+from starling.diagnosis.which.segment import SegmentResult
 from starling.sim.effects.effect import Value
 
-_SUMMARY = {"ndp_brier": "holes (Brier score)"}  # Figures that one sentence has room for.
-STAGES = {
+_SUMMARY = {"ndp_brier": "holes (Brier score)"}  # Figures short enough for the summary sentence.
+SEGMENTS = {
     "image": "the infrared images",
     "depth": "the device's matcher and filters",
     "whole": "depth",
 }
 
 ESTIMATED = "reflectance and light, which were estimated"
-FRAMES: dict[frames.Stays, str] = {
-    "camera": "stays in the camera's image",
-    "projector": "stays in the projector's field",
-    "both": "stays in the camera's image or the projector's field",
+FRAMES: dict[frames.FixedFrame, str] = {
+    "camera": "is fixed in the camera image",
+    "projector": "is fixed in the projector field",
+    "both": "is fixed in the camera image or the projector field",
 }
 
 
-def answer(of: Diagnosis) -> list[str]:
-    """Say what was found, one sentence for each question."""
-    return [_where(of), _which(of), " ".join([_howfar(of), *_residual(of)])]
+def answer(diagnosis: Diagnosis) -> list[str]:
+    """Return one sentence for each of the three questions."""
+    return [
+        _where(diagnosis),
+        _which(diagnosis),
+        " ".join([_howfar(diagnosis), *_residual(diagnosis)]),
+    ]
 
 
-def _where(of: Diagnosis) -> str:
-    part = of.where.parts["ndp_rate"]
+def _where(diagnosis: Diagnosis) -> str:
+    part = diagnosis.where.parts["ndp_rate"]
     real = part.device if part.device is not None else part.rematched
     base = part.base_device if part.base_device is not None else part.base
     if real is None or base is None:
-        return "Nothing was captured that depth could be told from."
-    beside = words(of.against).beside
-    said = f"{_percent(real)} of the pixels have no depth, {beside} {_percent(base)}"
+        return "The captures hold nothing from which depth could be measured."
+    clause = side_names(diagnosis.against).reference_clause
+    text = f"{_percent(real)} of the pixels have no depth, against {_percent(base)} {clause}"
     if part.image_share is not None and part.image is not None and part.matcher is not None:
-        said += (
-            f"; of the gap {_points(part.image[0])} arise in the images and "
-            f"{_points(part.matcher[0])} in matcher and filters"
+        text += (
+            f"; the images contribute {_points(part.image[0])} to the gap, matcher and filters "
+            f"{_points(part.matcher[0])}"
         )
-    if of.where.rules:
-        rule = of.where.rules[0]
-        said += f"; most where {rule.text} ({_points(rule.gap)} in {_percent(rule.area)})"
-    return said + "."
+    if diagnosis.where.rules:
+        rule = diagnosis.where.rules[0]
+        text += (
+            f"; the largest part lies where {rule.text} "
+            f"({_points(rule.gap)} in {_percent(rule.area)} of the pixels)"
+        )
+    return text + "."
 
 
-def _which(of: Diagnosis) -> str:
-    if of.kind == "cannot tell":
-        return "These captures cannot tell which effect it is."
-    if of.kind == "no gap":
-        return "No gap was found that an effect would have to explain."
-    if of.kind == "effects":
-        named = [_named(of, one) for arm in of.arms for one in arm.search.accepted]
-        return f"The gap is consistent with {', with '.join(named)}."
+def _which(diagnosis: Diagnosis) -> str:
+    if diagnosis.kind == "cannot tell":
+        return "These captures cannot identify the effect."
+    if diagnosis.kind == "no gap":
+        return "No gap beyond noise was found, so no effect is reported."
+    if diagnosis.kind == "effects":
+        accepted = [
+            _accepted(diagnosis, effect)
+            for segment in diagnosis.segments
+            for effect in segment.search.accepted
+        ]
+        return f"The gap is consistent with {' and '.join(accepted)}."
     leads = [
-        f"{STAGES[arm.bench.arm.value]}: {lead(arm)}{stays(of, arm)}"
-        for arm in of.arms
-        if arm.unexplained
+        f"{SEGMENTS[segment.table.segment.value]}: {lead(segment)}{fixed_frame(diagnosis, segment)}"
+        for segment in diagnosis.segments
+        if segment.unexplained
     ]
-    rest = "None of the known effects explains the gap; what is left shows in " + "; ".join(leads)
-    return " ".join([f"{rest}.", *_beside(of)])
+    text = "None of the known effects explains the gap. What they leave shows in " + "; ".join(
+        leads
+    )
+    return " ".join([f"{text}.", *_partly_explained(diagnosis)])
 
 
-def _beside(of: Diagnosis) -> Iterator[str]:
-    """What is named though a half is left unexplained: stand-ins there, effects in the other."""
-    for arm in of.arms:
-        named = [_named(of, one) for one in arm.search.accepted]
-        stage = STAGES[arm.bench.arm.value]
-        if named and arm.unexplained:
-            yield f"Stand-ins in {stage}: {', '.join(named)}."
-        elif named:
-            yield f"The gap in {stage} is consistent with {', with '.join(named)}."
+def _partly_explained(diagnosis: Diagnosis) -> Iterator[str]:
+    """Report accepted effects if a segment is unexplained: surrogates there, effects elsewhere."""
+    for segment in diagnosis.segments:
+        accepted = [_accepted(diagnosis, effect) for effect in segment.search.accepted]
+        name = SEGMENTS[segment.table.segment.value]
+        if accepted and segment.unexplained:
+            yield f"Surrogate effects in {name}: {', '.join(accepted)}."
+        elif accepted:
+            yield f"The gap in {name} is consistent with {' and '.join(accepted)}."
 
 
-def with_stand_ins(of: Diagnosis) -> bool:
-    """Whether anything that is accepted stands in for an effect that is not known."""
-    return any(arm.unexplained and arm.search.accepted for arm in of.arms)
+def with_surrogates(diagnosis: Diagnosis) -> bool:
+    """Whether any accepted effect is a surrogate for an unknown one."""
+    return any(segment.unexplained and segment.search.accepted for segment in diagnosis.segments)
 
 
-def lead(arm: Found) -> str:
-    """Name what an arm leaves unexplained."""
-    said = [", ".join(map(group_names.told, arm.lead))] if arm.lead else []
-    if arm.varying:
-        said.append(f"{', '.join(map(group_names.told, arm.varying))}, in each scene otherwise")
-    return "; ".join(said) or "no single group of features"
+def lead(segment: SegmentResult) -> str:
+    """Name the feature groups that a segment leaves unexplained."""
+    texts = [", ".join(map(group_names.describe, segment.lead))] if segment.lead else []
+    if segment.varying:
+        groups = ", ".join(map(group_names.describe, segment.varying))
+        texts.append(f"{groups}, different in each scene")
+    return "; ".join(texts) or "no single group of features"
 
 
-def stays(of: Diagnosis, arm: Found) -> str:
-    """Say in which frame rooms agree about where an arm's gap is, as the end of a clause."""
-    found = frames.of_arm(of.where.maps, arm.bench.arm.value)
-    return "" if found is None else f" (before any effect its place {FRAMES[found]})"
+def fixed_frame(diagnosis: Diagnosis, segment: SegmentResult) -> str:
+    """Return a clause that names the frame in which a segment's gap is fixed, or nothing."""
+    frame = frames.segment_frame(diagnosis.where.maps, segment.table.segment.value)
+    return "" if frame is None else f" (without any effect, its location {FRAMES[frame]})"
 
 
-def _named(of: Diagnosis, one: Accepted) -> str:
-    low, high = (number(end) for end in one.interval)
-    said = f"{one.fit.name} {number(one.fit.value)} (90 %: {low} to {high})"
-    names = [rival.name for rival in one.rivals]
-    if one.fit.name in of.taken_up:
+def _accepted(diagnosis: Diagnosis, effect: AcceptedEffect) -> str:
+    low, high = (number(end) for end in effect.interval)
+    text = f"{effect.fit.name} {number(effect.fit.value)} (90 %: {low} to {high})"
+    names = [rival.name for rival in effect.rivals]
+    if effect.fit.name in diagnosis.absorbed:
         names.append(ESTIMATED)
     if names:
-        said += f" (not separable from {', '.join(names)})"
-    return said
+        text += f" (not separable from {', '.join(names)})"
+    return text
 
 
-def _howfar(of: Diagnosis) -> str:
-    if of.howfar is None:
-        return "How far it closes was not judged."
-    said = [
-        f"{_SUMMARY.get(name, name)} {_closed(one)}"
-        for name, one in of.howfar.figures.items()
+def _howfar(diagnosis: Diagnosis) -> str:
+    if diagnosis.howfar is None:
+        return "The gap reduction was not evaluated."
+    texts = [
+        f"{_SUMMARY.get(name, name)} {_reduction(reduction)}"
+        for name, reduction in diagnosis.howfar.figures.items()
         if name in _SUMMARY or name.startswith("features")
     ]
-    scenes = "1 scene" if len(of.locked) == 1 else f"{len(of.locked)} scenes"
-    if not said:
-        return f"On {scenes} that had no say there was nothing to close."
-    by = " with stand-ins" if with_stand_ins(of) else ""
-    return f"Closed of the gap on {scenes} that had no say{by}: " + ", ".join(said) + "."
+    count = len(diagnosis.held_out)
+    scenes = "1 held-out scene" if count == 1 else f"{count} held-out scenes"
+    if not texts:
+        return f"No gap that could be reduced was measured on {scenes}."
+    clause = " with surrogate effects" if with_surrogates(diagnosis) else ""
+    return f"Gap reduction on {scenes}{clause}: " + ", ".join(texts) + "."
 
 
-def _residual(of: Diagnosis) -> list[str]:
-    """What a network that corrects the base reaches, and what effects leave it to learn."""
-    if of.residual is None:
+def _residual(diagnosis: Diagnosis) -> list[str]:
+    """Report what a network that corrects the base reaches, and how much of it effects absorb."""
+    if diagnosis.residual is None:
         return []
-    before, bound = (f"{one['ndp_brier']:.3g}" for one in (of.residual.alone, of.residual.bound))
-    said = f"A learned residual takes the Brier score of holes from {before} to {bound}"
-    one = of.residual.absorption
-    if not one.closable:
-        return [f"{said}, not surely more than where nothing is off."]
-    said += f", by {one.gain_before - one.gain_floor:.2g} more than where nothing is off."
-    if one.share is None:
-        return [said]
+    figures = (diagnosis.residual.alone, diagnosis.residual.bound)
+    before, bound = (f"{each['ndp_brier']:.3g}" for each in figures)
+    text = f"A learned residual changes the Brier score of holes from {before} to {bound}"
+    absorption = diagnosis.residual.absorption
+    if not absorption.closable:
+        return [f"{text}; this gain does not significantly exceed the gain without a gap."]
+    gain = absorption.gain_before - absorption.gain_floor
+    text += f"; this gain exceeds the gain without a gap by {gain:.2g}."
+    if absorption.share is None:
+        return [text]
     ends = ""
-    if one.interval is not None:
-        ends = f" [{100 * one.interval[0]:.0f}, {100 * one.interval[1]:.0f}]"
-    return [said, f"The effects take over {100 * one.share:.0f} %{ends} of that."]
+    if absorption.interval is not None:
+        ends = f" [{100 * absorption.interval[0]:.0f}, {100 * absorption.interval[1]:.0f}]"
+    return [text, f"The effects absorb {100 * absorption.share:.0f} %{ends} of that."]
 
 
-def _closed(one: Closed) -> str:
-    if one.closed_pct is None:
+def _reduction(reduction: GapReduction) -> str:
+    if reduction.closed_pct is None:
         return "not identifiable"
-    said = f"{one.closed_pct:.0f} %"
-    if one.interval is None:
-        return said
-    return f"{said} (95 %: {one.interval[0]:.0f} to {one.interval[1]:.0f})"
+    text = f"{reduction.closed_pct:.0f} %"
+    if reduction.interval is None:
+        return text
+    return f"{text} (95 %: {reduction.interval[0]:.0f} to {reduction.interval[1]:.0f})"
 
 
 def number(value: Value) -> str:

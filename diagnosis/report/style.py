@@ -1,4 +1,4 @@
-"""How a diagnosis's page looks, beside the common style of reports."""
+"""CSS of a diagnosis page, in addition to the common report style."""
 
 STYLE = """
 :root { --first: #1f5fa8; --second: #2e9e6b; --third: #c2701c; --part: #8a93a0; --track: #eef0f2; }
@@ -23,7 +23,7 @@ body { overflow-wrap: break-word; }
 .track .whisker { top: 50%; height: 2px; margin-top: -1px; background: var(--ink);
   min-width: 2px; }
 .track .line { top: -.16rem; height: calc(100% + .32rem); border-left: 2px dashed var(--ink); }
-.told { font-variant-numeric: tabular-nums; }
+.value { font-variant-numeric: tabular-nums; }
 .pairs, .threes { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: .9rem;
   margin: .5rem 0 1rem; align-items: start; }
 .threes { grid-template-columns: repeat(3, minmax(0, 1fr)); }
@@ -35,7 +35,7 @@ figure img { background: none; }
 @media (max-width: 48rem) {
   .bars li { grid-template-columns: minmax(0, 1fr) auto; margin: .5rem 0; }
   .bars .track { grid-row: 2; grid-column: 1 / -1; height: .8rem; }
-  .bars .told { text-align: right; }
+  .bars .value { text-align: right; }
   .track .line { top: 0; height: 100%; }
   .answer li { font-size: 1.08rem; }
   .pairs, .threes { grid-template-columns: minmax(0, 1fr); } }

@@ -1,4 +1,4 @@
-"""Which effect the gap is consistent with, as a part of a page."""
+"""Report section on the effects with which the gap is consistent."""
 
 from __future__ import annotations
 
@@ -8,46 +8,50 @@ from html import escape
 from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.report import group_names, sentences
 from starling.diagnosis.report.elements import Bar, chart, prose
-from starling.diagnosis.which.discrimination import Told
-from starling.diagnosis.which.search import Accepted
-from starling.diagnosis.which.segment import Found
-from starling.diagnosis.which.sensitivity import Noticed
+from starling.diagnosis.which.discrimination import Discrimination
+from starling.diagnosis.which.search import AcceptedEffect
+from starling.diagnosis.which.segment import SegmentResult
+from starling.diagnosis.which.sensitivity import DetectionLimit
 from starling.sim.effects import setting as setting
 from starling.sim.report.elements import counted, number, table
 
-ALONE = 15  # Effects whose gain alone is drawn.
-GROUPS = 10  # Of features, that are listed.
+ALONE = 15  # Largest number of single-effect gains drawn.
+GROUPS = 10  # Largest number of feature groups listed.
 
 
-def section(of: Diagnosis) -> str:
-    """Write the answer to the second question as HTML."""
-    if not of.arms:
-        return prose("No effect was tried: these captures cannot tell.")
-    return "".join(_arm(of, arm) for arm in of.arms) + _tell_apart(of) + _noticed(of.noticed)
+def section(diagnosis: Diagnosis) -> str:
+    """Write the section as HTML."""
+    if not diagnosis.segments:
+        return prose("No effect was tried: these captures cannot identify one.")
+    return (
+        "".join(_segment(diagnosis, segment) for segment in diagnosis.segments)
+        + _discriminations(diagnosis)
+        + _sensitivities(diagnosis.sensitivities)
+    )
 
 
-def _noticed(of: Sequence[Noticed]) -> str:
-    if not of:
+def _sensitivities(limits: Sequence[DetectionLimit]) -> str:
+    if not limits:
         return ""
     rows = [
         [
-            f"<code>{escape(one.name)}</code>",
+            f"<code>{escape(limit.name)}</code>",
             *(
                 "" if end is None else escape(sentences.number(end))
-                for end in (one.below, one.base, one.above)
+                for end in (limit.below, limit.base, limit.above)
             ),
-            escape(_unit(one.name)),
+            escape(_unit(limit.name)),
         ]
-        for one in of
+        for limit in limits
     ]
-    said = (
-        "No gap does not say that nothing is off. From these values on an effect would have been "
-        "noticed in half of such captures or more, roughly, by what it does to these scenes where "
-        "it was simulated; weaker it would hardly have been. Where none stands it would not have "
-        "been at any strength that was simulated."
+    text = (
+        "No gap does not mean that no effect is present. From the listed values on, about half of "
+        "such captures or more would show the effect. Weaker effects would rarely be detected. The "
+        "values are rough: they come from the simulated change of these scenes at few strengths. "
+        "An empty cell means that no simulated strength would be detected."
     )
-    head = ["Effect", "Noticed at or below", "Base", "Noticed at or above", "Unit"]
-    return f"<h3>What would have been noticed</h3>{prose(said)}{table(head, rows)}"
+    head = ["Effect", "Detected at or below", "Base", "Detected at or above", "Unit"]
+    return f"<h3>Detection limits</h3>{prose(text)}{table(head, rows)}"
 
 
 def _unit(name: str) -> str:
@@ -55,152 +59,157 @@ def _unit(name: str) -> str:
     return "" if parameter.unit == "1" else parameter.unit
 
 
-def _arm(of: Diagnosis, arm: Found) -> str:
-    stage = sentences.STAGES[arm.bench.arm.value]
-    before, after = (number(size, ".3g") for size in arm.sizes)
-    said = (
-        f"Size of the gap, the mean squared deviation of its features: before {before}, with the "
-        f"accepted effects {after}. Chance alone makes up to {number(arm.screen.noise, '.3g')}. "
-        "Less what accepted effects may be off by, as none is simulated as it truly is, "
-        f"{number(arm.beyond, '.3g')} is left; up to {number(arm.explained_below, '.3g')} counts "
-        "as explained."
+def _segment(diagnosis: Diagnosis, segment: SegmentResult) -> str:
+    name = sentences.SEGMENTS[segment.table.segment.value]
+    before, after = (number(size, ".3g") for size in segment.sizes)
+    text = (
+        f"The size of the gap is the weighted mean-square deviation of its features: {before} "
+        f"before and {after} with the accepted effects. Noise alone reaches up to "
+        f"{number(segment.screening.noise, '.3g')}. After allowing for model error of the "
+        f"accepted effects, {number(segment.unexplained_size, '.3g')} remains unexplained; up to "
+        f"{number(segment.explained_below, '.3g')} counts as explained."
     )
     return (
-        f"<h3>In {escape(stage)}</h3>"
-        + prose(said)
-        + _accepted(of, arm)
-        + _lead(of, arm)
-        + _groups(arm)
-        + f"<h4>Held-out gain of single effects, each alone</h4>{_alone(arm)}"
+        f"<h3>In {escape(name)}</h3>"
+        + prose(text)
+        + _accepted(diagnosis, segment)
+        + _lead(diagnosis, segment)
+        + _groups(segment)
+        + f"<h4>Held-out gain of each effect alone</h4>{_alone(segment)}"
     )
 
 
-def _accepted(of: Diagnosis, arm: Found) -> str:
-    accepted = arm.search.accepted
+def _accepted(diagnosis: Diagnosis, segment: SegmentResult) -> str:
+    accepted = segment.search.accepted
     if not accepted:
         return prose("No effect is accepted here.")
     rows = []
-    for one in accepted:
-        low, high = (sentences.number(end) for end in one.interval)
+    for effect in accepted:
+        low, high = (sentences.number(end) for end in effect.interval)
         rows.append(
             [
-                f"<code>{escape(one.fit.name)}</code>",
-                escape(sentences.number(one.fit.value)),
+                f"<code>{escape(effect.fit.name)}</code>",
+                escape(sentences.number(effect.fit.value)),
                 escape(f"[{low}, {high}]"),
-                escape(_unit(one.fit.name)),
-                escape(sentences.number(one.fit.signature.candidate.base)),
-                number(one.fit.total, ".1f"),
+                escape(_unit(effect.fit.name)),
+                escape(sentences.number(effect.fit.signature.candidate.base)),
+                number(effect.fit.total, ".1f"),
             ]
         )
-    role = "Stand-in" if arm.unexplained else "Consistent with"
+    role = "Surrogate effect" if segment.unexplained else "Consistent with"
     head = [role, "Value", "90 % interval", "Unit", "Base", "Held-out gain"]
-    sets = "".join(f"<li>{_set(of, one, stand_in=arm.unexplained)}</li>" for one in accepted)
-    return f"{table(head, rows)}<ul>{sets}</ul>"
+    items = "".join(
+        f"<li>{_credible_set(diagnosis, effect, surrogate=segment.unexplained)}</li>"
+        for effect in accepted
+    )
+    return f"{table(head, rows)}<ul>{items}</ul>"
 
 
-def _set(of: Diagnosis, one: Accepted, *, stand_in: bool) -> str:
-    effect, _ = setting.parameter_of(one.fit.name)
-    name = f"<b>{escape(one.fit.name)}</b>"
+def _credible_set(diagnosis: Diagnosis, accepted: AcceptedEffect, *, surrogate: bool) -> str:
+    effect, _ = setting.parameter_of(accepted.fit.name)
+    name = f"<b>{escape(accepted.fit.name)}</b>"
     imitates = f'<br><span class="quiet">It imitates: {escape(effect.imitates)}</span>'
-    taken_up = one.fit.name in of.taken_up
-    if not one.rivals and stand_in:
-        return f"{name} takes part of the gap away and does not explain it.{imitates}"
-    if not one.rivals and not taken_up:
-        return f"{name} is separable from the other effects that were looked at closely.{imitates}"
+    absorbed = accepted.fit.name in diagnosis.absorbed
+    if not accepted.rivals and surrogate:
+        return f"{name} reduces the gap but does not explain it.{imitates}"
+    if not accepted.rivals and not absorbed:
+        return f"{name} is separable from the other effects that were examined closely.{imitates}"
     rivals = [
         f"{rival.name} {sentences.number(rival.value)} "
         f"[{sentences.number(low)}, {sentences.number(high)}] "
         f"(gain {number(rival.total, '.1f')})"
-        for rival, (low, high) in zip(one.rivals, one.rival_intervals, strict=True)
+        for rival, (low, high) in zip(accepted.rivals, accepted.rival_intervals, strict=True)
     ]
-    told = ", ".join([*rivals, *([sentences.ESTIMATED] if taken_up else [])])
-    return f"{name} is not separable from {escape(told)}.{imitates}"
+    names = ", ".join([*rivals, *([sentences.ESTIMATED] if absorbed else [])])
+    return f"{name} is not separable from {escape(names)}.{imitates}"
 
 
-def _lead(of: Diagnosis, arm: Found) -> str:
-    if not arm.unexplained:
+def _lead(diagnosis: Diagnosis, segment: SegmentResult) -> str:
+    if not segment.unexplained:
         return ""
-    shows = sentences.lead(arm) + sentences.stays(of, arm)
+    groups = sentences.lead(segment) + sentences.fixed_frame(diagnosis, segment)
     return (
-        f'<ul class="open"><li>None of the known effects explains what is left here. It shows in '
-        f"{escape(shows)}.</li></ul>"
+        f'<ul class="open"><li>None of the known effects explains the remaining gap. It shows in '
+        f"{escape(groups)}.</li></ul>"
     )
 
 
-def _groups(arm: Found) -> str:
-    """Which features the gap is made of, before and after."""
+def _groups(segment: SegmentResult) -> str:
+    """List the feature groups that make up the gap, before and after."""
     rows = [
-        [escape(group_names.told(name)), number(before, ".3f"), number(after, ".3f")]
-        for name, (before, after) in list(arm.by_group.items())[:GROUPS]
+        [escape(group_names.describe(name)), number(before, ".3f"), number(after, ".3f")]
+        for name, (before, after) in list(segment.by_group.items())[:GROUPS]
     ]
-    said = "Features that tell alike, and what each such group adds to the gap's size."
-    made = f"<h4>What it is made of</h4>{prose(said)}{table(['Of', 'Before', 'After'], rows)}"
-    return made + _alike(arm)
+    text = "Contribution of each group of related features to the size of the gap."
+    head = ["Group", "Before", "After"]
+    return f"<h4>Composition of the gap</h4>{prose(text)}{table(head, rows)}" + _consistent(segment)
 
 
-def _alike(arm: Found) -> str:
-    """Which single features are off after, the same way in every scene."""
-    found = list(arm.alike.items())
-    if not found:
+def _consistent(segment: SegmentResult) -> str:
+    """List single features that remain off in the same direction in every scene."""
+    features = list(segment.consistent.items())
+    if not features:
         return ""
-    said = (
-        f"{counted(len(found), 'feature')} of {len(arm.bench.names)} are off the same way in every "
-        "scene after that; deviations left, those first that are off most and have most votes."
+    text = (
+        f"{counted(len(features), 'feature')} of {len(segment.table.names)} remain off in the same "
+        "direction in every scene with the accepted effects. The table gives their deviations over "
+        "scenes, in standard deviations; large deviations with a high weight come first."
     )
     rows = [
         [f"<code>{escape(name)}</code>", number(min(each), ".1f"), number(max(each), ".1f")]
-        for name, each in found[:GROUPS]
+        for name, each in features[:GROUPS]
     ]
-    return f"<h4>Off alike in every scene</h4>{prose(said)}{table(['Of', 'Least', 'Most'], rows)}"
+    head = ["Feature", "Least", "Most"]
+    return f"<h4>Features off in every scene</h4>{prose(text)}{table(head, rows)}"
 
 
-def _alone(arm: Found) -> str:
-    found = arm.search
-    gaining = [one for one in found.alone if one.total > 0][:ALONE]
-    above = sum(one.total >= found.threshold for one in found.alone)
-    said = (
-        "Gain in log likelihood on scenes that an effect was not fitted to; 3 are odds of 20 to 1. "
-        f"Of {counted(len(found.alone), 'parameter')} of effects tried, {above} gain at least the "
-        f"threshold {number(found.threshold, '.1f')} (dashed line) alone."
+def _alone(segment: SegmentResult) -> str:
+    search = segment.search
+    gaining = [fit for fit in search.alone if fit.total > 0][:ALONE]
+    above = sum(fit.total >= search.threshold for fit in search.alone)
+    text = (
+        "Gain in log-likelihood on scenes that were not used to fit the effect; a gain of 3 means "
+        f"odds of 20 to 1. Of {counted(len(search.alone), 'parameter')} tried, {above} reach the "
+        f"threshold {number(search.threshold, '.1f')} (dashed line) alone."
     )
     if not gaining:
-        return prose(said, "None gains anything.")
-    accepted = {one.fit.name for one in found.accepted}
+        return prose(text, "No effect has a positive gain.")
+    accepted = {effect.fit.name for effect in search.accepted}
     bars = [
         Bar(
-            name=one.name,
-            value=one.total,
-            told=f"{number(one.total, '.1f')} at {sentences.number(one.value)}",
-            kind="third" if one.name in accepted else "first",
+            name=fit.name,
+            value=fit.total,
+            text=f"{number(fit.total, '.1f')} at {sentences.number(fit.value)}",
+            kind="third" if fit.name in accepted else "first",
         )
-        for one in gaining
+        for fit in gaining
     ]
-    note = prose("Accepted effects have a colour of their own.", quiet=True) if accepted else ""
-    return prose(said) + chart(bars, line=found.threshold) + note
+    note = prose("Accepted effects have another colour.", quiet=True) if accepted else ""
+    return prose(text) + chart(bars, line=search.threshold) + note
 
 
-def _tell_apart(of: Diagnosis) -> str:
-    if not of.tell_apart:
+def _discriminations(diagnosis: Diagnosis) -> str:
+    if not diagnosis.discriminations:
         return ""
-    said = "".join(f"<li>{escape(_capture(told))}</li>" for told in of.tell_apart)
-    return f"<h3>The capture that would tell</h3><ul>{said}</ul>"
+    items = "".join(f"<li>{escape(_capture(pair))}</li>" for pair in diagnosis.discriminations)
+    return f"<h3>Captures that would separate the candidates</h3><ul>{items}</ul>"
 
 
-def _capture(told: Told) -> str:
-    pair = _against(told)
-    far = f"{number(told.deviations, '.1f')} deviations apart"
-    if told.enough:
-        return f"{pair}: take {told.capture}; they would stand {far}."
+def _capture(pair: Discrimination) -> str:
+    names = _rivals(pair)
+    difference = f"{number(pair.deviations, '.1f')} standard deviations"
+    if pair.enough:
+        return f"{names}: take {pair.capture}; the predictions differ by {difference}."
     return (
-        f"{pair}: no capture that was tried tells them apart for sure; the best, {told.capture}, "
-        f"sets them {far}."
+        f"{names}: no capture that was tried separates them reliably. The best, {pair.capture}, "
+        f"gives a difference of {difference}."
     )
 
 
-def _against(told: Told) -> str:
-    """Name both rivals, and what acts beside either."""
-    one, other = (names.split(", ") for names in told.rivals)
-    common = [name for name in one if name in other]
-    pair = [", ".join(name for name in names if name not in common) for names in (one, other)]
-    beside = f" (beside {', '.join(common)})" if common else ""
-    return f"{' against '.join(pair)}{beside}"
+def _rivals(pair: Discrimination) -> str:
+    """Name both candidates, and the effects that they have in common."""
+    first, second = (names.split(", ") for names in pair.rivals)
+    common = [name for name in first if name in second]
+    each = [", ".join(name for name in names if name not in common) for names in (first, second)]
+    clause = f" (both with {', '.join(common)})" if common else ""
+    return f"{' or '.join(each)}{clause}"

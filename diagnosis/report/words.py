@@ -1,4 +1,4 @@
-"""What a report calls the two sides of a gap: real and simulated, or two captures."""
+"""Names of the two sides of a gap in a report: real and simulated, or two capture sets."""
 
 from __future__ import annotations
 
@@ -6,53 +6,54 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Words:
-    """The sides by name, each where it stands in a sentence."""
+class SideNames:
+    """The two sides by name, as different sentences need them."""
 
-    one: str  # The captures that are diagnosed, as a title: `Real`.
-    other: str
-    pair: tuple[str, str]  # `real` less `simulated`.
+    title: str  # Title of the diagnosed captures: `Real`.
+    reference_title: str  # Title of what they are compared with.
+    pair: tuple[str, str]  # `real` minus `simulated`.
     more: str  # `the real` is brighter.
-    have: tuple[str, str]  # `real captures` have more than `simulated`.
-    beside: str  # 5 % have no depth, `simulated` 3 %.
-    stages: str  # The stage swap.
-    images: tuple[str, str]  # Its first two bars.
-    own: str  # Depth of the base's own, beside what our matcher makes of its images.
-    gap: str  # What is compared, as a sentence; empty where that goes without saying.
+    have: tuple[str, str]  # `real captures` have more than `simulated captures`.
+    reference_clause: str  # 5 % have no depth, against 3 % `in simulation`.
+    stages: str  # Explains the stage ablation.
+    images: tuple[str, str]  # Bar names of stages A and B.
+    reference_depth: str  # Bar name of stage D, the reference side's own depth.
+    gap: str  # Says what is compared; empty for real against simulated.
 
 
-SIMULATION = Words(
-    one="Real",
-    other="Simulated, base",
+SIMULATION = SideNames(
+    title="Real",
+    reference_title="Simulated, base",
     pair=("real", "simulated"),
     more="the real",
-    have=("real captures", "simulated"),
-    beside="simulated",
+    have=("real captures", "simulated captures"),
+    reference_clause="in simulation",
     stages="A: simulated images, our matcher. B: real images, our matcher. C: the device's own "
-    "depth. D: simulated images with all the bits that the device's matcher reads. B less A is the "
-    "part of the images, C less B, less what D is from A, that of matcher and filters; whiskers "
-    "are 95 % intervals over rooms.",
+    "depth. D: simulated images with all bits that the device's matcher reads. B minus A is the "
+    "contribution of the images. C minus B, corrected by D minus A, is the contribution of matcher "
+    "and filters. Whiskers are 95 % intervals over rooms.",
     images=("A simulated", "B real images, our matcher"),
-    own="D simulated, all bits",
+    reference_depth="D simulated, all bits",
     gap="",
 )
-CAPTURES = Words(
-    one="These captures",
-    other="The others",
-    pair=("these captures", "the others"),
+CAPTURES = SideNames(
+    title="These captures",
+    reference_title="The other captures",
+    pair=("these captures", "the other captures"),
     more="this capture",
-    have=("these captures", "the others"),
-    beside="in the other captures",
+    have=("these captures", "the other captures"),
+    reference_clause="in the other captures",
     stages="A: the other captures' images, our matcher. B: these captures' images, our matcher. "
-    "C: this device's own depth; D: the other's. B less A is the part of the images, C less B, "
-    "less what D is from A, that of matcher and filters; whiskers are 95 % intervals over rooms.",
-    images=("A the others' images, our matcher", "B these images, our matcher"),
-    own="D other device",
-    gap="Two capture sets of the same scenes are compared, not captures with simulations: the gap "
-    "is these captures less the others. Simulation tells only what an effect would change.",
+    "C: this device's own depth. D: the other device's own depth. B minus A is the contribution of "
+    "the images. C minus B, corrected by D minus A, is the contribution of matcher and filters. "
+    "Whiskers are 95 % intervals over rooms.",
+    images=("A other images, our matcher", "B these images, our matcher"),
+    reference_depth="D other device",
+    gap="Two capture sets of the same scenes are compared. The gap is these captures minus the "
+    "other captures. Simulation only predicts what an effect would change.",
 )
 
 
-def words(against: str | None) -> Words:
-    """Choose by what captures are compared with: another set, or None for simulations."""
+def side_names(against: str | None) -> SideNames:
+    """Choose the names for a comparison with a capture set, or with simulation (None)."""
     return SIMULATION if against is None else CAPTURES

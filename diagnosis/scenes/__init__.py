@@ -1,1 +1,1 @@
-"""Scenes under diagnosis: what is observed and what is simulated."""
+"""Scene models of a diagnosis: captured observations and their simulation."""

@@ -1,31 +1,38 @@
-"""Scenes that hold alike: an arm asks all of its scenes for the same."""
+"""Selection of scenes with equal contents: a pipeline segment is evaluated on all its scenes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from starling.diagnosis.scenes.scene_model import Subject
+from starling.diagnosis.scenes.scene_model import SceneModel
 
-Held = tuple[bool, bool]  # Infrared pairs, depth of the device's own.
+Contents = tuple[bool, bool]  # Infrared pairs, device depth.
 
 
-def complete(subjects: Sequence[Subject]) -> tuple[list[Subject], list[Subject]]:
-    """Part scenes into those that hold all that the most frequent kind holds, and the others.
+def split_complete(
+    scene_models: Sequence[SceneModel],
+) -> tuple[list[SceneModel], list[SceneModel]]:
+    """Separate scenes that hold all that most scenes hold from incomplete ones.
 
-    Of kinds that are equally many the one with infrared counts. One incomplete scene would
-    otherwise take from all others an arm that they have.
+    A single incomplete scene would otherwise exclude a segment for all scenes. In a tie the
+    contents with infrared count as the most frequent.
 
     Args:
-        subjects: at least one.
+        scene_models: at least one.
+
+    Returns:
+        Complete scenes and incomplete scenes.
     """
-    kinds = [_held(one) for one in subjects]
-    asked = max(set(kinds), key=lambda kind: (kinds.count(kind), kind))
-    enough = [all(has >= must for has, must in zip(kind, asked, strict=True)) for kind in kinds]
+    contents = [_contents(scene) for scene in scene_models]
+    required = max(set(contents), key=lambda kind: (contents.count(kind), kind))
+    complete = [
+        all(has >= must for has, must in zip(kind, required, strict=True)) for kind in contents
+    ]
     return (
-        [one for one, told in zip(subjects, enough, strict=True) if told],
-        [one for one, told in zip(subjects, enough, strict=True) if not told],
+        [scene for scene, holds in zip(scene_models, complete, strict=True) if holds],
+        [scene for scene, holds in zip(scene_models, complete, strict=True) if not holds],
     )
 
 
-def _held(of: Subject) -> Held:
-    return of.real.left is not None, of.real.device_px is not None
+def _contents(scene: SceneModel) -> Contents:
+    return scene.real.left is not None, scene.real.device_px is not None

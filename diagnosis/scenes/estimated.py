@@ -1,9 +1,8 @@
-"""What is known of a captured scene, and what its captures bear out as well.
+"""Scene of a captured room: loaded from its `scene.toml`, or estimated from its images.
 
-Where no file says what a scene is made of, reflectance and ambient light are estimated from the
-very images that are diagnosed. Light, exposure, a lens's fall-off and reflectance of such a scene
-cannot be parted, and its fine texture is not known. Other estimates that the images allow tell how
-much that matters.
+Without `scene.toml`, reflectance and ambient light are estimated from the images under diagnosis.
+In such a scene, light, exposure, vignetting and reflectance are not separable, and fine texture is
+unknown. Alternative estimates that the images also permit give the size of this uncertainty.
 """
 
 from __future__ import annotations
@@ -19,15 +18,15 @@ from starling.patterns.errors import refuse
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.scene.captured import captured_scene, known_geometry
-from starling.sim.scene.captured.room_light import LIT_ROOM_W_M2, Lit
+from starling.sim.scene.captured.room_light import LIT_ROOM_W_M2, RoomLight
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
 
 Estimates = tuple[Callable[[], Scene], ...]
 
-# Families of effects that the estimates take up in part: what is left of them is not separable
-# from reflectance and light.
-TAKEN_UP = frozenset(
+# Families of effects that the estimates absorb in part: their remainder is not separable from
+# reflectance and light.
+ABSORBED_FAMILIES = frozenset(
     {
         "ambient",
         "ambient_gradient",
@@ -38,62 +37,65 @@ TAKEN_UP = frozenset(
         "vignetting",
     }
 )
-_DARKER = 0.5  # Brightness alone does not tell light from reflectance.
-_SHADED = 0.3  # Nor a lens's fall-off, here of this share in the corners.
-_BRIGHTER = 1.2  # Dots tell of ambient light to about so much.
-_EVEN = 0.5  # Reflectance where there is no image.
+_DARKER = 0.5  # Factor on reflectance: brightness alone does not separate it from light.
+_VIGNETTING = 0.3  # Share of light lost in the corners: not separable from reflectance either.
+_BRIGHTER = 1.2  # Factor on ambient light: accuracy of its estimate from the dots.
+_UNIFORM_REFLECTANCE = 0.5  # Assumed where there is no image.
 
 
-def scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimates]:
-    """Load what is known of a captured scene.
+def load_scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimates]:
+    """Load or estimate the scene that was captured.
 
     Args:
-        captured: with a `scene.toml`, or with reference depth.
-        sensor: that the captures are of.
+        captured: captured scene with a `scene.toml`, or with reference depth.
+        sensor: sensor that captured it.
 
     Returns:
-        The scene, and what else it may be; nothing where a file tells it.
+        The scene, and alternative estimates of it; none if it was loaded from a file.
 
     Raises:
         InputError: if neither geometry nor reference depth is known, or an image is damaged.
     """
-    believed = known_geometry.load(captured, sensor)
-    if believed is not None:
-        return believed, ()
-    likely = _evenly(captured)
-    seen = captured.fullest().ir_left is not None
-    if seen:
-        likely = captured_scene.lit(
+    loaded = known_geometry.load(captured, sensor)
+    if loaded is not None:
+        return loaded, ()
+    likely = _uniform_light(captured)
+    has_image = captured.fullest().ir_left is not None
+    if has_image:
+        likely = captured_scene.estimate_light(
             captured, sensor, smoothing_px=SMOOTHING_PX, within_surfaces=True
         )
     info = captured.info
     x, y = np.arange(info.width) - info.cx_px, np.arange(info.height) - info.cy_px
-    square = (x[None] ** 2 + y[:, None] ** 2) / Pinhole.of(info).half_diagonal_px ** 2
-    shades = (_DARKER, (1 - _SHADED * square).astype(np.float32))
-    others = [replace(likely, reflectance=likely.reflectance * shade) for shade in shades]
-    others.append(replace(likely, ambient_w_m2=likely.ambient_w_m2 * _BRIGHTER))
-    made = [partial(captured_scene.surface, captured, one) for one in others]
-    if seen:
-        made.append(partial(_detailed, captured, sensor))
-    return captured_scene.surface(captured, likely), tuple(made)
+    square = (x[None] ** 2 + y[:, None] ** 2) / Pinhole.from_camera(info).half_diagonal_px ** 2
+    shades = (_DARKER, (1 - _VIGNETTING * square).astype(np.float32))
+    lights = [replace(likely, reflectance=likely.reflectance * shade) for shade in shades]
+    lights.append(replace(likely, ambient_w_m2=likely.ambient_w_m2 * _BRIGHTER))
+    estimates = [partial(captured_scene.scene_from_light, captured, light) for light in lights]
+    if has_image:
+        estimates.append(partial(_detailed, captured, sensor))
+    return captured_scene.scene_from_light(captured, likely), tuple(estimates)
 
 
-def surface(captured: CapturedScene) -> Scene:
-    """What is known of a captured scene by its reference depth alone, evenly painted and lit.
+def plain_surface(captured: CapturedScene) -> Scene:
+    """Build a scene from reference depth alone, with uniform reflectance and light.
 
     Raises:
         InputError: if there is no reference depth.
     """
-    return captured_scene.surface(captured, _evenly(captured))
+    return captured_scene.scene_from_light(captured, _uniform_light(captured))
 
 
-def _evenly(captured: CapturedScene) -> Lit:
+def _uniform_light(captured: CapturedScene) -> RoomLight:
     truth_m = captured.truth_m()
     if truth_m is None or not np.isfinite(truth_m).any():
         rule = "must have a scene.toml or reference depth (truth.png)"
         raise refuse(f"scene {captured.name}", rule, "neither", "Leave it out, or add one.")
-    return Lit(np.full(truth_m.shape, _EVEN, np.float32), LIT_ROOM_W_M2)
+    reflectance = np.full(truth_m.shape, _UNIFORM_REFLECTANCE, np.float32)
+    return RoomLight(reflectance, LIT_ROOM_W_M2)
 
 
 def _detailed(captured: CapturedScene, sensor: Sensor) -> Scene:
-    return captured_scene.surface(captured, captured_scene.lit(captured, sensor))
+    """Estimate reflectance without smoothing, so that it keeps the texture of the image."""
+    light = captured_scene.estimate_light(captured, sensor)
+    return captured_scene.scene_from_light(captured, light)

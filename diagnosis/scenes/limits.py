@@ -1,4 +1,4 @@
-"""What captures cannot tell of a gap, and what is wrong with them: a sentence each."""
+"""Limits of a diagnosis: one sentence for each thing that its captures cannot show."""
 
 from __future__ import annotations
 
@@ -7,209 +7,220 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from starling.diagnosis.scenes.fit_scene import SCALE, SHIFT, TURN
-from starling.diagnosis.scenes.scene_model import Subject
-from starling.diagnosis.which.attribution import FEWEST, LOCKED
-from starling.diagnosis.which.candidates import LEFT_OUT, Arm
+from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.which.attribution import FEWEST_ROOMS, ROOMS_PER_TEST_ROOM
+from starling.diagnosis.which.candidates import LEFT_OUT, Segment
 
-_SAME = 0.01  # Share by which exposures differ that count as one.
-_ACTED_ON = {Arm.IMAGE: "images", Arm.DEPTH: "matcher and filters", Arm.WHOLE: "depth"}
+_EQUAL_EXPOSURE = 0.01  # Relative difference of exposures that counts as equal.
+_SEGMENT_NAMES = {
+    Segment.IMAGE: "images",
+    Segment.DEPTH: "matcher and filters",
+    Segment.WHOLE: "depth",
+}
 
 
-def limits_of(
+def list_limits(
     device: str,
-    subjects: Sequence[Subject],
+    scene_models: Sequence[SceneModel],
     *,
-    locked: bool,
-    aside: Sequence[str],
+    held_out: bool,
+    unpaired: Sequence[str],
     incomplete: Sequence[str],
     families: Sequence[str] | None,
-    untried: Sequence[Arm],
+    untried: Sequence[Segment],
 ) -> list[str]:
-    """List them.
+    """List the limits of a diagnosis.
 
     Args:
-        device: that the captures say they are of, or those that they are compared with.
-        subjects: all scenes, at least one.
-        locked: whether some of them have no say in what is named.
-        aside: scenes that only one of two capture sets has.
-        incomplete: scenes that hold less than the others.
-        families: of effects that were tried; None tried all.
-        untried: arms on which none of these families acts.
+        device: name in the captures of the base, or of the diagnosed set if there is no base set.
+        scene_models: all scenes, at least one.
+        held_out: whether there are held-out test rooms.
+        unpaired: names of scenes that only one of two capture sets has.
+        incomplete: names of scenes that hold less than the others.
+        families: families of effects that were tried; None if all were.
+        untried: segments on which none of these families acts.
+
+    Returns:
+        One sentence for each limit.
     """
     return [
-        *_asked(device, subjects, aside, families, untried),
-        *_incomplete(subjects, incomplete),
-        *_rooms(subjects, locked=locked),
-        *_captured(subjects),
-        *_light(subjects),
-        "Not tried, as single static readings of one size do not show them: "
+        *_selection(device, scene_models, unpaired, families, untried),
+        *_incomplete(scene_models, incomplete),
+        *_rooms(scene_models, held_out=held_out),
+        *_contents(scene_models),
+        *_light(scene_models),
+        "Not tried, as single static frames of one size do not show them: "
         f"{', '.join(sorted(LEFT_OUT))}.",
     ]
 
 
-def _asked(
+def _selection(
     device: str,
-    subjects: Sequence[Subject],
-    aside: Sequence[str],
+    scene_models: Sequence[SceneModel],
+    unpaired: Sequence[str],
     families: Sequence[str] | None,
-    untried: Sequence[Arm],
+    untried: Sequence[Segment],
 ) -> Iterator[str]:
-    called = subjects[0].sensor.name
-    if device != called:
-        whose = "These" if subjects[0].against is None else "The other set's"
-        yield (
-            f"{whose} captures say that they are of a {device}; the sensor at hand is called "
-            f"{called}."
-        )
+    sensor_name = scene_models[0].sensor.name
+    if device != sensor_name:
+        captures = "These captures" if scene_models[0].against is None else "The other captures"
+        yield f"{captures} name a {device} as their device; the given sensor is a {sensor_name}."
     if families is not None:
         yield f"Only effects of these families were tried: {', '.join(sorted(families))}."
-    for arm in untried:
-        yield f"None of them acts on {_ACTED_ON[arm]}: what made a gap there is not told."
-    if aside:
-        yield f"Only one of the two sets has these scenes, left aside: {', '.join(aside)}."
+    for segment in untried:
+        name = _SEGMENT_NAMES[segment]
+        yield f"None of them acts on {name}: a gap there is not attributed."
+    if unpaired:
+        yield f"Only one of the two sets has these scenes; they are ignored: {', '.join(unpaired)}."
 
 
-def _incomplete(subjects: Sequence[Subject], incomplete: Sequence[str]) -> Iterator[str]:
+def _incomplete(scene_models: Sequence[SceneModel], incomplete: Sequence[str]) -> Iterator[str]:
     if incomplete:
-        paired = all(one.real.left is not None for one in subjects)
-        measured = all(one.real.device_px is not None for one in subjects)
-        held = [
+        paired = all(scene.real.left is not None for scene in scene_models)
+        measured = all(scene.real.device_px is not None for scene in scene_models)
+        contents = [
             *(["infrared pairs"] if paired else []),
-            *(["depth of the device's own"] if measured else []),
+            *(["device depth"] if measured else []),
         ]
         yield (
-            f"Asked about are scenes that hold {' and '.join(held)}; these do not, left aside: "
-            f"{', '.join(incomplete)}."
+            f"Diagnosed are scenes that hold {' and '.join(contents)}; these do not and are "
+            f"ignored: {', '.join(incomplete)}."
         )
 
 
-def _rooms(subjects: Sequence[Subject], *, locked: bool) -> Iterator[str]:
-    if len({one.room for one in subjects}) < FEWEST:
-        yield "One room alone: nothing can be held out, so no effect is named."
-    elif not locked:
-        yield f"Fewer than {LOCKED} rooms: how far the gap closes is not judged."
+def _rooms(scene_models: Sequence[SceneModel], *, held_out: bool) -> Iterator[str]:
+    if len({scene.room for scene in scene_models}) < FEWEST_ROOMS:
+        yield "Only one room: nothing can be held out, so no effect is named."
+    elif not held_out:
+        yield f"Fewer than {ROOMS_PER_TEST_ROOM} rooms: the gap reduction is not measured."
 
 
-def _captured(subjects: Sequence[Subject]) -> Iterator[str]:
-    blind = [one.name for one in subjects if one.real.left is None]
-    if blind:
+def _contents(scene_models: Sequence[SceneModel]) -> Iterator[str]:
+    depth_only = [scene.name for scene in scene_models if scene.real.left is None]
+    if depth_only:
         yield (
-            f"No infrared{_of(blind, subjects)}: what images do cannot be told from what matcher "
-            "and filters do."
+            f"No infrared{_scenes(depth_only, scene_models)}: effects on the image and effects of "
+            "matcher and filters are not separable."
         )
     lit = [
-        one.name
-        for one in subjects
-        if one.sensor.projector.power_w == 0 and one.real.left is not None and not one.real.unlit
+        scene.name
+        for scene in scene_models
+        if scene.sensor.projector.power_w == 0
+        and scene.real.left is not None
+        and not scene.real.unlit
     ]
     if lit:
         yield (
-            f"The sensor at hand has its projector off, and no pair{_of(lit, subjects)} is named "
-            "as captured so (ir_left_off.png, ir_right_off.png): the ordinary ones are taken for "
-            "it."
+            f"The given sensor has its projector off, and no pair{_scenes(lit, scene_models)} is "
+            "named as captured so (ir_left_off.png, ir_right_off.png): the ordinary pairs are used."
         )
-    pairs_alone = [one.name for one in subjects if one.real.device_px is None]
+    pairs_alone = [scene.name for scene in scene_models if scene.real.device_px is None]
     if pairs_alone:
         yield (
-            f"No depth of the device's own{_of(pairs_alone, subjects)}: its matcher and filters "
-            "are not judged."
+            f"No device depth{_scenes(pairs_alone, scene_models)}: matcher and filters are not "
+            "diagnosed."
         )
-    single = [one.name for one in subjects if one.frames < 2]
+    single = [scene.name for scene in scene_models if scene.frames < 2]
     if single:
-        yield f"One frame{_of(single, subjects)} alone: noise in time is not seen there."
+        names = _scenes(single, scene_models)
+        yield f"Only one frame{names}: temporal noise is not measured there."
     moved = [
-        one.name
-        for one in subjects
-        if one.real.moved or (one.against is not None and one.against.moved)
+        scene.name
+        for scene in scene_models
+        if scene.real.moved or (scene.against is not None and scene.against.moved)
     ]
     if moved:
         yield (
-            f"Repeats of {', '.join(moved)} differ by more than noise and light, as if something "
-            "had moved: what they tell of noise in time may be wrong."
+            f"Repeats of {', '.join(moved)} differ by more than noise and flicker, as if the scene "
+            "had moved: their temporal noise may be wrong."
         )
 
 
-def _light(subjects: Sequence[Subject]) -> Iterator[str]:
-    estimated = [one for one in subjects if one.estimates]
-    if any(one.real.left is not None for one in estimated):
+def _light(scene_models: Sequence[SceneModel]) -> Iterator[str]:
+    estimated = [scene for scene in scene_models if scene.estimates]
+    if any(scene.real.left is not None for scene in estimated):
         yield (
-            "Reflectance and ambient light were estimated from these images: light, exposure, "
-            "gain, fall-off and reflectance are partly taken up by them, and are not separable."
+            "Reflectance and ambient light were estimated from these images: they partly absorb "
+            "light, exposure, gain, vignetting and reflectance, which are not separable."
         )
     elif estimated:
         yield (
-            "Reflectance and ambient light are not known, and without images one of each was "
-            "supposed: light, exposure, gain and reflectance are not separable."
+            "Reflectance and ambient light are unknown, and without images one value of each was "
+            "assumed: light, exposure, gain and reflectance are not separable."
         )
-    elif len({repr(one.scene.ambient) for one in subjects}) > 1:
-        yield "Scenes differ in ambient light: what is tried of it departs from the first scene's."
-    yield from _fitted(subjects)
-    yield from _exposures(subjects)
+    elif len({repr(scene.scene.ambient) for scene in scene_models}) > 1:
+        yield "Scenes differ in ambient light: its tried values depart from the first scene's."
+    yield from _fitted(scene_models)
+    yield from _exposures(scene_models)
 
 
-def _moved(subjects: Sequence[Subject]) -> Iterator[str]:
-    """How far references were moved before anything was asked."""
-    fitted = [one.nuisances for one in subjects if TURN[0] in one.nuisances]
+def _moved_references(scene_models: Sequence[SceneModel]) -> Iterator[str]:
+    """Report the largest correction of a reference pose."""
+    fitted = [scene.nuisances for scene in scene_models if TURN[0] in scene.nuisances]
     if fitted:
         turn, shift = (
-            max(float(np.linalg.norm([one[name].own for name in names])) for one in fitted)
+            max(
+                float(np.linalg.norm([nuisances[name].value for name in names]))
+                for nuisances in fitted
+            )
             for names in (TURN, SHIFT)
         )
         yield (
-            f"References were moved to where disparity has them, by up to {1e3 * shift:.1f} mm and "
-            f"{turn:.2f} degree: offset, scale and tilt of the camera itself are partly taken up "
-            "by that."
+            f"References were moved to fit disparity, by up to {1e3 * shift:.1f} mm and "
+            f"{turn:.2f} degree: this partly absorbs offset, scale and tilt of the camera."
         )
 
 
-def _fitted(subjects: Sequence[Subject]) -> Iterator[str]:
-    yield from _moved(subjects)
-    named = {name for one in subjects for name in one.nuisances}
-    names = sorted(named - {*TURN, *SHIFT})
+def _fitted(scene_models: Sequence[SceneModel]) -> Iterator[str]:
+    yield from _moved_references(scene_models)
+    fitted = {name for scene in scene_models for name in scene.nuisances}
+    names = sorted(fitted - {*TURN, *SHIFT})
     if names:
         spans = []
         for name in names:
-            values = [one.nuisances[name].own for one in subjects if name in one.nuisances]
+            values = [
+                scene.nuisances[name].value for scene in scene_models if name in scene.nuisances
+            ]
             ends = dict.fromkeys(f"{end:.5g}" for end in (min(values), max(values)))
             spans.append(f"{name} {' to '.join(ends)}")
-        tried = any(one.against is not None for one in subjects)
+        tried = any(scene.against is not None for scene in scene_models)
         yield (
-            f"Fitted to each scene by itself: {', '.join(spans)}. "
+            f"Fitted to each scene separately: {', '.join(spans)}. "
             + ("Effects depart from that." if tried else "So these are not tried as effects.")
         )
-    dotted = [one for one in subjects if one.estimates and one.real.right is not None]
-    strange = [
-        one.name
-        for one in dotted
-        if one.sensor.projector.power_w > 0 and SCALE not in one.nuisances
+    dotted = [scene for scene in scene_models if scene.estimates and scene.real.right is not None]
+    unmatched = [
+        scene.name
+        for scene in dotted
+        if scene.sensor.projector.power_w > 0 and SCALE not in scene.nuisances
     ]
-    if strange:
+    if unmatched:
         yield (
-            f"Dots{_of(strange, subjects)} are not where this sensor's pattern has them, however "
-            "far it is spread: features of where dots stand tell that the pattern is another."
+            f"Dots{_scenes(unmatched, scene_models)} do not match this sensor's pattern at any "
+            "scale: features of dot positions then show that the pattern is another one."
         )
 
 
-def _exposures(subjects: Sequence[Subject]) -> Iterator[str]:
-    imager = subjects[0].sensor.left
-    base = [one.real if one.against is None else one.against for one in subjects]
-    told = [one.exposure for one in base if one.exposure is not None]
-    if not told or imager.auto_exposure_level:
+def _exposures(scene_models: Sequence[SceneModel]) -> Iterator[str]:
+    imager = scene_models[0].sensor.left
+    base = [scene.real if scene.against is None else scene.against for scene in scene_models]
+    recorded = [observation.exposure for observation in base if observation.exposure is not None]
+    if not recorded or imager.auto_exposure_level:
         return
-    amounts = [one.exposure_s * one.gain for one in told]
-    if max(amounts) > (1 + _SAME) * min(amounts):
+    amounts = [exposure.exposure_s * exposure.gain for exposure in recorded]
+    if max(amounts) > (1 + _EQUAL_EXPOSURE) * min(amounts):
         yield (
-            f"Scenes were exposed differently, {max(amounts) / min(amounts):.2f} times as much at "
-            "most, as their frame.json tells; the sensor at hand exposes all alike. Give it "
-            "auto_exposure_level, or diagnose those apart that were exposed alike."
+            f"Scenes were exposed differently, by {max(amounts) / min(amounts):.2f} times at most "
+            "according to frame.json; the given sensor has one exposure for all. Set its "
+            "auto_exposure_level, or diagnose scenes of equal exposure separately."
         )
-    elif abs(np.log(amounts[0] / (imager.exposure_s * imager.gain))) > _SAME:
+    elif abs(np.log(amounts[0] / (imager.exposure_s * imager.gain))) > _EQUAL_EXPOSURE:
         yield (
-            f"frame.json tells of {told[0].exposure_s:g} s at gain {told[0].gain:g}; the sensor "
-            f"at hand has {imager.exposure_s:g} s at gain {imager.gain:g}. Set what is true there."
+            f"frame.json records {recorded[0].exposure_s:g} s at gain {recorded[0].gain:g}; the "
+            f"given sensor has {imager.exposure_s:g} s at gain {imager.gain:g}. Correct it there."
         )
 
 
-def _of(names: Sequence[str], subjects: Sequence[Subject]) -> str:
-    """Of which scenes, where it is not all of them."""
-    return f" of {', '.join(names)}" if len(names) < len(subjects) else ""
+def _scenes(names: Sequence[str], scene_models: Sequence[SceneModel]) -> str:
+    """Name the scenes, unless a limit concerns all of them."""
+    return f" of {', '.join(names)}" if len(names) < len(scene_models) else ""

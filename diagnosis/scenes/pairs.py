@@ -12,35 +12,40 @@ _GEOMETRY = ("width", "height", "fx_px", "fy_px", "cx_px", "cy_px", "baseline_m"
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ScenePairs:
-    """Each scene of a capture set beside the same scene of another."""
+    """Scenes of a capture set, each paired with the same scene of a second set."""
 
-    pairs: tuple[tuple[CapturedScene, CapturedScene | None], ...]  # None where there is no other.
-    aside: tuple[str, ...]  # Scenes that one of the two sets has alone.
+    pairs: tuple[tuple[CapturedScene, CapturedScene | None], ...]  # None without a second set.
+    unpaired: tuple[str, ...]  # Names of scenes that only one of the two sets has.
 
 
-def scene_pairs(captures: CaptureSet, against: CaptureSet | None) -> ScenePairs:
+def pair_scenes(captures: CaptureSet, against: CaptureSet | None) -> ScenePairs:
     """Pair scenes by name.
 
     Args:
-        captures: a capture set.
-        against: the set that it is compared with; None: with nothing captured.
+        captures: capture set.
+        against: capture set that it is compared with; None if there is none.
 
     Raises:
-        InputError: if a set is of several cameras, or the sets differ in size or geometry or have
-            no scene in common.
+        InputError: if a set holds several cameras, or if the sets differ in size or geometry, or
+            if they have no scene in common.
     """
     captures.refuse_mixed()
     if against is None:
-        return ScenePairs(pairs=tuple((one, None) for one in captures.scenes), aside=())
+        return ScenePairs(pairs=tuple((scene, None) for scene in captures.scenes), unpaired=())
     against.refuse_mixed()
     for name in _GEOMETRY:
-        one, other = (getattr(each.info, name) for each in (captures, against))
-        if one != other:
+        first, second = (getattr(captured.info, name) for captured in (captures, against))
+        if first != second:
             raise refuse(
-                "captures against others", f"must be of one {name}", (one, other), "Rectify alike."
+                "captures against others",
+                f"must be of one {name}",
+                (first, second),
+                "Rectify both sets to the same geometry.",
             )
-    others = {one.name: one for one in against.scenes}
-    pairs = tuple((one, others[one.name]) for one in captures.scenes if one.name in others)
+    partners = {scene.name: scene for scene in against.scenes}
+    pairs = tuple(
+        (scene, partners[scene.name]) for scene in captures.scenes if scene.name in partners
+    )
     if not pairs:
         raise refuse(
             "captures against others",
@@ -48,5 +53,5 @@ def scene_pairs(captures: CaptureSet, against: CaptureSet | None) -> ScenePairs:
             f"{captures.path} and {against.path}",
             "Scenes are the same if their folders have one name.",
         )
-    names = {one.name for one in captures.scenes}
-    return ScenePairs(pairs=pairs, aside=tuple(sorted(names ^ {*others})))
+    names = {scene.name for scene in captures.scenes}
+    return ScenePairs(pairs=pairs, unpaired=tuple(sorted(names ^ {*partners})))

@@ -1,4 +1,4 @@
-"""Where in a projector's field the points lie that an imager sees."""
+"""Position of imaged points in the projector's field of view."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from starling.sim.sensor.sensor import Sensor
 
 
 def tangents(depth_m: NDArray, sensor: Sensor, *, right: bool = False) -> NDArray[np.float32]:
-    """x / z and y / z in the projector's frame (h, w, 2); NaN where there is no depth.
+    """Compute x / z and y / z of each pixel's point in the projector's frame.
 
     Args:
-        depth_m: (h, w) z along the imager's axis.
-        sensor: both imagers' intrinsics and the projector's pose.
-        right: the depth is the right imager's.
+        depth_m: (h, w) depth along the imager's optical axis.
+        sensor: intrinsics of the imagers and pose of the projector.
+        right: True if `depth_m` belongs to the right imager.
+
+    Returns:
+        (h, w, 2); NaN where depth is unknown.
     """
     y, x = np.indices(depth_m.shape, np.float64)
     ray = np.stack(

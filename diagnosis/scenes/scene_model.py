@@ -1,4 +1,4 @@
-"""A scene under diagnosis: what is known of it, what was captured, and how it is simulated."""
+"""Model of one scene under diagnosis: geometry, sensor, captured data, and their simulation."""
 
 from __future__ import annotations
 
@@ -10,25 +10,24 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.scenes import estimated, projector_frame
-from starling.diagnosis.scenes import fit_scene as nuisances
+from starling.diagnosis.scenes import estimated, fit_scene, projector_frame
 from starling.diagnosis.scenes.estimated import Estimates
 from starling.diagnosis.scenes.fit_scene import Nuisances
 from starling.diagnosis.scenes.observation import (
-    Maps,
-    Reading,
-    alike,
-    as_captured,
-    exposed_again,
-    matched,
-    measured,
-    read,
-    with_bits,
-    written,
+    SceneObservation,
+    add_exposure_noise,
+    common_content,
+    device_depth,
+    infrared_observation,
+    match_pairs,
+    quantise_depth,
+    read_observation,
+    with_dropped_bits,
+    without_extra_bits,
 )
-from starling.diagnosis.scenes.strata import Ground, ground
+from starling.diagnosis.scenes.strata import Strata, stratify
 from starling.diagnosis.transfer import transfer
-from starling.diagnosis.transfer.transfer import Exposed, Known, Pair
+from starling.diagnosis.transfer.transfer import Pair, SimulatedPairs, TransferBase
 from starling.learning.data.example import Physics
 from starling.learning.data.simulated import summary
 from starling.patterns.errors import refuse
@@ -41,17 +40,17 @@ from starling.sim.effects import setting as setting
 from starling.sim.effects.effect import Value
 from starling.sim.imaging.noiseless import noiseless
 from starling.sim.render.layers import Layers
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import edits
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.memory import Memory
 
-# A difference is asked for, and noise is common.
-_SAMPLES = 4  # Paths of indirect light,
-_STEP_PX = 2.0  # and image motion between the moments of one exposure.
-_FINER_BITS = 8  # That codes are simulated with where they are not to be rounded.
-_STILL = (  # What an image has beside its scene, at its neutral.
+# Coarse rendering suffices: the diagnosis uses differences, in which rendering noise cancels.
+_SAMPLES = 4  # Paths per pixel of indirect light.
+_STEP_PX = 2.0  # Image motion between the moments of one exposure.
+_FINER_BITS = 8  # Extra bits of simulated images that must not be quantised.
+_NOISELESS = (  # Settings that remove noise and speckle.
     ("imager.shot_noise", 0.0),
     ("imager.read_noise_e", 0.0),
     ("imager.prnu", 0.0),
@@ -59,82 +58,85 @@ _STILL = (  # What an image has beside its scene, at its neutral.
     ("projector.speckle_contrast", 0.0),
 )
 
-
-_Rendered = tuple[int | None, tuple[tuple[str, Value], ...]]  # Faulty dots, and effects.
+_RenderKey = tuple[int | None, tuple[tuple[str, Value], ...]]  # Seed of faulty dots, effects.
 
 
 @dataclass(slots=True, eq=False)
-class Subject:
-    """One scene; its base is rendered once."""
+class SceneModel:
+    """One scene with what was captured of it; its base is rendered once."""
 
     name: str
     room: str
     scene: Scene
-    sensor: Sensor  # The base, with what was fitted to this scene.
-    ground: Ground
-    real: Reading
-    frames: int  # Of a simulated reading.
-    against: Reading | None  # What the real one is compared with; None: with simulated ones.
-    estimates: Estimates  # What else the scene may be, as far as its captures tell.
-    nuisances: Nuisances  # Fitted to this scene; what effects set departs from them.
-    _stage: Stage = field(repr=False)
+    sensor: Sensor  # The base, with the nuisance parameters fitted to this scene.
+    strata: Strata
+    real: SceneObservation  # The captured observation.
+    frames: int  # Repeats of a simulated observation.
+    against: SceneObservation | None  # Captured reference observation; None: simulated reference.
+    estimates: Estimates  # Alternative scenes that the captures also permit.
+    nuisances: Nuisances  # Fitted to this scene; effects depart from them.
+    _stage: MitsubaScene = field(repr=False)
     _layers: Layers = field(repr=False)
-    _memory: Memory = field(repr=False)  # Of the captured pairs' searches.
-    # Rendered last with effects set: draws of noise share it, and so do other devices of the kind.
-    _last: dict[_Rendered, Layers] = field(default_factory=dict, repr=False)
-    # Captured pairs and simulated ones without effects, by seed, for effects to be laid on.
-    _known: dict[int, tuple[list[Known], list[Known]]] = field(default_factory=dict, repr=False)
+    _memory: Memory = field(repr=False)  # Matching costs of the captured pairs.
+    # The last rendering with effects: it serves several noise seeds and devices.
+    _last: dict[_RenderKey, Layers] = field(default_factory=dict, repr=False)
+    # Bases of the effect transfer onto captured pairs, by noise seed.
+    _bases: dict[int, tuple[list[TransferBase], list[TransferBase]]] = field(
+        default_factory=dict, repr=False
+    )
 
-    def simulate(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
-        """Simulate the scene with effects set; equal seeds share all noise.
+    def simulate(self, settings: Mapping[str, Value], *, seed: int) -> SceneObservation:
+        """Simulate infrared images with effects; equal seeds give equal noise.
 
-        Beside other captures that is those captures, with what effects do laid onto them.
+        If a second capture set is the reference, effects are transferred onto its images instead.
 
         Args:
-            settings: value by effect's name, as `starling.sim.effects.setting.apply` takes them.
-            seed: of noise.
+            settings: value by effect, as `starling.sim.effects.setting.apply` takes them.
+            seed: seed of the noise.
         """
         if self.against is None or self.against.left is None or self.against.right is None:
-            sensor, pairs = self._pairs(settings, seed)
-            return _put_out(sensor, pairs)
-        return self._beside(self.against, settings, seed)
+            sensor, pairs = self._infrared_pairs(settings, seed)
+            return infrared_observation(sensor, pairs)
+        return self._transferred(self.against, settings, seed)
 
-    def measure(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
-        """Simulate what a device without infrared gives; its matcher reads all bits that it has."""
-        sensor, pairs = self._pairs(settings, seed)
-        return Reading(left=None, right=None, ours_px=None, device_px=_measured(sensor, pairs))
-
-    def capture(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
-        """Simulate all that a device gives: infrared as it is put out, and its own depth."""
-        sensor, pairs = self._pairs(settings, seed)
-        return dataclasses.replace(_put_out(sensor, pairs), device_px=_measured(sensor, pairs))
-
-    def like_captured(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
-        """Simulate what was captured: infrared where it was, depth of the device's own likewise."""
-        if self.real.left is None:
-            return self.measure(settings, seed=seed)
-        if self.real.device_px is None:
-            return self.simulate(settings, seed=seed)
-        return self.capture(settings, seed=seed)
-
-    def otherwise(self, number: int) -> Subject:
-        """The scene as another of its estimates has it.
-
-        Args:
-            number: of the estimate, from 0.
-        """
-        scene = self.estimates[number]()
-        stage = Stage(scene)
-        layers = _traced(stage, self.sensor)
-        return dataclasses.replace(
-            self, scene=scene, _stage=stage, _layers=layers, _last={}, _known={}
+    def simulate_depth(self, settings: Mapping[str, Value], *, seed: int) -> SceneObservation:
+        """Simulate the depth of a device without infrared output; its matcher reads all bits."""
+        sensor, pairs = self._infrared_pairs(settings, seed)
+        return SceneObservation(
+            left=None, right=None, ours_px=None, device_px=device_depth(sensor, pairs)
         )
 
-    def another(self, number: int) -> Subject:
-        """The scene before another device of the kind: other fixed patterns, other faulty dots.
+    def simulate_all(self, settings: Mapping[str, Value], *, seed: int) -> SceneObservation:
+        """Simulate both outputs of a device: infrared images and its own depth."""
+        sensor, pairs = self._infrared_pairs(settings, seed)
+        return dataclasses.replace(
+            infrared_observation(sensor, pairs), device_px=device_depth(sensor, pairs)
+        )
+
+    def simulate_like_captured(
+        self, settings: Mapping[str, Value], *, seed: int
+    ) -> SceneObservation:
+        """Simulate those outputs that were captured: infrared, device depth, or both."""
+        if self.real.left is None:
+            return self.simulate_depth(settings, seed=seed)
+        if self.real.device_px is None:
+            return self.simulate(settings, seed=seed)
+        return self.simulate_all(settings, seed=seed)
+
+    def with_estimate(self, number: int) -> SceneModel:
+        """Replace the scene by its alternative estimate `number`, counted from 0."""
+        scene = self.estimates[number]()
+        stage = MitsubaScene(scene)
+        layers = _render(stage, self.sensor)
+        return dataclasses.replace(
+            self, scene=scene, _stage=stage, _layers=layers, _last={}, _bases={}
+        )
+
+    def with_device(self, number: int) -> SceneModel:
+        """Replace the device by another of its kind, with other fixed patterns and faulty dots.
 
         Args:
-            number: of the device, from 1.
+            number: number of the device, from 1.
         """
         projector = self.sensor.projector
         sensor = dataclasses.replace(
@@ -144,240 +146,235 @@ class Subject:
         )
         layers = self._layers
         if projector.faulty:
-            layers = _traced(self._stage, sensor)
-        return dataclasses.replace(self, sensor=sensor, _layers=layers, _known={})
+            layers = _render(self._stage, sensor)
+        return dataclasses.replace(self, sensor=sensor, _layers=layers, _bases={})
 
-    def expose_again(self, *, seed: int) -> Reading:
-        """What the captures are compared with, with the noise of one more exposure.
-
-        Args:
-            seed: of that noise.
-        """
+    def reexpose(self, *, seed: int) -> SceneObservation:
+        """Add the noise of one more exposure, drawn with `seed`, to the reference observation."""
         assert self.against is not None
-        rng = np.random.default_rng(self._noise(seed))
-        return exposed_again(self.against, self.sensor, rng)
+        rng = np.random.default_rng(self._noise_seed(seed))
+        return add_exposure_noise(self.against, self.sensor, rng)
 
-    def rematch(self, settings: Mapping[str, Value]) -> Reading:
-        """Match the captured pair again, as it was put out, by a matcher with effects set.
+    def rematch(self, settings: Mapping[str, Value]) -> SceneObservation:
+        """Match the captured images by our matcher with effects on matcher and post-processing.
 
         Args:
-            settings: value by effect's name.
+            settings: value by effect.
         """
-        sensor = _on_sensor(self.sensor, tuple(settings.items()))
+        sensor = _sensor_with(self.sensor, tuple(settings.items()))
         pair = self.real
         assert pair.left is not None and pair.right is not None
-        maps = matched(pair.left, pair.right, sensor, memory=self._memory)
-        return dataclasses.replace(pair, device_px=written(maps, sensor))
+        maps = match_pairs(pair.left, pair.right, sensor, memory=self._memory)
+        return dataclasses.replace(pair, device_px=quantise_depth(maps, sensor))
 
     def physics(self, settings: Mapping[str, Value], *, seeds: Sequence[int]) -> Physics:
-        """What readings of several seeds say together, for `learning` to build on.
+        """Summarise simulations of several noise seeds as input features for `learning`.
 
-        Their depth is that of `capture` where the device's own was captured, else of `simulate`.
+        Depth is that of `simulate_all` if device depth was captured, else that of `simulate`.
         """
-        sensor, scene, layers = self._set(settings)
+        sensor, scene, layers = self._apply(settings)
         if self.real.device_px is None:
-            sensor = as_captured(sensor)
-        own = map(self._noise, seeds)
-        return summary([simulate.expose(layers, scene, sensor, seed=seed) for seed in own], sensor)
+            sensor = without_extra_bits(sensor)
+        noise_seeds = map(self._noise_seed, seeds)
+        shots = [simulate.expose(layers, scene, sensor, seed=seed) for seed in noise_seeds]
+        return summary(shots, sensor)
 
-    def own(self, settings: Mapping[str, Value]) -> dict[str, Value]:
-        """What effects, set from the base that all scenes have in common, set in this one."""
-        return nuisances.own(settings, self.nuisances)
+    def scene_settings(self, settings: Mapping[str, Value]) -> dict[str, Value]:
+        """Convert settings from the common base of all scenes to this scene's fitted base."""
+        return fit_scene.shift_settings(settings, self.nuisances)
 
-    def _noise(self, seed: int) -> int:
-        """Seed of a scene's noise, which no simulated capture of that scene shares."""
+    def _noise_seed(self, seed: int) -> int:
+        """Derive a noise seed of this scene that differs from those of simulated captures."""
         return scene_seed(seed, f"diagnosis of {self.name}")
 
-    def _set(self, settings: Mapping[str, Value]) -> tuple[Sensor, Scene, Layers]:
-        settings = self.own(settings)
-        sensor = _on_sensor(self.sensor, tuple(settings.items()))
+    def _apply(self, settings: Mapping[str, Value]) -> tuple[Sensor, Scene, Layers]:
+        """Apply effects to sensor and scene, and render."""
+        settings = self.scene_settings(settings)
+        sensor = _sensor_with(self.sensor, tuple(settings.items()))
         scene = setting.on_scene(self.scene, settings)
         return sensor, scene, self._rendered(scene, sensor, settings)
 
     def _rendered(self, scene: Scene, sensor: Sensor, settings: Mapping[str, Value]) -> Layers:
-        """What is rendered, noise apart: that of the base where no effect changes it."""
-        shown = tuple(sorted(settings.items()))
-        if scene.motion.still:  # Else all that exposure follows from has a part in it.
-            shown = tuple(one for one in shown if named(one[0].partition(".")[0]).rerender)
-        if not shown:
+        """Return the noiseless layers; those of the base unless an effect changes rendering."""
+        rendered = tuple(sorted(settings.items()))
+        if scene.motion.still:  # With motion, rendering depends on the exposure as well.
+            rendered = tuple(item for item in rendered if named(item[0].partition(".")[0]).rerender)
+        if not rendered:
             return self._layers
-        key = sensor.projector.faults_seed if sensor.projector.faulty else None, shown
+        key = sensor.projector.faults_seed if sensor.projector.faulty else None, rendered
         if key not in self._last:
             self._last.clear()
-            self._last[key] = _traced(self._stage.of(scene), sensor)
+            self._last[key] = _render(self._stage.with_scene(scene), sensor)
         return self._last[key]
 
-    def _pairs(
+    def _infrared_pairs(
         self, settings: Mapping[str, Value], seed: int
-    ) -> tuple[Sensor, list[simulate.Pair]]:
-        sensor, scene, layers = self._set(settings)
-        own = self._noise(seed)
+    ) -> tuple[Sensor, list[simulate.InfraredPair]]:
+        sensor, scene, layers = self._apply(settings)
+        noise_seed = self._noise_seed(seed)
         return sensor, [
-            simulate.infrared(layers, scene, sensor, seed=own, frame=frame)
+            simulate.infrared(layers, scene, sensor, seed=noise_seed, frame=frame)
             for frame in range(self.frames)
         ]
 
-    def _beside(self, captured: Reading, settings: Mapping[str, Value], seed: int) -> Reading:
-        """Captured pairs with what effects do to simulated ones."""
-        if seed not in self._known:
-            self._known.clear()
-            _, without = self._exact({}, seed)
-            self._known[seed] = transfer.known(captured.levels, without)
-        sensor, changed = self._exact(settings, seed)
+    def _transferred(
+        self, captured: SceneObservation, settings: Mapping[str, Value], seed: int
+    ) -> SceneObservation:
+        """Transfer effects from simulated pairs onto captured pairs."""
+        if seed not in self._bases:
+            self._bases.clear()
+            _, base = self._unquantised_pairs({}, seed)
+            self._bases[seed] = transfer.transfer_bases(captured.levels, base)
+        sensor, changed = self._unquantised_pairs(settings, seed)
         assert captured.left is not None
         ceiling = max(2**sensor.left.bit_depth - 1, int(captured.left.max()))
-        laid = transfer.pairs_laid_on(self._known[seed], changed, ceiling=ceiling)
-        codes = np.uint8 if ceiling < 2**8 else np.uint16
-        left, right = (np.stack(side).astype(codes) for side in laid)
-        ours_px = matched(left[:1], right[:1], sensor)
-        return Reading(left=left, right=right, ours_px=ours_px, device_px=None)
+        images = transfer.transfer_pairs(self._bases[seed], changed, ceiling=ceiling)
+        dtype = np.uint8 if ceiling < 2**8 else np.uint16
+        left, right = (np.stack(side).astype(dtype) for side in images)
+        ours_px = match_pairs(left[:1], right[:1], sensor)
+        return SceneObservation(left=left, right=right, ours_px=ours_px, device_px=None)
 
-    def _exact(self, settings: Mapping[str, Value], seed: int) -> tuple[Sensor, Exposed]:
-        """Simulated pairs [DN], with the bits that codes lack."""
-        sensor, scene, layers = self._set(settings)
-        fine = with_bits(sensor, _FINER_BITS)
+    def _unquantised_pairs(
+        self, settings: Mapping[str, Value], seed: int
+    ) -> tuple[Sensor, SimulatedPairs]:
+        """Simulate pairs [DN] with more bits than the output images have."""
+        sensor, scene, layers = self._apply(settings)
+        fine = with_dropped_bits(sensor, _FINER_BITS)
         scale = np.float32(2.0 ** (sensor.left.bit_depth - fine.left.matched_bits))
 
-        def taken(by: Sensor, frame: int) -> Pair:
-            pair = simulate.infrared(layers, scene, by, seed=self._noise(seed), frame=frame)
+        def expose(camera: Sensor, frame: int) -> Pair:
+            noise_seed = self._noise_seed(seed)
+            pair = simulate.infrared(layers, scene, camera, seed=noise_seed, frame=frame)
             assert pair.matched_right is not None
             return pair.matched_left * scale, pair.matched_right * scale
 
-        still = taken(edits.with_values(fine, _STILL), 0)
-        return sensor, Exposed([taken(fine, frame) for frame in range(self.frames)], still)
+        noise_free = expose(edits.with_values(fine, _NOISELESS), 0)
+        pairs = [expose(fine, frame) for frame in range(self.frames)]
+        return sensor, SimulatedPairs(pairs, noise_free)
 
 
 @lru_cache(maxsize=4)
-def _on_sensor(base: Sensor, settings: tuple[tuple[str, Value], ...]) -> Sensor:
-    """Set effects; kept, as all scenes are asked for the same ones in turn."""
+def _sensor_with(base: Sensor, settings: tuple[tuple[str, Value], ...]) -> Sensor:
+    """Apply effects to a sensor; cached because all scenes need the same sensors in turn."""
     return setting.on_sensor(base, dict(settings))
 
 
-def _traced(stage: Stage, sensor: Sensor) -> Layers:
-    return simulate.rendered(stage, sensor, samples=_SAMPLES, step_px=_STEP_PX)
+def _render(stage: MitsubaScene, sensor: Sensor) -> Layers:
+    return simulate.render_layers(stage, sensor, samples=_SAMPLES, step_px=_STEP_PX)
 
 
-def _put_out(sensor: Sensor, pairs: Sequence[simulate.Pair]) -> Reading:
-    left = np.stack([pair.left for pair in pairs])
-    right = np.stack([pair.right for pair in pairs if pair.right is not None])
-    ours_px = matched(left[:1], right[:1], sensor)
-    return Reading(left=left, right=right, ours_px=ours_px, device_px=None)
-
-
-def _measured(sensor: Sensor, pairs: Sequence[simulate.Pair]) -> Maps:
-    left = np.stack([pair.matched_left for pair in pairs])
-    right = np.stack([pair.matched_right for pair in pairs if pair.matched_right is not None])
-    return written(measured(left, right, sensor), sensor)
-
-
-def subject(
+def load_scene_model(
     captured: CapturedScene,
     sensor: Sensor,
     *,
     against: CapturedScene | None = None,
     fitted: Nuisances | None = None,
-) -> Subject:
-    """Make a subject of a captured scene.
+) -> SceneModel:
+    """Build the model of a captured scene.
 
     Args:
-        captured: with reference depth or a `scene.toml`.
+        captured: captured scene with reference depth or a `scene.toml`.
         sensor: the base.
-        against: the same scene captured by the base, which it is then compared with; what is known
-            of the scene is taken from here.
-        fitted: nuisances that were fitted to it before; None fits them.
+        against: capture of the same scene by the base; it is the reference of the comparison, and
+            geometry and light are taken from it.
+        fitted: nuisance parameters from an earlier fit; None fits them.
 
     Raises:
-        InputError: if the sensor is of another size, neither geometry nor reference depth is known,
-            an image is damaged, nothing was captured that depth could be told from, or both
-            captures have nothing in common.
+        InputError: if the sensor has another image size, or if an image is damaged. Also if neither
+            geometry nor reference depth is known, if neither a pair nor depth was captured, or if
+            both captures have nothing in common.
     """
-    known_by = captured if against is None else against
-    size = known_by.info.shape
+    reference = captured if against is None else against
+    size = reference.info.shape
     if size != (sensor.height, sensor.width):
         rule = f"must be of the sensor's size, {sensor.height} x {sensor.width}"
         raise refuse(f"scene {captured.name}", rule, size, "Give the sensor of these captures.")
     if fitted is None:
-        fitted = nuisances.of_geometry(known_by, sensor)
-    known_by, sensor = nuisances.put_right(known_by, fitted), nuisances.on_sensor(sensor, fitted)
-    scene, estimates = estimated.scene(known_by, sensor)  # Last: dots tell of light where they lie.
+        fitted = fit_scene.fit_geometry(reference, sensor)
+    reference = fit_scene.correct_reference(reference, fitted)
+    sensor = fit_scene.apply_to_sensor(sensor, fitted)
+    # The light estimate needs dots at their true place, so it comes after the geometry.
+    scene, estimates = estimated.load_scene(reference, sensor)
     if estimates:
-        fitted = {**fitted, **nuisances.of_light(known_by, scene, sensor)}
-    base = read(known_by, sensor)
-    made = of_scene(
+        fitted = {**fitted, **fit_scene.light_nuisance(reference, scene, sensor)}
+    base = read_observation(reference, sensor)
+    model = build_scene_model(
         scene,
         sensor,
-        name=known_by.name,
-        room=known_by.room,
-        truth_m=known_by.truth_m(),
+        name=reference.name,
+        room=reference.room,
+        truth_m=reference.truth_m(),
         real=base,
         frames=base.repeats,
         estimates=estimates,
         fitted=fitted,
     )
-    return made if against is None else retaken(made, captured, against=base)
+    return model if against is None else with_capture(model, captured, against=base)
 
 
-def retaken(of: Subject, captured: CapturedScene, *, against: Reading | None) -> Subject:
-    """Take over all that is known of a scene for another capture of it.
+def with_capture(
+    model: SceneModel, captured: CapturedScene, *, against: SceneObservation | None
+) -> SceneModel:
+    """Replace the captured observation of a scene model by another capture of the scene.
 
     Args:
-        of: the scene.
-        captured: its other capture.
-        against: what that is compared with; None: with simulated readings.
+        model: model of the scene.
+        captured: other capture of the scene.
+        against: reference observation; None compares with simulation.
 
     Raises:
-        InputError: as `subject`.
+        InputError: as `load_scene_model`.
     """
-    real = read(captured, of.sensor)
+    real = read_observation(captured, model.sensor)
     if against is not None:
-        real, against = alike(real, against)
-    memory = Memory(_searches(real, against))
+        real, against = common_content(real, against)
+    memory = Memory(_pair_count(real, against))
     return dataclasses.replace(
-        of, real=real, against=against, frames=real.repeats, _memory=memory, _known={}
+        model, real=real, against=against, frames=real.repeats, _memory=memory, _bases={}
     )
 
 
-def of_scene(
+def build_scene_model(
     scene: Scene,
     sensor: Sensor,
     *,
     name: str,
     room: str,
     truth_m: NDArray[np.float32] | None,
-    real: Reading,
+    real: SceneObservation,
     frames: int,
     estimates: Estimates = (),
     fitted: Nuisances | None = None,
-) -> Subject:
-    """Make a subject of a scene whatever it comes from.
+) -> SceneModel:
+    """Build the model of a scene from its parts.
 
     Args:
         scene: geometry, materials and light.
         sensor: the base.
-        name: of the scene; noise is drawn by it.
-        room: scenes of one room are no independent evidence.
-        truth_m: (h, w) reference depth; None takes the rendered one.
-        real: what was captured.
-        frames: repeats of a simulated reading.
-        estimates: what else the scene may be, as far as its captures tell.
-        fitted: nuisances, which sensor and scene have; None: none.
+        name: name of the scene; noise seeds are derived from it.
+        room: room of the scene; scenes of one room are not independent.
+        truth_m: (h, w) reference depth; None takes the rendered depth.
+        real: captured observation.
+        frames: repeats of a simulated observation.
+        estimates: alternative scenes that the captures also permit.
+        fitted: nuisance parameters that scene and sensor contain; None if there are none.
 
     Raises:
-        InputError: if no depth is known anywhere.
+        InputError: if depth is unknown everywhere.
     """
-    stage = Stage(scene)
-    layers = _traced(stage, sensor)
+    stage = MitsubaScene(scene)
+    layers = _render(stage, sensor)
     if truth_m is None:
         truth_m = layers.truth.depth_m
     if not np.isfinite(truth_m).any():
         raise refuse(f"scene {name}", "must have reference depth", "none", "Leave it out.")
     info = info_of(sensor, source="diagnosis", licence="-", notes="")
-    return Subject(
+    return SceneModel(
         name=name,
         room=room,
         scene=scene,
         sensor=sensor,
-        ground=ground(
+        strata=stratify(
             info.disparity_px(truth_m),
             noiseless(layers, scene, sensor)["left"],
             info,
@@ -391,11 +388,11 @@ def of_scene(
         nuisances=fitted or {},
         _stage=stage,
         _layers=layers,
-        _memory=Memory(_searches(real, None)),
+        _memory=Memory(_pair_count(real, None)),
     )
 
 
-def _searches(real: Reading, against: Reading | None) -> int:
-    """How many pairs are matched again and again."""
-    pairs = (real, against)
-    return sum(len(one.left) for one in pairs if one is not None and one.left is not None)
+def _pair_count(real: SceneObservation, against: SceneObservation | None) -> int:
+    """Count the captured pairs whose matching costs are cached."""
+    observations = [item for item in (real, against) if item is not None]
+    return sum(len(item.left) for item in observations if item.left is not None)

@@ -1,4 +1,4 @@
-"""Whether repeats of a scene, which is to keep still, differ by more than noise and light do."""
+"""Detection of motion between repeats of a scene that should be static."""
 
 from __future__ import annotations
 
@@ -8,48 +8,53 @@ from numpy.typing import NDArray
 
 from starling.sim.metrics import MAD_TO_SIGMA
 
-# Repeats are still if of their differences, smoothed by so much, no more than a share of the pixels
-# is beyond so many codes and so many deviations of noise,
-_CALM_PX, _CALM_DN, _CALM, _CALM_SHARE = 5, 1.0, 6.0, 0.01
-_CALM_DISPARITY_PX = 1.0  # or so many pixels of disparity: patches of a matcher err together.
-_WILD_PX = 0.5  # Noise from which on wrong matches alone are as many.
+_WINDOW_PX = 5  # Side of the smoothing window.
+_OFFSET_DN = 1.0  # Difference between images that is tolerated without noise.
+_OFFSET_PX = 1.0  # Difference between disparity maps tolerated: matching patches err together.
+_SIGMAS = 6.0  # Noise standard deviations that are tolerated in addition.
+_MOVED_SHARE = 0.01  # Share of pixels beyond these limits above which the scene has moved.
+_WILD_PX = 0.5  # Disparity noise from which wrong matches alone exceed the limits.
 
 
-def images(repeats: NDArray[np.unsignedinteger | np.float32]) -> bool:
-    """Look at infrared.
+def images_moved(repeats: NDArray[np.unsignedinteger | np.float32]) -> bool:
+    """Detect motion in infrared images.
 
-    What is left of the differences after a common factor is compared with what noise of the size
-    that neighbours differ by would leave.
+    The difference from the first repeat is taken after a common factor (flicker) is removed. It is
+    smoothed and compared with the noise that differences of neighbouring pixels show.
 
     Args:
-        repeats: (n, h, w) codes, n >= 1.
+        repeats: (n, h, w) images [DN], n >= 1.
     """
-    first, *others = (one.astype(np.float32) for one in repeats)
-    for one in others:
-        factor = float((first * one).sum()) / max(float((one * one).sum()), 1.0)
-        apart = first - factor * one
-        fine = apart - cv2.blur(apart, (3, 3))
+    first, *later = (image.astype(np.float32) for image in repeats)
+    for image in later:
+        factor = float((first * image).sum()) / max(float((image * image).sum()), 1.0)
+        difference = first - factor * image
+        fine = difference - cv2.blur(difference, (3, 3))
         noise = MAD_TO_SIGMA * float(np.median(np.abs(fine - np.median(fine)))) * 3 / np.sqrt(8)
-        smooth = np.abs(cv2.blur(apart, (_CALM_PX, _CALM_PX)))
-        if np.mean(smooth > _CALM_DN + _CALM * noise / _CALM_PX) > _CALM_SHARE:
+        smooth = np.abs(cv2.blur(difference, (_WINDOW_PX, _WINDOW_PX)))
+        if np.mean(smooth > _OFFSET_DN + _SIGMAS * noise / _WINDOW_PX) > _MOVED_SHARE:
             return True
     return False
 
 
-def depth(repeats_px: NDArray[np.float32]) -> bool:
-    """Look at disparity, where both of two repeats have it; what is all noise tells nothing.
+def depth_moved(repeats_px: NDArray[np.float32]) -> bool:
+    """Detect motion in disparity maps, where two repeats are both valid.
+
+    A repeat whose difference is dominated by wrong matches is skipped.
 
     Args:
-        repeats_px: (n, h, w), NaN where there is none, n >= 1.
+        repeats_px: (n, h, w), NaN where invalid, n >= 1.
     """
-    first, *others = repeats_px
-    for one in others:
-        both = np.isfinite(first) & np.isfinite(one)
-        apart = np.where(both, first - one, 0).astype(np.float32)
-        noise = MAD_TO_SIGMA * float(np.median(np.abs(apart[both]))) if both.any() else _WILD_PX
+    first, *later = repeats_px
+    for disparity in later:
+        both = np.isfinite(first) & np.isfinite(disparity)
+        difference = np.where(both, first - disparity, 0).astype(np.float32)
+        noise = (
+            MAD_TO_SIGMA * float(np.median(np.abs(difference[both]))) if both.any() else _WILD_PX
+        )
         if noise >= _WILD_PX:
             continue
-        calm = np.abs(cv2.medianBlur(apart, _CALM_PX))
-        if np.mean(calm[both] > _CALM_DISPARITY_PX + _CALM * noise) > _CALM_SHARE:
+        smooth = np.abs(cv2.medianBlur(difference, _WINDOW_PX))
+        if np.mean(smooth[both] > _OFFSET_PX + _SIGMAS * noise) > _MOVED_SHARE:
             return True
     return False

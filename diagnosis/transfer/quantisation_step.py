@@ -1,4 +1,4 @@
-"""Steps of a disparity, told from the terraces that they leave in depth maps."""
+"""Estimation of a matcher's disparity step from the terraces in its depth maps."""
 
 from __future__ import annotations
 
@@ -7,38 +7,40 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-_BIN_PX = 1 / 1024  # Of the histogram; far below the least step.
-_LEAST_PX, _MOST_PX = 1 / 48, 0.5  # Steps that are looked for.
-_NEAR_PX = 256.0  # Disparity of what is so near that whole units of depth hide all steps.
-_PERIODS = 16  # Frequencies in the width of a peak, for a step to be told to a thousandth.
-_SHARE = 0.25  # Of one, that a peak has at least; depth in whole millimetres takes from it.
-_ALIKE = 0.9  # Of the highest peak: half of a step makes one as high, and is none.
+_BIN_PX = 1 / 1024  # Bin width of the histogram, far below the smallest step.
+_LEAST_PX, _MOST_PX = 1 / 48, 0.5  # Range of the search.
+_NEAR_PX = 256.0  # Larger disparities are ignored: there, whole units of depth hide the steps.
+_PERIODS = 16  # Frequency samples per width of a peak: resolves a step to a thousandth.
+_LEAST_PEAK = 0.25  # Least height of the peak, at most 1; depth in whole millimetres lowers it.
+_EQUAL_PEAK = 0.9  # Share of the highest peak: half of a step has an equal peak, but is no step.
 
 
-def step_px(maps: Sequence[NDArray[np.floating]]) -> float | None:
-    """Tell the step of which disparities are whole multiples.
+def estimate_step_px(maps: Sequence[NDArray[np.floating]]) -> float | None:
+    """Estimate the step that divides all disparities.
 
-    Of disparities d on terraces of step s the mean of cos(2 pi d / s) is 1, of others near 0.
+    The mean of cos(2 pi d / s) over disparities d is 1 if s is their step, and else near 0.
 
     Args:
-        maps: disparity of one scene each [px], none below 0; NaN where there is none. All count
-            alike, and what is beyond 256 px does not.
+        maps: disparity of each scene [px], not negative; NaN where invalid. Scenes have equal
+            weight.
 
     Returns:
-        Step [px], between 1/48 and 1/2; None where there is none.
+        Step [px], between 1/48 and 1/2; None if there is none.
     """
-    known = [values for one in maps if (values := one[one < _NEAR_PX]).size]
+    known = [values for disparity in maps if (values := disparity[disparity < _NEAR_PX]).size]
     if not known:
         return None
-    bins = int(max(one.max() for one in known) / _BIN_PX) + 2
-    counts = [np.bincount(np.rint(one / _BIN_PX).astype(int), minlength=bins) for one in known]
+    bins = int(max(values.max() for values in known) / _BIN_PX) + 2
+    counts = [
+        np.bincount(np.rint(values / _BIN_PX).astype(int), minlength=bins) for values in known
+    ]
     share = np.mean([count / count.sum() for count in counts], axis=0)
     size = 1 << (_PERIODS * bins).bit_length()
     mean = np.fft.rfft(share, size).real
     frequency = np.arange(len(mean)) / (size * _BIN_PX)
     mean[(frequency < 1 / _MOST_PX) | (frequency > 1 / _LEAST_PX)] = 0.0
-    if mean.max() < _SHARE:
+    if mean.max() < _LEAST_PEAK:
         return None
-    first = int(np.argmax(mean > _ALIKE * mean.max()))
+    first = int(np.argmax(mean > _EQUAL_PEAK * mean.max()))
     top = first + int(np.argmax(mean[first : first + _PERIODS]))
     return float(1 / frequency[top])

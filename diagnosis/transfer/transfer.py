@@ -1,28 +1,27 @@
-"""What an effect does to a simulated image, laid onto a captured one of the same scene.
+"""Effect transfer: apply a simulated effect to a captured image of the same scene.
 
-A captured image has texture and noise that a simulated one has not, and answers to an effect by
-them: blur takes texture away, noise adds to it. So what simulation with and without the effect
-differ by is taken apart, into what is done to whatever image is there, which the captured one gets
-as well, and what is put on top:
+A captured image has texture and noise that the simulated image lacks, and an effect acts on both:
+blur removes texture, for example. The simulated change is therefore split into a filter and a tone
+curve, which are also applied to the captured image, and an additive residual:
 
-    with = t(h * without) + r
+    with_effect = t(h * without_effect) + r
 
-h is a filter, told block by block, as what shifts or blurs may differ over the image; t the mean
-level that goes with each level; r the rest. What is done to the scene is not what is done to noise
-and speckle, which a lens does not blur. So h is told by images that are simulated without these,
-and r is parted: what h leaves of the scene, and what it leaves of noise and speckle. Where an
-effect leaves these as they are, the latter is what h would have taken of them: it comes back.
+Here h is a linear filter, t is a tone curve, and r is the residual. Filters are estimated block by
+block, because shift and blur vary over the image. Noise and speckle do not pass through the lens,
+so h is estimated from images simulated without them. The residual has two parts: r_scene, what h
+leaves of the scene, and r_noise, what h leaves of noise and speckle. If an effect does not change
+the noise, r_noise restores what h removes of it.
 
-Noise that one adds in quadrature to noise that is there makes images with the same draws differ by
-less than it adds. So what is left of noise is made stronger by as much as power is missing, and
-stays where it is: a sensor's is everywhere, speckle on dots. Where noise should be less, the
-captured image loses that.
+The two simulations share their noise. If an effect adds noise in quadrature, their difference has
+less power than the added noise. So r_noise is amplified in frequency bands until the power is
+right, and its spatial distribution is kept. If noise must decrease, the captured image is
+attenuated instead.
 
-Where a curve alone makes the one with the effect of the one without, that comes first: a filter
-would take its mean slope for its own, and levels of a captured image may lie beyond the simulated.
+If a tone curve alone explains the change, it is applied first. A filter would only take its mean
+slope. Moreover, levels of the captured image may lie outside the simulated range.
 
-All this is done to levels that the captured image may have been rounded from, which are rounded
-anew, without an effect too: what levels have that the captured image has not is in both.
+All steps act on dequantised levels of the captured image (`dequantise`), which are rounded at the
+end. The image without the effect is rounded from the same levels, so that both have equal noise.
 """
 
 from __future__ import annotations
@@ -44,133 +43,141 @@ Image = NDArray[np.floating]
 Pair = tuple[Image, Image]  # Left and right image (h, w) [DN], not rounded.
 Spectrum = NDArray[np.floating] | NDArray[np.complexfloating]
 
-_TILE_PX = 32  # Of the spectra,
-_REACH_PX = 8  # and how far the filters reach that these tell.
-_BLOCKS = 4  # Along either side at most, each of its own filter.
-_LEAST_PX = 3 * _TILE_PX  # Of a block's side.
-_MOST = 16.0  # Times the noise that is added,
-_LEAST = 0.2  # and share of the captured image that is left at least.
+_TILE_PX = 32  # Side of the tiles of the spectra.
+_REACH_PX = 8  # Radius of the filters.
+_BLOCKS = 4  # Largest number of blocks along each side; each block has its own filter.
+_LEAST_PX = 3 * _TILE_PX  # Least side of a block.
+_MOST_GAIN = 16.0  # Upper limit of the amplification of r_noise.
+_LEAST_GAIN = 0.2  # Lower limit of the attenuation of the captured image.
 _WINDOW = np.outer(np.hanning(_TILE_PX), np.hanning(_TILE_PX)).astype(np.float32)
-# Power too weak to tell of anything, as that of the finest bits.
-_LITTLE = 1e-4 * float((_WINDOW**2).sum())
-_UNSURE = 0.05  # Share of what is no filter's doing that what tells of one has to be above.
-_BANDS = 8  # In which powers are compared,
-_RADIUS = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])  # [1 / px]
-_EDGES = np.linspace(0.0, _RADIUS.max() + 1e-9, _BANDS + 1)  # by how fine they are.
+_LITTLE = 1e-4 * float((_WINDOW**2).sum())  # Power of the finest bits: too weak to use.
+_INCOHERENT = 0.05  # Regularisation: share of incoherent power added to the filter's denominator.
+_BANDS = 8  # Number of radial frequency bands in which powers are compared.
+_RADIUS = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])  # Frequency [1 / px].
+_EDGES = np.linspace(0.0, _RADIUS.max() + 1e-9, _BANDS + 1)  # Limits of the bands [1 / px].
 _BAND = (np.digitize(_RADIUS, _EDGES) - 1).ravel()
-_POINTWISE = 0.02  # Share of a change's power that a curve leaves where it is all there is.
+_POINTWISE = 0.02  # Share of a change's power that a sufficient tone curve leaves.
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """Images (h, w) [DN] of one scene and one imager without an effect, and what they tell."""
+class TransferBase:
+    """Images (h, w) [DN] of one scene and one imager without the effect."""
 
-    levels: Image  # Captured; what was rounded to its whole codes, as of `within_codes`.
-    without: Image  # Simulated, not rounded.
-    still: Image  # Likewise, without noise and speckle.
+    levels: Image  # Captured, dequantised (see `dequantise`).
+    simulated: Image  # Not rounded.
+    noiseless: Image  # Simulated without noise and speckle, not rounded.
 
     @cached_property
-    def spectra(self) -> list[_Spectra]:
-        """Of each block."""
-        return _block_spectra(self.levels, self.without, self.still)
+    def spectra(self) -> list[_BlockSpectra]:
+        """Spectra of each block."""
+        return _all_block_spectra(self.levels, self.simulated, self.noiseless)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Changed:
+class EffectImages:
     """Images (h, w) [DN] simulated with an effect, not rounded."""
 
-    image: Image  # By the same noise as without.
-    still: Image  # Without noise and speckle.
+    simulated: Image  # With the same noise as `TransferBase.simulated`.
+    noiseless: Image  # Without noise and speckle.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Exposed:
+class SimulatedPairs:
     """Simulated pairs of one scene, not rounded."""
 
     pairs: Sequence[Pair]
-    still: Pair  # Without noise and speckle.
+    noiseless: Pair  # Without noise and speckle.
 
 
-def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Image:
-    """Lay what an effect does to one image onto another.
+def transfer_effect(base: TransferBase, effect: EffectImages, *, ceiling: float) -> Image:
+    """Apply the effect that a simulation shows to a captured image.
 
     Args:
-        known: the captured image, and the simulated one without the effect.
-        changed: that with it.
+        base: captured image, and simulation without the effect.
+        effect: simulation with the effect.
         ceiling: largest code.
 
     Returns:
         (h, w) whole codes [DN].
     """
-    level, base, still, other = known.levels, known.without, known.still, changed.image
-    if np.array_equal(base, other):
-        return _rounded(level, ceiling)
+    level, without, scene = base.levels, base.simulated, base.noiseless
+    changed = effect.simulated
+    if np.array_equal(without, changed):
+        return _quantise(level, ceiling)
     spectra = None
-    bend = tone_curve.told(base, other - base)
-    if _power(other - bend.of(base)) < _POINTWISE * _power(other - base):
-        level, base, still = (bend.of(one) for one in (level, base, still))
-        spectra = _block_spectra(level, base, still)
+    pointwise = tone_curve.fit_tone_curve(without, changed - without)
+    if _power(changed - pointwise.apply(without)) < _POINTWISE * _power(changed - without):
+        level, without, scene = (pointwise.apply(image) for image in (level, without, scene))
+        spectra = _all_block_spectra(level, without, scene)
     blocks = _blocks(level.shape)
-    told = [
-        _told(of, *(_spectra(one[block.window]) for one in (other, changed.still)))
-        for block, of in zip(blocks, spectra or known.spectra, strict=True)
+    responses = [
+        _response(
+            of_base, *(_spectra(image[block.window]) for image in (changed, effect.noiseless))
+        )
+        for block, of_base in zip(blocks, spectra or base.spectra, strict=True)
     ]
-    more, quieter = _powers(told)
-    filtered, same, scene = (np.zeros_like(level) for _ in range(3))
-    for of, by in zip(blocks, told, strict=True):
-        kernel = _kernel(by.of_scene)
-        _add(filtered, level, of, _kernel(by.of_scene * quieter))
-        _add(same, base, of, kernel)
-        _add(scene, still, of, kernel)
-    curve = tone_curve.told(same, changed.still - scene)  # Without noise, of which a filter takes.
-    of_scene = changed.still - scene - curve.step(scene)
-    of_noise = other - same - curve.step(same) - of_scene
-    added = of_scene + cv2.filter2D(of_noise, -1, _kernel(more))
-    return _rounded(filtered + curve.step(filtered) + added, ceiling)
+    amplify, attenuate = _noise_gains(responses)
+    filtered_level, filtered, filtered_scene = (np.zeros_like(level) for _ in range(3))
+    for block, response in zip(blocks, responses, strict=True):
+        kernel = _kernel(response.scene_filter)
+        _add(filtered_level, level, block, _kernel(response.scene_filter * attenuate))
+        _add(filtered, without, block, kernel)
+        _add(filtered_scene, scene, block, kernel)
+    # The change is noiseless, because the filter removes noise, which would bias the curve.
+    curve = tone_curve.fit_tone_curve(filtered, effect.noiseless - filtered_scene)
+    r_scene = effect.noiseless - filtered_scene - curve.change_at(filtered_scene)
+    r_noise = changed - filtered - curve.change_at(filtered) - r_scene
+    residual = r_scene + cv2.filter2D(r_noise, -1, _kernel(amplify))
+    return _quantise(filtered_level + curve.change_at(filtered_level) + residual, ceiling)
 
 
-def _rounded(image: Image, ceiling: float) -> Image:
+def _quantise(image: Image, ceiling: float) -> Image:
     return np.clip(np.rint(image), 0, ceiling)
 
 
-def known(levels: tuple[NDArray, NDArray], without: Exposed) -> tuple[list[Known], list[Known]]:
-    """What captured and simulated pairs tell without an effect, of left and right images.
+def transfer_bases(
+    levels: tuple[NDArray, NDArray], without: SimulatedPairs
+) -> tuple[list[TransferBase], list[TransferBase]]:
+    """Combine captured and simulated pairs without an effect.
 
     Args:
-        levels: of captured left and right images (n, h, w) [DN].
-        without: simulated pairs, as many or more, with the noise that those with an effect have.
+        levels: dequantised left and right captured images (n, h, w) [DN].
+        without: at least n simulated pairs, with the noise that those with effects share.
+
+    Returns:
+        Bases of the left and of the right images.
     """
     left, right = (
         [
-            Known(*map(_single, (image, own[side], without.still[side])))
-            for image, own in zip(images, without.pairs, strict=False)
+            TransferBase(*map(_single, (image, pair[side], without.noiseless[side])))
+            for image, pair in zip(images, without.pairs, strict=False)
         ]
         for side, images in enumerate(levels)
     )
     return left, right
 
 
-def pairs_laid_on(
-    without: tuple[list[Known], list[Known]], changed: Exposed, *, ceiling: float
+def transfer_pairs(
+    bases: tuple[list[TransferBase], list[TransferBase]], effect: SimulatedPairs, *, ceiling: float
 ) -> tuple[list[Image], list[Image]]:
-    """Lay what an effect does to simulated pairs onto captured ones.
+    """Apply the effect that simulated pairs show to captured pairs.
 
     Args:
-        without: of left and right images.
-        changed: simulated with it, as many pairs or more.
+        bases: bases of the left and right images.
+        effect: at least as many pairs simulated with the effect.
         ceiling: largest code.
 
     Returns:
-        Of left and right images.
+        Left and right images.
     """
 
-    def of(side: int) -> list[Image]:
-        still = _single(changed.still[side])
-        made = [Changed(_single(pair[side]), still) for pair in changed.pairs]
-        each = zip(without[side], made, strict=False)
-        return [laid_on(one, by, ceiling=ceiling) for one, by in each]
+    def transfer_side(side: int) -> list[Image]:
+        noiseless = _single(effect.noiseless[side])
+        images = [EffectImages(_single(pair[side]), noiseless) for pair in effect.pairs]
+        matching = zip(bases[side], images, strict=False)
+        return [transfer_effect(base, changed, ceiling=ceiling) for base, changed in matching]
 
-    return of(0), of(1)
+    return transfer_side(0), transfer_side(1)
 
 
 def _single(image: NDArray) -> Image:
@@ -179,24 +186,24 @@ def _single(image: NDArray) -> Image:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Block:
-    """A part of an image, which has a filter of its own."""
+    """A part of an image that has its own filter."""
 
-    window: tuple[slice, slice]  # In which that is told,
-    place: tuple[slice, slice]  # where it counts, with what filters reach over,
-    weight: Image  # and how much there.
+    window: tuple[slice, slice]  # Region in which the filter is estimated.
+    place: tuple[slice, slice]  # Region of non-zero weight, extended by the filter's reach.
+    weight: Image  # Weight of the filter in `place`.
 
 
 @lru_cache(maxsize=1)  # All images of a run have one shape.
 def _blocks(shape: tuple[int, ...]) -> list[_Block]:
-    """Blocks whose weights fall off from their middles on and add up to 1."""
+    """Divide an image into blocks; weights fall linearly from their centres and sum to 1."""
     sides = []
-    for whole in shape[:2]:
-        count = int(np.clip(whole // _LEAST_PX, 1, _BLOCKS))
-        edges = np.linspace(0, whole, count + 1).astype(int)
+    for length in shape[:2]:
+        count = int(np.clip(length // _LEAST_PX, 1, _BLOCKS))
+        edges = np.linspace(0, length, count + 1).astype(int)
         centres = (edges[:-1] + edges[1:]) / 2
         parts = []
         for row, (first, last) in zip(np.eye(count), itertools.pairwise(edges), strict=True):
-            weight = np.interp(np.arange(whole), centres, row)
+            weight = np.interp(np.arange(length), centres, row)
             inside = np.flatnonzero(weight)
             place = slice(max(inside[0] - _REACH_PX, 0), inside[-1] + 1 + _REACH_PX)
             parts.append((slice(first, last), place, weight[place]))
@@ -208,121 +215,131 @@ def _blocks(shape: tuple[int, ...]) -> list[_Block]:
     ]
 
 
-def _add(out: Image, image: Image, of: _Block, kernel: Image) -> None:
-    """Add a block's share of a filtered image; the block's mean is left as it is."""
-    mean = float(image[of.window].mean())
-    filtered = cv2.filter2D(image[of.place] - mean, -1, kernel)
-    out[of.place] += of.weight * (filtered + mean)
+def _add(out: Image, image: Image, block: _Block, kernel: Image) -> None:
+    """Add a block's share of a filtered image; the filter keeps the block's mean."""
+    mean = float(image[block.window].mean())
+    filtered = cv2.filter2D(image[block.place] - mean, -1, kernel)
+    out[block.place] += block.weight * (filtered + mean)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Told:
-    """What spectra of one block tell (h, w // 2 + 1)."""
+class _BlockResponse:
+    """Response of one block to an effect, by frequency (h, w // 2 + 1)."""
 
-    of_scene: Spectrum  # h, also for the captured image.
-    missing: Image  # Power of noise that the image with the effect should have beyond the first's;
-    drawn: Image  # that of what h leaves of the simulated noise,
-    filtered: Image  # and that of the captured image, filtered.
+    scene_filter: Spectrum  # h, also for the captured image.
+    missing: Image  # Noise power that the filtered captured image lacks; negative: has too much.
+    residual: Image  # Power that h leaves of the simulated noise.
+    filtered: Image  # Power of the captured image, filtered by h.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Spectra:
-    """Of one block's tiles (n, h, w // 2 + 1), after the curve where that comes first."""
+class _BlockSpectra:
+    """Spectra of one block without the effect (tiles, h, w // 2 + 1) and their mean powers."""
 
-    noise: Spectrum  # Simulated without the effect, noise and speckle alone,
-    still: Spectrum  # and all but these.
-    captured: Image  # Power of the captured block,
-    scene: Image  # of the still one,
-    drawn: Image  # of noise and speckle,
-    share: Image  # what of these the captured one has,
-    quiet: Image  # and what of its power is no scene.
+    noise: Spectrum  # Simulated noise and speckle.
+    scene: Spectrum  # Simulated image without them.
+    captured_power: Image
+    scene_power: Image
+    noise_power: Image
+    noise_share: Image  # Share of the simulated noise power that the captured image has.
+    captured_noise: Image  # Power of the captured image that is noise.
 
 
-def _block_spectra(captured: Image, base: Image, still: Image) -> list[_Spectra]:
+def _all_block_spectra(captured: Image, simulated: Image, noiseless: Image) -> list[_BlockSpectra]:
     return [
-        _of_block(*(one[block.window] for one in (captured, base, still)))
+        _block_spectra(*(image[block.window] for image in (captured, simulated, noiseless)))
         for block in _blocks(captured.shape)
     ]
 
 
-def _of_block(captured: Image, base: Image, still: Image) -> _Spectra:
-    of_still = _spectra(still)
-    noise = _spectra(base) - of_still
-    power, drawn = _own(_spectra(captured)), _own(noise)
-    share = np.clip(_per_band(power) / (_per_band(drawn) + _LITTLE), 0.0, 1.0)
-    quiet = np.minimum(_per_band(power), drawn)
-    return _Spectra(noise, of_still, power, _own(of_still), drawn, share, quiet)
-
-
-def _told(of: _Spectra, other: Spectrum, moved: Spectrum) -> _Told:
-    """What one block tells.
-
-    Args:
-        of: without the effect.
-        other: simulated with it,
-        moved: and without noise and speckle too.
-    """
-    still, noise, scene = of.still, of.noise, of.scene
-    moved_scene = _own(moved)
-    of_noise = ((noise.conj() * (other - moved)).mean(0) + _LITTLE) / (of.drawn + _LITTLE)
-    together = (still.conj() * moved).mean(0)
-    alone = np.clip(moved_scene - np.abs(together) ** 2 / (scene + _LITTLE), 0.0, None)
-    unsure = _LITTLE + _UNSURE * alone
-    # Where the scene tells nothing it is filtered as noise is, but for what is added to that.
-    of_scene = (together + unsure * of_noise / np.maximum(1.0, np.abs(of_noise))) / (scene + unsure)
-    kept = np.abs(of_scene) ** 2
-    added = _own(other - moved) - of.drawn
-    added[added < 0] *= of.share[added < 0]  # Noise that is not there cannot be taken.
-    return _Told(
-        of_scene=of_scene,
-        missing=(1 - kept) * of.quiet + added,
-        drawn=_own(other - moved - of_scene * noise),
-        filtered=kept * of.captured,
+def _block_spectra(captured: Image, simulated: Image, noiseless: Image) -> _BlockSpectra:
+    scene = _spectra(noiseless)
+    noise = _spectra(simulated) - scene
+    power, noise_power = _mean_power(_spectra(captured)), _mean_power(noise)
+    share = np.clip(_band_mean(power) / (_band_mean(noise_power) + _LITTLE), 0.0, 1.0)
+    captured_noise = np.minimum(_band_mean(power), noise_power)
+    return _BlockSpectra(
+        noise, scene, power, _mean_power(scene), noise_power, share, captured_noise
     )
 
 
-def _powers(told: Sequence[_Told]) -> tuple[Spectrum, Spectrum]:
-    """Factors (h, w // 2 + 1) of what is left of noise and of what was captured.
+def _response(base: _BlockSpectra, simulated: Spectrum, noiseless: Spectrum) -> _BlockResponse:
+    """Estimate one block's response.
 
-    Alike in all blocks and directions, as chance has its part in every single frequency.
+    Args:
+        base: spectra without the effect.
+        simulated: spectrum with the effect.
+        noiseless: spectrum with the effect, without noise and speckle.
+    """
+    scene, noise, power = base.scene, base.noise, base.scene_power
+    changed_power = _mean_power(noiseless)
+    noise_filter = ((noise.conj() * (simulated - noiseless)).mean(0) + _LITTLE) / (
+        base.noise_power + _LITTLE
+    )
+    cross = (scene.conj() * noiseless).mean(0)
+    incoherent = np.clip(changed_power - np.abs(cross) ** 2 / (power + _LITTLE), 0.0, None)
+    regularisation = _LITTLE + _INCOHERENT * incoherent
+    # Where the scene has no power, h is the noise's filter, limited to a gain of 1.
+    scene_filter = (
+        cross + regularisation * noise_filter / np.maximum(1.0, np.abs(noise_filter))
+    ) / (power + regularisation)
+    gain = np.abs(scene_filter) ** 2
+    added = _mean_power(simulated - noiseless) - base.noise_power
+    # Only noise that the captured image has can be removed.
+    added[added < 0] *= base.noise_share[added < 0]
+    return _BlockResponse(
+        scene_filter=scene_filter,
+        missing=(1 - gain) * base.captured_noise + added,
+        residual=_mean_power(simulated - noiseless - scene_filter * noise),
+        filtered=gain * base.captured_power,
+    )
+
+
+def _noise_gains(responses: Sequence[_BlockResponse]) -> tuple[Spectrum, Spectrum]:
+    """Compute gains (h, w // 2 + 1) that amplify r_noise and attenuate the captured image.
+
+    They are averaged over blocks and directions, because single frequencies are too noisy.
     """
 
-    def root(share: Image, least: float, most: float) -> Image:
+    def gain(share: Image, least: float, most: float) -> Image:
         centres = 0.5 * (_EDGES[1:] + _EDGES[:-1])
         return np.interp(_RADIUS, centres, np.sqrt(np.clip(share, least**2, most**2)))
 
-    missing, drawn, filtered = (
-        _by_band(np.mean([getattr(block, name) for block in told], axis=0))
-        for name in ("missing", "drawn", "filtered")
+    missing, residual, filtered = (
+        _by_band(np.mean([getattr(response, name) for response in responses], axis=0))
+        for name in ("missing", "residual", "filtered")
     )
     little = 1e-6 * filtered.mean() + 1e-12
-    more = root(missing / (drawn + little), 0.0, _MOST)
-    quieter = root(1.0 + np.minimum(missing, 0.0) / (filtered + little), _LEAST, 1.0)
-    return more, quieter
+    amplify = gain(missing / (residual + little), 0.0, _MOST_GAIN)
+    attenuate = gain(1.0 + np.minimum(missing, 0.0) / (filtered + little), _LEAST_GAIN, 1.0)
+    return amplify, attenuate
 
 
 def _by_band(power: Image) -> Image:
-    found = np.bincount(_BAND, power.ravel(), _BANDS)
-    return found / np.bincount(_BAND, minlength=_BANDS)
+    """Average power over each radial band (band,)."""
+    total = np.bincount(_BAND, power.ravel(), _BANDS)
+    return total / np.bincount(_BAND, minlength=_BANDS)
 
 
-def _per_band(power: Image) -> Image:
-    """Mean over each band, at each of its frequencies."""
+def _band_mean(power: Image) -> Image:
+    """Replace each frequency's power by the mean of its band."""
     return _by_band(power)[_BAND].reshape(power.shape)
 
 
-def _own(one: Spectrum) -> Image:
-    return np.square(np.abs(one)).mean(0)
+def _mean_power(spectra: Spectrum) -> Image:
+    """Average power over tiles."""
+    return np.square(np.abs(spectra)).mean(0)
 
 
 def _kernel(response: Spectrum) -> Image:
+    """Convert a frequency response to a truncated kernel for `cv2.filter2D`."""
     kernel = fftshift(irfft2(response, (_TILE_PX, _TILE_PX)))
     middle = slice(_TILE_PX // 2 - _REACH_PX, _TILE_PX // 2 + _REACH_PX + 1)
     return np.ascontiguousarray(kernel[middle, middle][::-1, ::-1])  # filter2D correlates.
 
 
 def _spectra(image: Image) -> Spectrum:
-    """Of tiles (n, h, w // 2 + 1), each less its mean and faded out towards its border."""
+    """Compute spectra of windowed tiles less their means (tiles, h, w // 2 + 1)."""
     step_px = _TILE_PX // 2
     tiles = sliding_window_view(image, (_TILE_PX, _TILE_PX))[::step_px, ::step_px]
     tiles = tiles.reshape(-1, _TILE_PX, _TILE_PX)

@@ -1,6 +1,6 @@
-"""A second camera, written from the effects' pages alone, to check what diagnosis finds.
+"""Validation of the diagnosis with effects that a second, independent camera model applies.
 
-It turns linear light into infrared pairs by formulas of its own, so that a diagnosis that knows the
-simulator's formulas cannot find its own work again. Nothing in here reads the simulator but for the
-shape of its captures (`starling.sim.captures.capture`); a test holds that wall.
+`camera` implements the documented effects again, with its own formulas. `protocol` draws cases,
+seals the truth and scores the verdicts. Both import nothing of the simulator but the capture reader
+(`starling.sim.captures.capture`); a test enforces this. `adapters` connects them to the simulator.
 """

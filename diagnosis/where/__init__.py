@@ -1,1 +1,1 @@
-"""Where the gap lies: in which half of the chain, at which pixels, in whose frame."""
+"""Where the gap lies: in which pipeline segment, at which pixels, fixed in which frame."""

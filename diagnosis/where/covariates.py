@@ -1,4 +1,4 @@
-"""The gap by covariates, with chances over rooms that hold for all rows at once."""
+"""The gap in bins of covariates, with p-values over rooms corrected for all bins at once."""
 
 from __future__ import annotations
 
@@ -8,78 +8,82 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.scenes.rooms import draws, interval, means
-from starling.diagnosis.scenes.strata import Ground, Mask
+from starling.diagnosis.scenes.rooms import interval, resample_rooms, room_means
+from starling.diagnosis.scenes.strata import Mask, Strata
 from starling.sim.statistics import mean_known
 
-MATERIAL = "material"  # Beside the covariates of `starling.diagnosis.scenes.strata`.
-_FEWEST = 200  # Pixels of a scene in a bin.
-_DRAWS = 2000
-_CANCELS = 0.1  # Of all that changed, up to which a net gap is what others leave of each other.
+MATERIAL = "material"  # Covariate in addition to those of `starling.diagnosis.scenes.strata`.
+_FEWEST = 200  # Least number of pixels of a scene in a bin.
+_DRAWS = 2000  # Random signs, and bootstrap samples.
+_CANCELS = 0.1  # Net over gross gap up to which gaps count as cancelling each other.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Row:
-    """One bin of one covariate."""
+class BinGap:
+    """The gap in one bin of one covariate."""
 
     covariate: str
     bin: str
-    gap: float  # Mean over scenes: second map's share of True pixels less the first's.
-    low: float  # 95 % bootstrap interval over rooms; NaN of too few.
+    gap: float  # Mean over scenes: share of True pixels in the second map minus the first.
+    low: float  # 95 % bootstrap interval over rooms; NaN for too few rooms.
     high: float
-    area: float  # Share of the counted pixels that lie in it.
-    share: float  # Share of the whole gap that lies in it; NaN where gaps cancel (see `share`).
-    p: float  # Chance of as large a standardised gap in any row, were signs of rooms arbitrary.
+    area: float  # Share of the counted pixels in the bin.
+    share: float  # Share of the whole gap in the bin; NaN if gaps cancel (see `share_of_gap`).
+    p: float  # Probability of as large a standardised gap in any bin if rooms had random signs.
 
 
-def share(part: float, total: float, gross: float) -> float:
-    """Share of a whole gap that is a part's; NaN where gaps cancel but for a tenth of them.
+def share_of_gap(part: float, total: float, gross: float) -> float:
+    """Return the share of a part in the whole gap; NaN if gaps cancel to a tenth or less.
 
     Args:
         part: net gap of the part.
-        total: net gap of all.
-        gross: sum of the parts' gaps, whichever way each goes.
+        total: net gap of all parts.
+        gross: sum of the absolute gaps of the parts.
     """
     return part / total if abs(total) > _CANCELS * gross else float("nan")
 
 
-def table(
+def bin_gaps(
     first: Sequence[NDArray[np.bool_]],
     second: Sequence[NDArray[np.bool_]],
-    grounds: Sequence[Ground],
+    scene_strata: Sequence[Strata],
     rooms: Sequence[str],
     materials: Sequence[Mapping[str, Mask]] = (),
-) -> list[Row]:
-    """Where the second maps are True and the first are not, by bins.
+) -> list[BinGap]:
+    """Measure where the second maps are True and the first are not, bin by bin.
 
     Args:
-        first: (h, w) of every scene, True without depth, or where depth is off.
-        second: likewise.
+        first: (h, w) mask of each scene, True without depth or with wrong depth.
+        second: masks to compare with, in the same order.
         grounds: of the scenes.
-        rooms: likewise; their means are what signs are drawn of.
-        materials: of every scene its counted pixels by material, one more covariate; none if empty.
+        rooms: room of each scene; the signs of room means are drawn at random.
+        materials: counted pixels of each scene by material, as one more covariate; may be empty.
 
     Returns:
-        Rows by size of the gap, those of the smallest chance first.
+        Bins with the smallest p-values first, equal ones by size of the gap.
 
-    Source: the maximum over rows under sign flips controls all of them at once (Westfall and Young,
-    Resampling-Based Multiple Testing, 1993).
+    Source: the maximum over bins under sign flips controls the family-wise error (Westfall and
+    Young, Resampling-Based Multiple Testing, 1993).
     """
-    keys = [(one.name, word) for one in grounds[0].covariates.values() for word in one.bins]
-    keys += [(MATERIAL, name) for name in sorted({name for one in materials for name in one})]
-    gaps = np.full((len(grounds), len(keys)), np.nan)
+    keys = [
+        (covariate.name, word)
+        for covariate in scene_strata[0].covariates.values()
+        for word in covariate.bins
+    ]
+    keys += [(MATERIAL, name) for name in sorted({name for masks in materials for name in masks})]
+    gaps = np.full((len(scene_strata), len(keys)), np.nan)
     area = np.zeros(len(keys))
     net = np.zeros(len(keys))
     total, pixels = 0.0, 0
-    for scene, (before, after, ground) in enumerate(zip(first, second, grounds, strict=True)):
+    for scene, (before, after, strata) in enumerate(zip(first, second, scene_strata, strict=True)):
         change = after.astype(np.int8) - before.astype(np.int8)
-        total += float(change[ground.counted].sum())
-        pixels += int(ground.counted.sum())
+        total += float(change[strata.counted].sum())
+        pixels += int(strata.counted.sum())
         for column, (name, word) in enumerate(keys):
             if name == MATERIAL:
                 where = materials[scene].get(word, np.zeros(change.shape, bool))
             else:
-                where = ground.covariates[name].where(word)
+                where = strata.covariates[name].mask(word)
             count = np.count_nonzero(where)
             area[column] += count
             net[column] += float(change[where].sum())
@@ -89,17 +93,17 @@ def table(
     for (name, _), part in zip(keys, net, strict=True):
         by_covariate[name] = by_covariate.get(name, 0.0) + abs(float(part))
     gross = max(by_covariate.values())
-    p = _max_t(means(gaps, rooms))
+    p = _max_t(room_means(gaps, rooms))
     low, high = _interval(gaps, rooms)
     rows = [
-        Row(
+        BinGap(
             covariate=name,
             bin=word,
             gap=float(np.nanmean(gaps[:, column])),
             low=float(low[column]),
             high=float(high[column]),
             area=float(area[column] / max(pixels, 1)),
-            share=share(float(net[column]), total, gross),
+            share=share_of_gap(float(net[column]), total, gross),
             p=float(p[column]),
         )
         for column, (name, word) in enumerate(keys)
@@ -109,12 +113,12 @@ def table(
 
 
 def _max_t(gaps: NDArray) -> NDArray:
-    """Chance of each column's |t| among the largest |t| under random signs of the rooms."""
+    """Return the p-value of each column's |t| among the largest |t| under random room signs."""
     rng = np.random.default_rng(0)
     signs = rng.choice((-1.0, 1.0), size=(_DRAWS, len(gaps)))
     observed = np.abs(_t(gaps[None]))[0]
     largest = np.nanmax(np.abs(_t(gaps[None] * signs[:, :, None])), axis=1)
-    return np.array([(1 + np.sum(largest >= one)) / (1 + _DRAWS) for one in observed])
+    return np.array([(1 + np.sum(largest >= value)) / (1 + _DRAWS) for value in observed])
 
 
 def _t(gaps: NDArray) -> NDArray:
@@ -122,16 +126,18 @@ def _t(gaps: NDArray) -> NDArray:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.nansum(gaps, axis=1) / count
         variance = np.nansum((gaps - mean[:, None]) ** 2, axis=1) / (count - 1)
-        found = mean / np.sqrt(variance / count + 1e-10)
-    return np.where(count > 1, found, 0.0)
+        t = mean / np.sqrt(variance / count + 1e-10)
+    return np.where(count > 1, t, 0.0)
 
 
 def _interval(gaps: NDArray, rooms: Sequence[str]) -> tuple[NDArray, NDArray]:
-    """95 % intervals of the means over scenes (see `rooms.interval`); NaN of too few rooms."""
-    times = draws(rooms, _DRAWS, np.random.default_rng(1))
+    """Return 95 % intervals of the means over scenes; NaN for too few rooms."""
+    times = resample_rooms(rooms, _DRAWS, np.random.default_rng(1))
     known = np.isfinite(gaps)
     with np.errstate(invalid="ignore"):
-        found = (times @ np.where(known, gaps, 0.0)) / (times @ known)
-    found[:, ~known.any(axis=0)] = 0.0  # No row is made of these.
+        resampled = (times @ np.where(known, gaps, 0.0)) / (times @ known)
+    resampled[:, ~known.any(axis=0)] = 0.0  # These columns become no bin.
     middle = mean_known(gaps, axis=0)
-    return interval(found, np.nan_to_num(middle), np.isfinite(means(gaps, rooms)).sum(axis=0))
+    return interval(
+        resampled, np.nan_to_num(middle), np.isfinite(room_means(gaps, rooms)).sum(axis=0)
+    )

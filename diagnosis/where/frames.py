@@ -1,4 +1,4 @@
-"""Whether a gap stays at its place in the image, in the projector's field, or in neither."""
+"""Test whether a gap is fixed in the camera image, in the projector field, or in neither."""
 
 from __future__ import annotations
 
@@ -10,56 +10,56 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from starling.diagnosis.scenes.rooms import FEWEST, LEVEL
-from starling.diagnosis.where.maps import CAMERA, PROJECTOR, Frame, Map
+from starling.diagnosis.where.maps import CAMERA, PROJECTOR, Frame, GapMap
 
-Stays = Frame | Literal["both"]
+FixedFrame = Frame | Literal["both"]
 
-_MORE = 1.5  # Times as much as in the other frame, whose cells are of another size.
-# Quantities that tell of an arm, the first that stays anywhere.
-_TELLS = {"image": ("infrared",), "depth": ("error", "holes"), "whole": ("error", "holes")}
+_MORE = 1.5  # Least ratio of agreement between the frames, as their cells differ in size.
+# Quantities of each pipeline segment; the first with a fixed frame counts.
+_QUANTITIES = {"image": ("infrared",), "depth": ("error", "holes"), "whole": ("error", "holes")}
 
 
-def frame(maps: Sequence[Map], quantity: str) -> Stays | None:
-    """Tell in which frame rooms agree about where a gap is.
+def common_frame(maps: Sequence[GapMap], quantity: str) -> FixedFrame | None:
+    """Find the frame in which rooms agree on the location of a gap.
 
-    That of the camera holds what imager, lens and matcher do, that of the projector what its dots
-    and light do; what differs from scene to scene stays in neither.
+    Effects of imager, lens and matcher are fixed in the camera image. Effects of the projector's
+    dots and light are fixed in the projector field. Effects of a scene are fixed in neither.
 
     Args:
-        maps: of both frames.
-        quantity: that of two of them.
+        maps: maps in both frames.
+        quantity: quantity of the two maps to compare.
 
     Returns:
-        The frame in which rooms' maps surely agree, and surely by half as much again as in the
-        other; "both" where they surely agree and in neither so much more; None where they do not,
-        or rooms are too few.
+        The frame with significant agreement that significantly exceeds 1.5 times that in the
+        other frame; "both" if neither frame exceeds the other so far; None without significant
+        agreement, or with too few rooms.
     """
-    each: dict[Frame, NDArray[np.float64]] = {
-        one.frame: one.agreement for one in maps if one.quantity == quantity
+    agreement: dict[Frame, NDArray[np.float64]] = {
+        each.frame: each.agreement for each in maps if each.quantity == quantity
     }
-    if set(each) != {CAMERA, PROJECTOR}:
+    if set(agreement) != {CAMERA, PROJECTOR}:
         return None
-    first, second = sorted(each, key=lambda name: -np.nan_to_num(each[name]).mean())
-    if not _surely(each[first]):
+    first, second = sorted(agreement, key=lambda name: -np.nan_to_num(agreement[name]).mean())
+    if not _significant(agreement[first]):
         return None
-    if not _surely(each[first] - _MORE * np.maximum(each[second], 0.0)):
+    if not _significant(agreement[first] - _MORE * np.maximum(agreement[second], 0.0)):
         return "both"
     return first
 
 
-def of_arm(maps: Sequence[Map], arm: str) -> Stays | None:
-    """Tell the frame of the first quantity that tells of an arm and stays anywhere."""
-    for quantity in _TELLS[arm]:
-        if (found := frame(maps, quantity)) is not None:
-            return found
+def segment_frame(maps: Sequence[GapMap], segment: str) -> FixedFrame | None:
+    """Return the frame of the first quantity of a pipeline segment that has a fixed frame."""
+    for quantity in _QUANTITIES[segment]:
+        if (frame := common_frame(maps, quantity)) is not None:
+            return frame
     return None
 
 
-def _surely(values: NDArray[np.float64]) -> bool:
-    """Whether the mean over rooms is above zero beyond chance.
+def _significant(values: NDArray[np.float64]) -> bool:
+    """Whether the mean over rooms is significantly above zero.
 
-    Each value is the mean over a room's pairs with all others, so values share pairs: the error is
-    the jackknife's of a mean over pairs (Arvesen, Ann. Math. Stat. 40, 1969).
+    Each value is the mean over a room's pairs with all others, so values share pairs. The error is
+    the jackknife error of a mean over pairs (Arvesen, Ann. Math. Stat. 40, 1969).
     """
     known = values[np.isfinite(values)]
     count = known.size

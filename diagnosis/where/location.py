@@ -1,4 +1,4 @@
-"""Where the gap lies: parts of the chain, places in three frames, bins of covariates, rules."""
+"""Where the gap lies: pipeline segments, maps, objects, bins of covariates, and rules."""
 
 from __future__ import annotations
 
@@ -7,70 +7,84 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from starling.diagnosis.scenes.scene_model import Subject
-from starling.diagnosis.scenes.strata import Ground, Image, Mask
+from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.scenes.strata import Image, Mask, Strata
 from starling.diagnosis.where import covariates, maps, rules, swap
-from starling.diagnosis.where.covariates import Row
-from starling.diagnosis.where.maps import Map, OfBody
-from starling.diagnosis.where.materials import materials
-from starling.diagnosis.where.rules import Rule
-from starling.diagnosis.where.swap import Part
+from starling.diagnosis.where.covariates import BinGap
+from starling.diagnosis.where.maps import BodyGap, GapMap
+from starling.diagnosis.where.materials import material_masks
+from starling.diagnosis.where.rules import GapRule
+from starling.diagnosis.where.swap import StageFigures
 
-OFF_PX = 1.0
+WRONG_PX = 1.0  # Disparity error above which a pixel counts as wrong.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Where:
-    """Answers to the first question."""
+class GapLocation:
+    """Answers to the question where the gap lies."""
 
-    parts: dict[str, Part]
-    maps: tuple[Map, ...]
-    bodies: tuple[OfBody, ...]
-    rows: tuple[Row, ...]  # Of pixels without depth.
-    off: tuple[Row, ...]  # Of those whose depth is off by more than `OFF_PX`.
-    rules: tuple[Rule, ...]
-
-
-def _off(disparity_px: Image, ground: Ground) -> Mask:
-    """Where there is depth (h, w), and it is wrong."""
-    return np.asarray(np.abs(disparity_px - ground.disparity_px) > OFF_PX)
+    parts: dict[str, StageFigures]  # By figure.
+    maps: tuple[GapMap, ...]
+    bodies: tuple[BodyGap, ...]
+    hole_bins: tuple[BinGap, ...]  # Gap in pixels without depth.
+    error_bins: tuple[BinGap, ...]  # Gap in pixels wrong by more than `WRONG_PX`.
+    rules: tuple[GapRule, ...]
 
 
-def where(subjects: Sequence[Subject]) -> Where:
-    """Compare what was captured with the base without any effect, or with other captures of it.
+def _wrong(disparity_px: Image, strata: Strata) -> Mask:
+    """Return the mask (h, w) of pixels with wrong depth."""
+    return np.asarray(np.abs(disparity_px - strata.disparity_px) > WRONG_PX)
 
-    Holes are the device's own where it has depth, else our matcher's on the real images.
+
+def locate_gap(scene_models: Sequence[SceneModel]) -> GapLocation:
+    """Compare captures with the simulated base, or with other captures.
+
+    Holes are those of the device's own depth. Without it, our matcher's on the real images count.
 
     Args:
         subjects: at least one.
     """
     base = [
-        one.like_captured({}, seed=0) if one.against is None else one.against for one in subjects
+        scene_model.simulate_like_captured({}, seed=0)
+        if scene_model.against is None
+        else scene_model.against
+        for scene_model in scene_models
     ]
-    rooms = [one.room for one in subjects]
-    real, grounds = [one.real for one in subjects], [one.ground for one in subjects]
-    first, second = ([~np.isfinite(one.depth_px[0]) for one in many] for many in (base, real))
-    off = [
-        [_off(one.depth_px[0], ground) for one, ground in zip(many, grounds, strict=True)]
-        for many in (base, real)
+    rooms = [scene_model.room for scene_model in scene_models]
+    real, scene_strata = (
+        [scene_model.real for scene_model in scene_models],
+        [scene_model.strata for scene_model in scene_models],
+    )
+    first, second = (
+        [~np.isfinite(observation.depth_px[0]) for observation in observations]
+        for observations in (base, real)
+    )
+    wrong = [
+        [
+            _wrong(observation.depth_px[0], strata)
+            for observation, strata in zip(observations, scene_strata, strict=True)
+        ]
+        for observations in (base, real)
     ]
-    made_of = [materials(one.scene, one.ground) for one in subjects]
+    masks = [material_masks(scene_model.scene, scene_model.strata) for scene_model in scene_models]
     several = len(set(rooms)) > 1
-    # The surface of an estimated scene is one body, however many things it shows.
-    parted = [number for number, one in enumerate(subjects) if not one.estimates]
-    known = [(subjects[number].name, subjects[number].scene) for number in parted]
-    return Where(
-        parts=swap.swap(base, real, grounds, rooms),
-        maps=tuple(maps.maps(base, real, grounds, rooms)) if several else (),
+    # An estimated scene is a single body, so it has no separate objects.
+    separable = [
+        number for number, scene_model in enumerate(scene_models) if not scene_model.estimates
+    ]
+    known = [(scene_models[number].name, scene_models[number].scene) for number in separable]
+    return GapLocation(
+        parts=swap.stage_figures(base, real, scene_strata, rooms),
+        maps=tuple(maps.gap_maps(base, real, scene_strata, rooms)) if several else (),
         bodies=tuple(
-            maps.bodies(
+            maps.body_gaps(
                 known,
-                [base[number] for number in parted],
-                [real[number] for number in parted],
-                [grounds[number] for number in parted],
+                [base[number] for number in separable],
+                [real[number] for number in separable],
+                [scene_strata[number] for number in separable],
             )
         ),
-        rows=tuple(covariates.table(first, second, grounds, rooms, made_of)),
-        off=tuple(covariates.table(off[0], off[1], grounds, rooms, made_of)),
-        rules=tuple(rules.rules(first, second, grounds, rooms)),
+        hole_bins=tuple(covariates.bin_gaps(first, second, scene_strata, rooms, masks)),
+        error_bins=tuple(covariates.bin_gaps(wrong[0], wrong[1], scene_strata, rooms, masks)),
+        rules=tuple(rules.find_rules(first, second, scene_strata, rooms)),
     )

@@ -1,7 +1,7 @@
-"""The gap as pictures: in the camera's frame, the projector's, and by object.
+"""Maps of the gap in the camera frame and the projector frame, and the gap by object.
 
-What an imager or lens does stays at its place in the image; what a projector does stays at its
-place in the projector's field; what a material does stays on the object.
+Effects of imager and lens are fixed in the camera image. Effects of the projector are fixed in the
+projector field. Effects of a material stay on the object.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from starling.diagnosis.scenes.observation import Reading
-from starling.diagnosis.scenes.rooms import FEWEST, means
-from starling.diagnosis.scenes.strata import FAR_OFF_PX, Ground, Mask
+from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.rooms import FEWEST, room_means
+from starling.diagnosis.scenes.strata import FAR_OFF_PX, Mask, Strata
 from starling.sim.scene.scene import Scene
 from starling.sim.statistics import mean_known
 
@@ -25,29 +25,30 @@ Frame = Literal["camera", "projector"]
 CAMERA: Frame = "camera"
 PROJECTOR: Frame = "projector"
 ROWS, COLUMNS = 18, 32  # Cells of a map.
-_FEWEST = 12  # Pixels of a scene in a cell, or on an object.
-_FEWEST_CELLS = 30  # That two maps share, to be compared.
-FIELD = 1.0  # Tangent of the half field that a projector's map shows to each side.
-_RAISED_DN = 1.0  # Added to levels, as black ones have no logarithm.
+_FEWEST = 12  # Least number of pixels of a scene in a cell, or on an object.
+_FEWEST_CELLS = 30  # Least number of common cells for comparing two maps.
+FIELD = 1.0  # Tangent of the half angle that a projector map covers to each side.
+_RAISED_DN = 1.0  # Added to levels, because a level of zero has no logarithm.
 _UNKNOWN = np.full((ROWS, COLUMNS), np.nan)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Map:
-    """Mean over rooms of one quantity's gap in one frame."""
+class GapMap:
+    """Gap of one quantity in one frame, mean over rooms."""
 
-    quantity: str  # "infrared": log ratio of mean levels; "error": [px]; "holes": share.
+    quantity: str  # "infrared": log ratio of mean levels; "error" [px]; "holes": share.
     frame: Frame
-    mean: NDArray[np.float64]  # (rows, columns); NaN where fewer than two rooms reach.
-    # Likewise, how far a normal deviate of its chance is off; NaN of too few rooms.
+    mean: NDArray[np.float64]  # (rows, columns); NaN with fewer than two rooms.
+    # (rows, columns) normal deviate of the mean's p-value; NaN with too few rooms.
     deviations: NDArray[np.float64]
-    # (rooms,) covariance over cells of each room's map with the mean of the others, in the square
-    # of the quantity's unit: noise adds nothing to it. NaN where too few cells are known.
+    # (rooms,) covariance over cells of each room's map with the mean map of the other rooms, in the
+    # squared unit of the quantity. Independent noise does not change its mean. NaN with too few
+    # known cells.
     agreement: NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class OfBody:
+class BodyGap:
     """The gap on one object of one scene."""
 
     scene: str
@@ -55,127 +56,130 @@ class OfBody:
     name: str
     material: str
     pixels: int
-    infrared: float  # Logarithm of the real mean level over the base's; NaN without infrared.
-    holes: float  # Share of real no-depth pixels less the base's.
+    infrared: float  # Log ratio of the real mean level to the base; NaN without infrared.
+    holes: float  # Share of no-depth pixels, real minus base.
 
 
-def maps(
-    base: Sequence[Reading],
-    real: Sequence[Reading],
-    grounds: Sequence[Ground],
+def gap_maps(
+    base: Sequence[SceneObservation],
+    real: Sequence[SceneObservation],
+    scene_strata: Sequence[Strata],
     rooms: Sequence[str],
-) -> list[Map]:
-    """Draw all maps that the readings allow.
+) -> list[GapMap]:
+    """Compute all maps that the observations allow.
 
     Args:
-        base: simulated readings, or other captures of the scenes.
-        real: what was captured.
-        grounds: of the scenes.
-        rooms: likewise.
+        base: simulated observations, or other captures of the scenes.
+        real: captured observations.
+        scene_strata: pixel strata of each scene.
+        rooms: room of each scene.
     """
-    found = []
-    scenes = list(zip(base, real, grounds, strict=True))
-    differences = [_differences(*one) for one in scenes]
+    maps = []
+    scenes = list(zip(base, real, scene_strata, strict=True))
+    differences = [_differences(*scene) for scene in scenes]
     for frame in (CAMERA, PROJECTOR):
         gaps = [
-            _by_cell(*one, apart, frame) for one, apart in zip(scenes, differences, strict=True)
+            _by_cell(*scene, difference, frame)
+            for scene, difference in zip(scenes, differences, strict=True)
         ]
         for quantity in dict.fromkeys(name for gap in gaps for name in gap):
             each = [gap.get(quantity, _UNKNOWN) for gap in gaps]
-            found.append(_over_rooms(quantity, frame, means(np.stack(each), rooms)))
-    return found
+            maps.append(_over_rooms(quantity, frame, room_means(np.stack(each), rooms)))
+    return maps
 
 
-def bodies(
+def body_gaps(
     scenes: Sequence[tuple[str, Scene]],
-    base: Sequence[Reading],
-    real: Sequence[Reading],
-    grounds: Sequence[Ground],
-) -> list[OfBody]:
-    """Compare object by object, those with most pixels first.
+    base: Sequence[SceneObservation],
+    real: Sequence[SceneObservation],
+    scene_strata: Sequence[Strata],
+) -> list[BodyGap]:
+    """Compare object by object; objects with most pixels come first.
 
     Args:
-        scenes: name of each, and what it is made of.
-        base: simulated readings, or other captures of the scenes.
-        real: what was captured.
-        grounds: of the scenes.
+        scenes: name and model of each scene.
+        base: simulated observations, or other captures of the scenes.
+        real: captured observations.
+        scene_strata: pixel strata of each scene.
     """
-    found = []
-    for (scene, made_of), one, other, ground in zip(scenes, base, real, grounds, strict=True):
-        known = {number: body for number, body in enumerate(made_of.bodies, 1)}
-        holes = _differences(one, other, ground)["holes"]
-        for body in np.unique(ground.body[ground.counted]):
-            where = ground.counted & (ground.body == body)
+    gaps = []
+    for (scene, model), before, after, strata in zip(scenes, base, real, scene_strata, strict=True):
+        known = {number: body for number, body in enumerate(model.bodies, 1)}
+        holes = _differences(before, after, strata)["holes"]
+        for body in np.unique(strata.body[strata.counted]):
+            where = strata.counted & (strata.body == body)
             if np.count_nonzero(where) < _FEWEST:
                 continue
-            found.append(
-                OfBody(
+            gaps.append(
+                BodyGap(
                     scene=scene,
                     body=int(body),
                     name=known[body].name if body in known else "",
                     material=known[body].material.name if body in known else "",
                     pixels=int(np.count_nonzero(where)),
-                    infrared=_level(one, other, where),
+                    infrared=_level(before, after, where),
                     holes=float(np.nanmean(holes[where])),
                 )
             )
-    return sorted(found, key=lambda one: -one.pixels)
+    return sorted(gaps, key=lambda gap: -gap.pixels)
 
 
 def _by_cell(
-    base: Reading,
-    real: Reading,
-    ground: Ground,
+    base: SceneObservation,
+    real: SceneObservation,
+    strata: Strata,
     differences: Mapping[str, NDArray[np.float64]],
     frame: Frame,
 ) -> dict[str, NDArray[np.float64]]:
-    """Gap of each quantity, a value a cell; NaN where it is not known."""
-    cell = _cells(ground, frame)
-    found = {}
+    """Return the gap of each quantity per cell; NaN if unknown."""
+    cell = _cells(strata, frame)
+    gaps = {}
     if real.left is not None and base.left is not None:
         level, before = (
-            _means(_counted(one[0], ground.counted), cell) for one in (real.left, base.left)
+            _means(_counted(images[0], strata.counted), cell) for images in (real.left, base.left)
         )
-        found["infrared"] = _log_ratio(level, before)
-    return found | {name: _means(values, cell) for name, values in differences.items()}
+        gaps["infrared"] = _log_ratio(level, before)
+    return gaps | {name: _means(values, cell) for name, values in differences.items()}
 
 
-def _level(base: Reading, real: Reading, where: Mask) -> float:
+def _level(base: SceneObservation, real: SceneObservation, where: Mask) -> float:
     if real.left is None or base.left is None:
         return float("nan")
-    level, before = (one[0][where].mean() for one in (real.left, base.left))
+    level, before = (images[0][where].mean() for images in (real.left, base.left))
     return float(_log_ratio(level, before))
 
 
 def _log_ratio(level: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of means: a mean of logarithms would call what has more contrast darker."""
+    """Return the log ratio of means; a mean of logarithms would depend on contrast."""
     return np.log((level + _RAISED_DN) / (before + _RAISED_DN))
 
 
-def _differences(base: Reading, real: Reading, ground: Ground) -> dict[str, NDArray[np.float64]]:
-    """Real less base, a value a pixel; NaN where it is not known."""
-    found = {}
+def _differences(
+    base: SceneObservation, real: SceneObservation, strata: Strata
+) -> dict[str, NDArray[np.float64]]:
+    """Return real minus base per pixel; NaN if unknown."""
+    differences = {}
     before, after = base.depth_px[0].astype(np.float64), real.depth_px[0]
     error = after - before
     near = np.abs(error) <= FAR_OFF_PX
-    found["error"] = _counted(np.where(near, error, np.nan), ground.counted)
+    differences["error"] = _counted(np.where(near, error, np.nan), strata.counted)
     change = (~np.isfinite(after)).astype(np.float64) - ~np.isfinite(before)
-    found["holes"] = _counted(change, ground.counted)
-    return found
+    differences["holes"] = _counted(change, strata.counted)
+    return differences
 
 
 def _counted(values: NDArray, counted: Mask) -> NDArray[np.float64]:
     return np.where(counted, values, np.nan)
 
 
-def _cells(ground: Ground, frame: Frame) -> NDArray[np.int64]:
-    """Number of each pixel's cell (h, w); -1 outside."""
+def _cells(strata: Strata, frame: Frame) -> NDArray[np.int64]:
+    """Return the cell number of each pixel (h, w); -1 outside."""
     if frame == CAMERA:
-        height, width = ground.counted.shape
+        height, width = strata.counted.shape
         row = np.arange(height) * ROWS // height
         column = np.arange(width) * COLUMNS // width
         return row[:, None] * COLUMNS + column[None]
-    across, down = (ground.projector[..., axis] / FIELD for axis in (0, 1))
+    across, down = (strata.projector[..., axis] / FIELD for axis in (0, 1))
     inside = (np.abs(across) < 1) & (np.abs(down) < 1)
     column = np.floor((np.where(inside, across, 0) + 1) / 2 * COLUMNS).astype(np.int64)
     row = np.floor((np.where(inside, down, 0) + 1) / 2 * ROWS).astype(np.int64)
@@ -190,7 +194,7 @@ def _means(values: NDArray[np.float64], cell: NDArray[np.int64]) -> NDArray[np.f
     return mean.reshape(ROWS, COLUMNS)
 
 
-def _over_rooms(quantity: str, frame: Frame, each: NDArray[np.float64]) -> Map:
+def _over_rooms(quantity: str, frame: Frame, each: NDArray[np.float64]) -> GapMap:
     known = np.isfinite(each)
     count = known.sum(axis=0)
     total = np.where(known, each, 0.0).sum(axis=0)
@@ -198,10 +202,10 @@ def _over_rooms(quantity: str, frame: Frame, each: NDArray[np.float64]) -> Map:
     square = np.where(known, (each - mean) ** 2, 0.0).sum(axis=0)
     free = np.maximum(count - 1, 1)
     t = mean / np.maximum(np.sqrt(square / free / np.maximum(count, 1)), 1e-9)
-    # Few rooms make large t by chance: as far off as a normal deviate of the same chance.
-    off = np.sign(t) * stats.norm.isf(np.maximum(stats.t.sf(np.abs(t), free), 1e-300))
-    deviations = np.where(count >= FEWEST, off, np.nan)
-    return Map(
+    # Convert t to a normal deviate of equal p-value: few rooms give large t by chance.
+    deviate = np.sign(t) * stats.norm.isf(np.maximum(stats.t.sf(np.abs(t), free), 1e-300))
+    deviations = np.where(count >= FEWEST, deviate, np.nan)
+    return GapMap(
         quantity=quantity,
         frame=frame,
         mean=mean,
@@ -211,9 +215,9 @@ def _over_rooms(quantity: str, frame: Frame, each: NDArray[np.float64]) -> Map:
 
 
 def _agreement(each: NDArray[np.float64], room: int) -> float:
-    one, others = each[room], mean_known(np.delete(each, room, axis=0), axis=0)
-    known = np.isfinite(one) & np.isfinite(others)
+    own_map, mean_map = each[room], mean_known(np.delete(each, room, axis=0), axis=0)
+    known = np.isfinite(own_map) & np.isfinite(mean_map)
     if np.count_nonzero(known) < _FEWEST_CELLS:
         return float("nan")
-    first, second = (values[known] - values[known].mean() for values in (one, others))
+    first, second = (values[known] - values[known].mean() for values in (own_map, mean_map))
     return float(np.mean(first * second))

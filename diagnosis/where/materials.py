@@ -1,22 +1,22 @@
-"""Pixels of a scene by what they are made of."""
+"""Pixels of a scene by material."""
 
 from __future__ import annotations
 
-from starling.diagnosis.scenes.strata import Ground, Mask
+from starling.diagnosis.scenes.strata import Mask, Strata
 from starling.sim.scene.scene import Scene
 
 
-def materials(scene: Scene, ground: Ground) -> dict[str, Mask]:
-    """Counted pixels (h, w) by the material's name; none of a scene that is all of one.
+def material_masks(scene: Scene, strata: Strata) -> dict[str, Mask]:
+    """Return the counted pixels (h, w) by material; empty for a scene of one material.
 
     Args:
-        scene: whose bodies have materials.
-        ground: of the scene.
+        scene: scene whose bodies have materials.
+        strata: pixel strata of the scene.
     """
-    found: dict[str, Mask] = {}
+    masks: dict[str, Mask] = {}
     for number, body in enumerate(scene.bodies, 1):
-        where = ground.counted & (ground.body == number)
+        where = strata.counted & (strata.body == number)
         name = body.material.name
         if where.any():
-            found[name] = found[name] | where if name in found else where
-    return found if len(found) > 1 else {}
+            masks[name] = masks[name] | where if name in masks else where
+    return masks if len(masks) > 1 else {}

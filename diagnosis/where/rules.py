@@ -1,4 +1,4 @@
-"""Plain rules that tell where the gap in holes lies: a small tree over the covariates."""
+"""Rules that describe where the gap in holes lies: leaves of a small decision tree."""
 
 from __future__ import annotations
 
@@ -9,123 +9,135 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.tree import DecisionTreeRegressor
 
-from starling.diagnosis.scenes.rooms import means
-from starling.diagnosis.scenes.strata import Ground, Mask
-from starling.diagnosis.where.covariates import share
+from starling.diagnosis.scenes.rooms import room_means
+from starling.diagnosis.scenes.strata import Mask, Strata
+from starling.diagnosis.where.covariates import share_of_gap
 
-Limits = dict[str, tuple[float, float]]  # By covariate, from and to.
+Limits = dict[str, tuple[float, float]]  # Lower and upper limit by covariate.
 
-_DEPTH = 3
-_LEAST_AREA = 0.01  # Share of the pixels that a rule must cover.
-_FAIR_SHARE = 0.1
-_PIXELS = 20_000  # Drawn of each scene.
-_LEAST_ROOMS = 4  # Two to learn from, two to judge by.
-_LEAST_AGREE = 0.75  # Share of the rooms not learnt from that must agree in sign.
-_LEAST_GAP = 0.005  # Share of no-depth pixels, below which a rule tells nothing.
+_DEPTH = 3  # Depth of the tree.
+_LEAST_AREA = 0.01  # Least share of the pixels that a rule covers.
+_FAIR_SHARE = 0.1  # Least gain of a split, as a share of the first split's gain.
+_PIXELS = 20_000  # Number of pixels sampled from each scene.
+_LEAST_ROOMS = 4  # Two to grow the tree and two to confirm its leaves.
+_LEAST_AGREE = 0.75  # Least share of confirming rooms that agree in sign.
+_LEAST_GAP = 0.005  # Least gap of a rule, as a share of no-depth pixels.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Rule:
-    """A part of all pixels, and the gap there."""
+class GapRule:
+    """A subset of the pixels, and the gap there."""
 
-    text: str  # As `level < 12 DN and edge > 12 px`.
-    gap: float  # Share of no-depth pixels, second less first.
+    text: str  # For example `level < 12 DN and edge > 12 px`.
+    gap: float  # Share of no-depth pixels, second minus first.
     area: float  # Share of the counted pixels.
-    net: float  # What it adds to the gap of all pixels.
-    share: float  # That of the whole gap; NaN where gaps cancel (see `table.share`).
+    net: float  # Contribution to the gap of all pixels.
+    share: float  # `net` over the whole gap; NaN if gaps cancel (`covariates.share_of_gap`).
 
 
-def rules(
+def find_rules(
     first: Sequence[Mask],
     second: Sequence[Mask],
-    grounds: Sequence[Ground],
+    scene_strata: Sequence[Strata],
     rooms: Sequence[str],
-) -> list[Rule]:
+) -> list[GapRule]:
     """Find where the second maps have no depth and the first have.
 
-    Half of the rooms grow the tree, the other half measure its leaves.
+    Half of the rooms grow the tree; the other half measure its leaves.
 
     Args:
-        first: (h, w) of every scene, True without depth.
-        second: likewise.
+        first: (h, w) mask of each scene, True without depth.
+        second: masks to compare with, in the same order.
         grounds: of the scenes.
-        rooms: likewise.
+        rooms: room of each scene.
 
     Returns:
-        Rules by size of their share of the gap; none of less than four rooms. Left out are those
-        that the other rooms do not confirm: by the sign in all of them, three quarters of four and
-        more, and by half of what the first half has.
+        Rules with the largest contribution first; none with fewer than four rooms. The second half
+        of the rooms has to confirm a rule. Its sign has to agree in all rooms, or in three quarters
+        of four or more. Its size has to be at least half of that in the first half.
     """
     order = list(dict.fromkeys(rooms))
     if len(order) < _LEAST_ROOMS:
         return []
-    names = [one.name for one in grounds[0].covariates.values() if one.value is not None]
+    names = [
+        covariate.name
+        for covariate in scene_strata[0].covariates.values()
+        if covariate.value is not None
+    ]
     rng = np.random.default_rng(0)
-    drawn = [
-        _drawn(before, after, ground, names, rng)
-        for before, after, ground in zip(first, second, grounds, strict=True)
+    samples = [
+        _sampled(before, after, strata, names, rng)
+        for before, after, strata in zip(first, second, scene_strata, strict=True)
     ]
     half = [order.index(room) % 2 for room in rooms]
-    learn, judge = ([one for one, of in zip(drawn, half, strict=True) if of == h] for h in (0, 1))
-    judging = [room for room, of in zip(rooms, half, strict=True) if of == 1]
-    learnt_x, learnt_y = (np.concatenate([one[axis] for one in learn]) for axis in (0, 1))
-    tree = _grown(learnt_x, learnt_y)
-    learnt_at = tree.apply(learnt_x)
+    learn, judge = (
+        [sample for sample, side in zip(samples, half, strict=True) if side == number]
+        for number in (0, 1)
+    )
+    judging = [room for room, side in zip(rooms, half, strict=True) if side == 1]
+    learnt_x, learnt_y = (np.concatenate([sample[axis] for sample in learn]) for axis in (0, 1))
+    tree = _grow_tree(learnt_x, learnt_y)
+    learnt_leaves = tree.apply(learnt_x)
     leaves = [tree.apply(x) for x, _ in judge]
     total = float(np.mean([y.mean() for _, y in judge]))
     nets = {
         leaf: float(
-            np.mean([(y * (at == leaf)).mean() for (_, y), at in zip(judge, leaves, strict=True)])
+            np.mean(
+                [
+                    (y * (reached == leaf)).mean()
+                    for (_, y), reached in zip(judge, leaves, strict=True)
+                ]
+            )
         )
         for leaf in np.unique(np.concatenate(leaves)).tolist()
     }
     gross = sum(map(abs, nets.values()))
-    units = {name: grounds[0].covariates[name].unit for name in names}
-    found = []
+    units = {name: scene_strata[0].covariates[name].unit for name in names}
+    rules = []
     for leaf, text in _paths(tree, names, units):
         each = np.array(
             [
-                y[at == leaf].mean() if np.any(at == leaf) else np.nan
-                for (_, y), at in zip(judge, leaves, strict=True)
+                y[reached == leaf].mean() if np.any(reached == leaf) else np.nan
+                for (_, y), reached in zip(judge, leaves, strict=True)
             ]
         )
-        of_rooms = means(each, judging)
-        learnt = float(learnt_y[learnt_at == leaf].mean())
-        if not text or not _confirmed(learnt, of_rooms[np.isfinite(of_rooms)]):
+        by_room = room_means(each, judging)
+        learnt = float(learnt_y[learnt_leaves == leaf].mean())
+        if not text or not _confirmed(learnt, by_room[np.isfinite(by_room)]):
             continue
         gap = float(np.nanmean(each))
-        area = float(np.mean([np.mean(at == leaf) for at in leaves]))
+        area = float(np.mean([np.mean(reached == leaf) for reached in leaves]))
         net = nets[leaf]
-        part = share(net, total, gross)
-        found.append(Rule(text=text, gap=gap, area=area, net=net, share=part))
-    return sorted(found, key=lambda rule: -abs(rule.net))
+        part = share_of_gap(net, total, gross)
+        rules.append(GapRule(text=text, gap=gap, area=area, net=net, share=part))
+    return sorted(rules, key=lambda rule: -abs(rule.net))
 
 
 def _confirmed(learnt: float, judged: NDArray[np.float64]) -> bool:
-    """Whether rooms (n,) that the tree did not see bear out the gap of a leaf."""
+    """Whether rooms (n,) that the tree was not grown on confirm the gap of a leaf."""
     if judged.size < 2 or judged.mean() * np.sign(learnt) < max(_LEAST_GAP, 0.5 * abs(learnt)):
         return False
     agree = np.mean(np.sign(judged) == np.sign(learnt))
     return bool(agree >= (_LEAST_AGREE if judged.size >= 4 else 1.0))
 
 
-def _drawn(
-    before: Mask, after: Mask, ground: Ground, names: Sequence[str], rng: np.random.Generator
+def _sampled(
+    before: Mask, after: Mask, strata: Strata, names: Sequence[str], rng: np.random.Generator
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Covariates (n, covariates) and the change (n,) of some pixels of a scene."""
-    pixels = np.flatnonzero(ground.counted)
+    """Sample covariates (n, covariates) and the change (n,) at pixels of a scene."""
+    pixels = np.flatnonzero(strata.counted)
     pixels = rng.choice(pixels, size=min(_PIXELS, pixels.size), replace=False)
     columns = []
     for name in names:
-        value = ground.covariates[name].value
+        value = strata.covariates[name].value
         assert value is not None
         columns.append(value.ravel()[pixels])
     change = after.ravel()[pixels].astype(np.float32) - before.ravel()[pixels]
     return np.stack(columns, axis=1), change
 
 
-def _grown(x: NDArray[np.float32], y: NDArray[np.float32]) -> DecisionTreeRegressor:
-    """A tree whose every split gains a fair share of what the first gains."""
+def _grow_tree(x: NDArray[np.float32], y: NDArray[np.float32]) -> DecisionTreeRegressor:
+    """Grow a tree in which every split gains a fair share of the first split's gain."""
     least = max(1, int(_LEAST_AREA * len(y)))
     stump = DecisionTreeRegressor(max_depth=1, min_samples_leaf=least, random_state=0)
     impurity = stump.fit(x, y).tree_.impurity
@@ -142,32 +154,32 @@ def _grown(x: NDArray[np.float32], y: NDArray[np.float32]) -> DecisionTreeRegres
 def _paths(
     tree: DecisionTreeRegressor, names: Sequence[str], units: dict[str, str]
 ) -> list[tuple[int, str]]:
-    """Leaves of the tree, each with the conditions that lead there."""
+    """Return the leaves of the tree with the conditions that lead to them."""
     grown = tree.tree_
-    left, right = list(grown.children_left), list(grown.children_right)
+    left_child, right_child = list(grown.children_left), list(grown.children_right)
     feature, threshold = list(grown.feature), list(grown.threshold)
-    found: list[tuple[int, str]] = []
+    leaves: list[tuple[int, str]] = []
     todo: list[tuple[int, Limits]] = [(0, {})]
     while todo:
         node, limits = todo.pop()
-        if left[node] < 0:
-            found.append((node, " and ".join(_said(limits, units))))
+        if left_child[node] < 0:
+            leaves.append((node, " and ".join(_conditions(limits, units))))
             continue
         name: str = names[int(feature[node])]
-        at = float(threshold[node])
+        split = float(threshold[node])
         low, high = limits.get(name, (-np.inf, np.inf))
-        todo.append((left[node], {**limits, name: (low, min(high, at))}))
-        todo.append((right[node], {**limits, name: (max(low, at), high)}))
-    return found
+        todo.append((left_child[node], {**limits, name: (low, min(high, split))}))
+        todo.append((right_child[node], {**limits, name: (max(low, split), high)}))
+    return leaves
 
 
-def _said(limits: Limits, units: dict[str, str]) -> list[str]:
-    said = []
+def _conditions(limits: Limits, units: dict[str, str]) -> list[str]:
+    texts = []
     for name, (low, high) in limits.items():
         if np.isfinite(low) and np.isfinite(high):
-            said.append(f"{name} {low:.3g} to {high:.3g} {units[name]}")
+            texts.append(f"{name} {low:.3g} to {high:.3g} {units[name]}")
         elif np.isfinite(low):
-            said.append(f"{name} > {low:.3g} {units[name]}")
+            texts.append(f"{name} > {low:.3g} {units[name]}")
         else:
-            said.append(f"{name} < {high:.3g} {units[name]}")
-    return said
+            texts.append(f"{name} < {high:.3g} {units[name]}")
+    return texts

@@ -1,1 +1,1 @@
-"""Which effects made a gap: simulated, fitted and judged on scenes that had no say."""
+"""Attribution of a gap to effects: simulate, fit, and score on held-out scenes."""

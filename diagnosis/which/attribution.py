@@ -1,4 +1,4 @@
-"""Which effects made a gap, in each half of the stage swap, and how far it closes."""
+"""Attribution of a gap to effects, by pipeline segment, and its evaluation on held-out rooms."""
 
 from __future__ import annotations
 
@@ -9,14 +9,18 @@ from typing import Literal
 
 import numpy as np
 
-from starling.diagnosis.howfar.evaluation import Judged, judged
+from starling.diagnosis.howfar.evaluation import Evaluation, evaluate_reduction
 from starling.diagnosis.scenes import fit_scene, rooms
-from starling.diagnosis.scenes.scene_model import Subject
-from starling.diagnosis.which import segment as arms
-from starling.diagnosis.which.candidates import Arm, Candidate, candidates
-from starling.diagnosis.which.segment import Found, Screen
-from starling.diagnosis.which.table import Bench, bench
-from starling.diagnosis.workers import Crew
+from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.which.candidates import Candidate, Segment, candidates
+from starling.diagnosis.which.segment import (
+    Screening,
+    SegmentResult,
+    diagnose_segment,
+    screen_effects,
+)
+from starling.diagnosis.which.table import FeatureTable, build_feature_table
+from starling.diagnosis.workers import WorkerPool
 from starling.patterns.errors import InputError
 from starling.sim.console import progress
 from starling.sim.effects import setting as setting
@@ -24,142 +28,158 @@ from starling.sim.effects.effect import Value
 
 Kind = Literal["effects", "no gap", "none of the known", "cannot tell"]
 
-LOCKED = 4  # One room in so many has no say in what is named;
-_SURE = 8  # from so many rooms on no fewer than tell how sure a mean is.
-FEWEST = 2  # Rooms below which nothing can be held out.
+ROOMS_PER_TEST_ROOM = 4  # One room in so many is held out as a test room.
+_ROOMS_FOR_INTERVAL = 8  # Number of rooms from which test rooms suffice for an interval.
+FEWEST_ROOMS = 2  # Least number of rooms for cross-validation.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Named:
-    """Answers to the second and the third question."""
+class Attribution:
+    """Verdict: which effects made the gap, and how far it closes with them."""
 
     kind: Kind
-    arms: tuple[Found, ...]
-    settings: dict[str, Value]  # By accepted effect, all arms'.
-    together: bool  # Whether one sensor can have all of them.
-    howfar: Judged | None  # None where no scene is locked, or nothing that can be set is named.
+    segments: tuple[SegmentResult, ...]
+    settings: dict[str, Value]  # Value by accepted effect, in all segments.
+    together: bool  # Whether one sensor can have all accepted effects.
+    howfar: Evaluation | None  # None without test rooms, or without applicable effects.
 
 
-def parted(subjects: Sequence[Subject]) -> tuple[list[Subject], list[Subject]]:
-    """Subjects that are asked, and those locked away to tell how far.
+def split_test_rooms(
+    scene_models: Sequence[SceneModel],
+) -> tuple[list[SceneModel], list[SceneModel]]:
+    """Hold out test rooms at random, on which the reduction of the gap is measured.
 
-    One room in four is locked, by lot, and of eight rooms and more at least three; none where fewer
-    than four are there.
+    One room in four is held out, and of eight rooms or more at least three. With fewer than four
+    rooms none is held out.
+
+    Returns:
+        Training scenes and held-out scenes.
     """
-    names = sorted({one.room for one in subjects})
+    names = sorted({scene.room for scene in scene_models})
     order = np.random.default_rng(0).permutation(len(names))
-    count = max(len(names) // LOCKED, rooms.FEWEST if len(names) >= _SURE else 0)
-    held = {names[number] for number in order[:count]}
-    asked = [one for one in subjects if one.room not in held]
-    return asked, [one for one in subjects if one.room in held]
+    least = rooms.FEWEST if len(names) >= _ROOMS_FOR_INTERVAL else 0
+    count = max(len(names) // ROOMS_PER_TEST_ROOM, least)
+    test_rooms = {names[number] for number in order[:count]}
+    training = [scene for scene in scene_models if scene.room not in test_rooms]
+    return training, [scene for scene in scene_models if scene.room in test_rooms]
 
 
-def open_arms(subjects: Sequence[Subject], asked: Sequence[Subject]) -> list[Arm]:
-    """Arms that captures let ask about; none of one room, where nothing can be held out.
+def available_segments(
+    scene_models: Sequence[SceneModel], training: Sequence[SceneModel]
+) -> list[Segment]:
+    """List the segments that the captures permit; none if there is only one training room.
 
     Args:
-        subjects: all of them, as what is named is judged on those that are locked.
-        asked: those that are asked.
+        scene_models: all scenes, because effects are also evaluated on held-out ones.
+        training: training scenes.
     """
-    if len({one.room for one in asked}) < FEWEST:
+    if len({scene.room for scene in training}) < FEWEST_ROOMS:
         return []
-    return [arm for arm in Arm if _has(arm, subjects)]
+    return [segment for segment in Segment if _has_data(segment, scene_models)]
 
 
-def screened(
-    arm: Arm,
-    asked: Sequence[Subject],
+def screen_segment(
+    segment: Segment,
+    training: Sequence[SceneModel],
     *,
     families: Sequence[str] | None = None,
     always: bool = False,
     cache: Path | None = None,
-    crew: Crew | None = None,
+    pool: WorkerPool | None = None,
     track: progress.Progress = progress.silent,
-) -> tuple[Bench, Screen]:
-    """Simulate what may have acted in one arm.
+) -> tuple[FeatureTable, Screening]:
+    """Simulate all candidates of one segment.
 
     Args:
-        arm: one that is open.
-        asked: at least one subject.
-        families: as `tried`.
-        always: as `arms.screen`.
-        cache: folder that keeps what is simulated, for other runs.
-        crew: who simulates; None: this process.
-        track: wraps loops that take long.
+        segment: an available segment.
+        training: training scenes, at least one.
+        families: as `segment_candidates`.
+        always: as `screen_effects`.
+        cache: folder that keeps simulated features for later runs.
+        pool: workers that simulate; None uses this process.
+        track: wraps long loops to report progress.
     """
-    table = bench(asked, arm, cache=cache, crew=crew)
-    return table, arms.screen(table, tried(arm, asked, families), always=always, track=track)
+    table = build_feature_table(training, segment, cache=cache, pool=pool)
+    tried = segment_candidates(segment, training, families)
+    return table, screen_effects(table, tried, always=always, track=track)
 
 
-def tried(
-    arm: Arm, asked: Sequence[Subject], families: Sequence[str] | None = None
+def segment_candidates(
+    segment: Segment, training: Sequence[SceneModel], families: Sequence[str] | None = None
 ) -> list[Candidate]:
-    """List what is tried in one arm: all but what was fitted to a scene from the very captures that
-    are diagnosed.
+    """List the candidates of one segment.
+
+    Nuisance parameters that were fitted to the diagnosed captures themselves are left out.
 
     Args:
-        arm: one that is open.
-        asked: at least one subject.
-        families: of effects that are asked for; None asks for all.
+        segment: an available segment.
+        training: training scenes, at least one.
+        families: families of effects to try; None tries all.
     """
-    first = asked[0]
-    base = setting.apply(first.sensor, first.scene, fit_scene.commonly(first.nuisances))
-    taken = {name for one in asked if one.against is None for name in one.nuisances}
+    first = training[0]
+    base = setting.apply(first.sensor, first.scene, fit_scene.common_settings(first.nuisances))
+    fitted = {name for scene in training if scene.against is None for name in scene.nuisances}
     return [
-        one
-        for one in candidates(*base, arm)
-        if (families is None or one.effect.family in families) and one.name not in taken
+        candidate
+        for candidate in candidates(*base, segment)
+        if (families is None or candidate.effect.family in families)
+        and candidate.name not in fitted
     ]
 
 
-def named(
-    screens: Sequence[tuple[Bench, Screen]],
-    locked: Sequence[Subject],
+def attribute_effects(
+    screenings: Sequence[tuple[FeatureTable, Screening]],
+    held_out: Sequence[SceneModel],
     *,
     track: progress.Progress = progress.silent,
-) -> Named:
-    """Name effects, and judge them on locked scenes.
+) -> Attribution:
+    """Search for effects in each segment, and evaluate them on held-out scenes.
 
     Args:
-        screens: of each arm.
-        locked: subjects that had no say.
-        track: wraps loops that take long.
+        screenings: feature table and screening of each segment.
+        held_out: scenes of the test rooms.
+        track: wraps long loops to report progress.
     """
-    found = tuple(arms.diagnosed(table, screen) for table, screen in track(screens, "search"))
-    settings = {name: value for arm in found for name, value in arm.settings.items()}
-    together = not settings or _settable(found[0].bench.subjects[0], settings)
-    asked = locked and settings and together
-    return Named(
-        kind=_kind(found),
-        arms=found,
+    segments = tuple(
+        diagnose_segment(table, screening) for table, screening in track(screenings, "search")
+    )
+    settings = {name: value for segment in segments for name, value in segment.settings.items()}
+    together = not settings or _compatible(segments[0].table.scene_models[0], settings)
+    evaluate = held_out and settings and together
+    return Attribution(
+        kind=_kind(segments),
+        segments=segments,
         settings=settings,
         together=together,
-        howfar=judged(locked, settings, found, track=track) if asked else None,
+        howfar=evaluate_reduction(held_out, settings, segments, track=track) if evaluate else None,
     )
 
 
-def _settable(of: Subject, settings: dict[str, Value]) -> bool:
+def _compatible(scene: SceneModel, settings: dict[str, Value]) -> bool:
+    """Whether one sensor can have all settings."""
     try:
-        setting.apply(of.sensor, of.scene, of.own(settings))
+        setting.apply(scene.sensor, scene.scene, scene.scene_settings(settings))
     except InputError:
         return False
     return True
 
 
-def _has(arm: Arm, subjects: Sequence[Subject]) -> bool:
-    """Whether captures hold what an arm compares."""
-    paired = all(one.real.left is not None for one in subjects)
-    measured = all(one.real.device_px is not None for one in subjects)
-    return {Arm.IMAGE: paired, Arm.DEPTH: paired and measured, Arm.WHOLE: measured and not paired}[
-        arm
-    ]
+def _has_data(segment: Segment, scene_models: Sequence[SceneModel]) -> bool:
+    """Whether all scenes hold what a segment compares."""
+    paired = all(scene.real.left is not None for scene in scene_models)
+    measured = all(scene.real.device_px is not None for scene in scene_models)
+    return {
+        Segment.IMAGE: paired,
+        Segment.DEPTH: paired and measured,
+        Segment.WHOLE: measured and not paired,
+    }[segment]
 
 
-def _kind(found: Sequence[Found]) -> Kind:
-    if not found:
+def _kind(segments: Sequence[SegmentResult]) -> Kind:
+    if not segments:
         return "cannot tell"
-    if any(arm.unexplained for arm in found):
+    if any(segment.unexplained for segment in segments):
         return "none of the known"
-    if any(arm.search.accepted for arm in found):
+    if any(segment.search.accepted for segment in segments):
         return "effects"
     return "no gap"

@@ -1,4 +1,4 @@
-"""Simpler ways to name an effect, which the diagnosis has to do better than."""
+"""Simpler methods of attribution that the diagnosis must outperform."""
 
 from __future__ import annotations
 
@@ -10,48 +10,51 @@ from numpy.typing import NDArray
 from starling.diagnosis.which.fit import places
 from starling.diagnosis.which.likelihood import Likelihood
 from starling.diagnosis.which.response import Signature
-from starling.diagnosis.which.table import Table
+from starling.diagnosis.which.table import Rows
 
-_STEPS = 4  # Strengths tried between two nodes.
+_STEPS = 4  # Positions tried between two nodes.
 
-Arm = tuple[Sequence[Signature], Likelihood]  # All candidates of one half, and the gap there.
+SegmentGap = tuple[Sequence[Signature], Likelihood]  # All candidates of a segment, and its gap.
 
 
-def largest_drop(arms: Sequence[Arm]) -> str | None:
-    """The effect that takes most off any one feature, on the scenes that it is fitted to."""
+def largest_drop(segments: Sequence[SegmentGap]) -> str | None:
+    """Name the effect that most reduces any single feature, on the scenes it is fitted to."""
     drops = {}
-    for signatures, likelihood in arms:
-        before = _mean_size(likelihood.left(likelihood.nothing))
-        for one in signatures:
-            after = [_mean_size(likelihood.left(one.at(place))) for place in places(one, _STEPS)]
-            drops[one.name] = float(np.max(before - np.stack(after)))
+    for signatures, likelihood in segments:
+        before = _mean_size(likelihood.residual(likelihood.no_change))
+        for signature in signatures:
+            after = [
+                _mean_size(likelihood.residual(signature.change_at(place)))
+                for place in places(signature, _STEPS)
+            ]
+            drops[signature.name] = float(np.max(before - np.stack(after)))
     return max(drops, key=lambda name: drops[name], default=None)
 
 
-def nearest(arms: Sequence[Arm]) -> str | None:
-    """The effect whose change points most as the gap does, each feature over its deviation."""
-    likeness = {}
-    for signatures, likelihood in arms:
-        gap = np.nan_to_num(likelihood.left(likelihood.nothing))
-        for one in signatures:
-            made = one.change / likelihood.deviation
-            length = np.sqrt((made**2).sum(axis=(1, 2)))
-            along = (made * gap).sum(axis=(1, 2))[length > 0] / length[length > 0]
-            likeness[one.name] = float(np.max(along, initial=-np.inf))
-    return max(likeness, key=lambda name: likeness[name], default=None)
+def nearest_direction(segments: Sequence[SegmentGap]) -> str | None:
+    """Name the effect whose change has the largest projection of the gap on its direction."""
+    projections = {}
+    for signatures, likelihood in segments:
+        gap = np.nan_to_num(likelihood.residual(likelihood.no_change))
+        for signature in signatures:
+            change = signature.change / likelihood.deviation
+            length = np.sqrt((change**2).sum(axis=(1, 2)))
+            along = (change * gap).sum(axis=(1, 2))[length > 0] / length[length > 0]
+            projections[signature.name] = float(np.max(along, initial=-np.inf))
+    return max(projections, key=lambda name: projections[name], default=None)
 
 
-def by_lot(arms: Sequence[Arm], *, seed: int) -> str | None:
-    """Any of the effects.
+def random_choice(segments: Sequence[SegmentGap], *, seed: int) -> str | None:
+    """Name one of the effects at random.
 
     Args:
-        arms: whose effects.
-        seed: of the lot.
+        segments: candidates of each segment.
+        seed: seed of the choice.
     """
-    names = [one.name for signatures, _ in arms for one in signatures]
+    names = [signature.name for signatures, _ in segments for signature in signatures]
     return names[int(np.random.default_rng(seed).integers(len(names)))] if names else None
 
 
-def _mean_size(off: Table) -> NDArray[np.float64]:
-    """Mean over scenes of each feature's size; 0 where it is not known."""
-    return np.nan_to_num(np.abs(off)).mean(axis=0)
+def _mean_size(residual: Rows) -> NDArray[np.float64]:
+    """Average the absolute residual of each feature over scenes; 0 where unknown."""
+    return np.nan_to_num(np.abs(residual)).mean(axis=0)

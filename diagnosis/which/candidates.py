@@ -1,4 +1,4 @@
-"""Effects that may have made a gap, and the strengths at which each is simulated."""
+"""Candidate effects of a pipeline segment, and the values at which they are simulated."""
 
 from __future__ import annotations
 
@@ -15,62 +15,61 @@ from starling.sim.effects.effect import Effect, Parameter, Stage, Value
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
 
-_NODES = 4  # Strengths of an effect, to each side where it has two.
-_LEAST = 1 / 30  # The weakest over the strongest, of effects of both signs.
-_WIDE = 4.0  # Ranges above this ratio are stepped by factors.
-_NO_NEWS = 0.01  # Share by which what captures tell differs from the base at least.
-# Without a partner they do nothing, or repeats alone show them, or they change the image's size.
+_NODES = 4  # Nodes of a range; to each side for effects of both signs.
+_LEAST = 1 / 30  # Ratio of the weakest to the strongest departure, for effects of both signs.
+_WIDE = 4.0  # Ratio of the ends of a range from which nodes have a constant ratio.
+_EQUAL = 0.01  # Relative difference up to which a measured value equals the base.
+# Effects that do nothing without a partner, that only repeats show, or that change the image size.
 LEFT_OUT = frozenset({"rolling_shutter", "temporal_filter", "decimation", "registration"})
-# Images are put out without them in any case: only depth of the device's own shows them.
-_UNSEEN = frozenset({"dropped_bits"})
-_MOVES = frozenset({"motion", "turning"})
+_DEPTH_ONLY = frozenset({"dropped_bits"})  # Output images lack these bits; only depth shows them.
+_MOTIONS = frozenset({"motion", "turning"})
 
 
-class Arm(Enum):
-    """Half of the stage swap that an effect shows in, or its whole where there is no half."""
+class Segment(Enum):
+    """Part of the pipeline that an effect acts on."""
 
     IMAGE = "image"  # Simulated against real infrared, both matched by our matcher.
-    DEPTH = "depth"  # Our matcher's depth of the real infrared against the device's own.
-    WHOLE = "whole"  # Simulated depth against the device's own, where no infrared was captured.
+    DEPTH = "depth"  # Our matcher's depth of the real infrared against the device's depth.
+    WHOLE = "whole"  # Simulated against device depth, if no infrared was captured.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Candidate:
-    """A parameter of an effect, with the values that are simulated."""
+    """A parameter of an effect, and its values to simulate."""
 
     name: str  # `EFFECT` or `EFFECT.PARAMETER`.
     effect: Effect
-    arm: Arm
-    base: Value  # Where the sensor at hand has it.
-    nodes: tuple[Value, ...]  # Other values, numbers ascending.
-    whole: bool = False  # Whether it takes whole numbers alone.
-    told: Value | None = None  # The value that captures tell by themselves, which is a node then.
+    segment: Segment
+    base: Value  # Value in the given sensor or scene.
+    nodes: tuple[Value, ...]  # Values besides the base, in ascending order if numeric.
+    whole: bool = False  # Whether it is an integer parameter.
+    measured: Value | None = None  # Value measured from the captures; it is one of the nodes.
 
     @property
     def numeric(self) -> bool:
-        """Whether values in between mean something."""
+        """Whether it takes intermediate values, unlike a choice."""
         return not setting.parameter_of(self.name)[1].choices
 
 
-def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:
-    """List what may have made a gap in one arm.
+def candidates(sensor: Sensor, scene: Scene, segment: Segment) -> list[Candidate]:
+    """List the effects that may act in a segment.
 
-    Rows are moved by each of their parameters: those that do nothing while the first is at its
-    neutral, such as where a second projector stands, wait until that is accepted.
+    Each parameter of an effect is a candidate. Parameters that do nothing while the first one is
+    neutral, such as the position of a second projector, are tried once the first is accepted.
 
     Args:
         sensor: the base.
-        scene: likewise.
-        arm: matcher, post-processing and bits that only the matcher reads act on depth, all else
-            on the image, all on the whole.
+        scene: a scene of the base.
+        segment: matcher, post-processing and bits that only the matcher reads act on depth; all
+            other effects act on the image; all act on the whole.
     """
     late = (Stage.MATCHER, Stage.POST)
-    found = []
+    listed = []
     for effect in effects.table():
         if effect.name in LEFT_OUT:
             continue
-        of_depth = effect.stage in late or effect.name in _UNSEEN
-        if arm is not Arm.WHOLE and of_depth != (arm is Arm.DEPTH):
+        of_depth = effect.stage in late or effect.name in _DEPTH_ONLY
+        if segment is not Segment.WHOLE and of_depth != (segment is Segment.DEPTH):
             continue
         for number, parameter in enumerate(effect.parameters):
             base = setting.value(parameter, sensor, scene)
@@ -79,37 +78,46 @@ def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:
             name = effect.name if number == 0 else f"{effect.name}.{parameter.name}"
             whole = setting.whole(parameter, sensor)
             values = nodes(parameter, base, whole=whole)
-            if effect.name in _MOVES and not sensor.left.rolling_shutter_s:
-                values = tuple(
-                    one for one in values if float(one) > float(base)
-                )  # The way back blurs alike.
+            if effect.name in _MOTIONS and not sensor.left.rolling_shutter_s:
+                # Opposite motion gives the same blur.
+                values = tuple(value for value in values if float(value) > float(base))
             if values:
-                found.append(
+                listed.append(
                     Candidate(
-                        name=name, effect=effect, arm=arm, base=base, nodes=values, whole=whole
+                        name=name,
+                        effect=effect,
+                        segment=segment,
+                        base=base,
+                        nodes=values,
+                        whole=whole,
                     )
                 )
-    return found
+    return listed
 
 
-def with_told(candidate: Candidate, value: float) -> Candidate:
-    """The same with a node at what captures tell by themselves; as it is where that is its base.
+def with_measured_node(candidate: Candidate, value: float) -> Candidate:
+    """Add a node at a value measured from the captures, unless it equals the base.
 
     Args:
-        candidate: one that takes numbers.
-        value: of its parameter.
+        candidate: numeric candidate.
+        value: measured value of its parameter.
     """
-    if abs(value - float(candidate.base)) < _NO_NEWS * value:
+    if abs(value - float(candidate.base)) < _EQUAL * value:
         return candidate
-    found = sorted({*map(float, candidate.nodes), value})
-    return dataclasses.replace(candidate, nodes=tuple(found), told=value)
+    values = sorted({*map(float, candidate.nodes), value})
+    return dataclasses.replace(candidate, nodes=tuple(values), measured=value)
 
 
 def nodes(parameter: Parameter, base: Value, *, whole: bool = False) -> tuple[Value, ...]:
-    """Values at which an effect is simulated, the base left out.
+    """Choose the values at which an effect is simulated, without the base.
 
-    Strengths rise by factors from the least to the greatest worth trying; effects of both signs
+    Values have a constant ratio from the least to the largest worth trying. Effects of both signs
     depart from the base to both sides.
+
+    Args:
+        parameter: parameter of the effect.
+        base: value in the given sensor or scene.
+        whole: whether only integers are valid.
     """
     if parameter.choices:
         return tuple(choice for choice in parameter.choices if choice != base)
@@ -127,5 +135,5 @@ def nodes(parameter: Parameter, base: Value, *, whole: bool = False) -> tuple[Va
             values.append(0.0)
     else:
         values = [*np.linspace(low, high, 2 * _NODES - 2)]
-    kept = {round(float(value), 0 if whole else 9) for value in values}
-    return tuple(sorted(value for value in kept if abs(value - base) > 1e-9 * max(1, abs(base))))
+    rounded = {round(float(value), 0 if whole else 9) for value in values}
+    return tuple(sorted(value for value in rounded if abs(value - base) > 1e-9 * max(1, abs(base))))

@@ -1,4 +1,8 @@
-"""Which capture would tell apart what these captures cannot: rivals are simulated in each."""
+"""Choice of a further capture that separates two effects which these captures cannot separate.
+
+Both effects are simulated in each capture of a menu. The separation is the difference of the two
+simulations in standard deviations.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.diagnosis.scenes import scene_model
-from starling.diagnosis.scenes.observation import Reading
-from starling.diagnosis.scenes.scene_model import Subject
-from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.null import FLOOR
-from starling.diagnosis.which.residuals import group
+from starling.diagnosis.which.residuals import feature_group
 from starling.diagnosis.which.rows import BITS
-from starling.diagnosis.which.table import bench
+from starling.diagnosis.which.table import build_feature_table
 from starling.patterns.errors import InputError
 from starling.sim.effects import setting as setting
 from starling.sim.effects.effect import Value
@@ -25,45 +29,45 @@ from starling.sim.scene.scene import Scene
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 
-_SEEDS = 4  # Of the noise of a proposed capture.
-_REPEATS = 8
-_NOTHING = Reading(left=None, right=None, ours_px=None, device_px=None)
-_MOST = 4.0  # Deviations of one feature that count: one alone must not reach `TOLD`.
+_SEEDS = 4  # Noise seeds of a proposed capture.
+_REPEATS = 8  # Frames of a proposed capture of temporal noise.
+_NOTHING = SceneObservation(left=None, right=None, ours_px=None, device_px=None)
+_MOST = 4.0  # Upper limit of one feature's deviation: one alone must not reach `SEPARATED`.
 _FILTERS = {
     "decimation": 1.0,
     "spatial_filter": 1.0,
     "temporal_filter": 1.0,
     "hole_filling": "off",
 }
-TOLD = 5.0  # Root sum of squares over groups of features from which a capture tells rivals apart.
+SEPARATED = 5.0  # Root sum of squares over feature groups from which two effects are separated.
 
 Setup = tuple[Scene, Sensor]
-Readings = tuple[Sequence[str], NDArray[np.float64]]  # Features, and (seeds, features).
+FeatureSamples = tuple[Sequence[str], NDArray[np.float64]]  # Feature names, (seeds, features).
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Proposal:
-    """A capture to take."""
+    """A capture that could be taken."""
 
     text: str
-    cost: float  # Effort, 1 for a switch.
+    cost: float  # Relative effort; 1: flip a switch.
     frames: int
     setups: Callable[[Scene, Sensor], Sequence[Setup]]
-    arms: frozenset[Arm] = frozenset(Arm)  # In which it shows anything.
+    segments: frozenset[Segment] = frozenset(Segment)  # Segments in which it shows anything.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Told:
-    """How well a capture tells two rivals apart."""
+class Discrimination:
+    """How well a capture separates two equivalent candidates."""
 
     capture: str
     rivals: tuple[str, str]
-    deviations: float  # Root sum of squares over groups of features.
+    deviations: float  # Root sum of squares over feature groups.
 
     @property
     def enough(self) -> bool:
-        """Whether it is worth taking."""
-        return self.deviations >= TOLD
+        """Whether the capture separates them."""
+        return self.deviations >= SEPARATED
 
 
 def _projector_off(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
@@ -72,7 +76,7 @@ def _projector_off(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
 
 def _cap_on(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
     dark = dataclasses.replace(
-        _lit(scene, 0.0),
+        _with_ambient(scene, 0.0),
         sun=dataclasses.replace(scene.sun, irradiance_w_m2=0.0),
         other_projector=dataclasses.replace(scene.other_projector, power_w=0.0),
     )
@@ -80,12 +84,12 @@ def _cap_on(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
 
 
 def _lamp_on(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
-    return [(_lit(scene, 4 * scene.ambient.irradiance_w_m2 + 1.0), sensor)]
+    return [(_with_ambient(scene, 4 * scene.ambient.irradiance_w_m2 + 1.0), sensor)]
 
 
-def _exposed_longer(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
-    longer = 2 * sensor.left.exposure_s
-    return [(scene, with_values(sensor, [("imager.exposure_s", longer)]))]
+def _double_exposure(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
+    exposure_s = 2 * sensor.left.exposure_s
+    return [(scene, with_values(sensor, [("imager.exposure_s", exposure_s)]))]
 
 
 def _walls(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
@@ -93,8 +97,9 @@ def _walls(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
 
 
 def _at_wall(scene: Scene, wall: Scene) -> Scene:
-    """The wall in the scene's light, by a camera that moves as there; what the scene's surfaces are
-    like, and where they truly stand, stays with them.
+    """Light a wall as the scene, with the same camera motion.
+
+    The scene's reflectance and the error of its reference do not apply to the wall.
     """
     light = dataclasses.replace(scene.ambient, up=wall.ambient.up)
     return dataclasses.replace(
@@ -115,7 +120,7 @@ def _filters_off(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
     return [(scene, setting.on_sensor(sensor, _FILTERS))]
 
 
-def _lit(scene: Scene, irradiance_w_m2: float) -> Scene:
+def _with_ambient(scene: Scene, irradiance_w_m2: float) -> Scene:
     ambient = dataclasses.replace(scene.ambient, irradiance_w_m2=irradiance_w_m2)
     return dataclasses.replace(scene, ambient=ambient)
 
@@ -124,124 +129,135 @@ MENU = (
     Proposal(text="the same scene with the projector off", cost=1, frames=1, setups=_projector_off),
     Proposal(text="a lens cap on", cost=1, frames=_REPEATS, setups=_cap_on),
     Proposal(text="the same scene with a lamp on", cost=1, frames=1, setups=_lamp_on),
-    Proposal(text="the same scene exposed twice as long", cost=1, frames=1, setups=_exposed_longer),
+    Proposal(
+        text="the same scene exposed twice as long", cost=1, frames=1, setups=_double_exposure
+    ),
     Proposal(text=f"{_REPEATS} repeats of the same scene", cost=1, frames=_REPEATS, setups=_as_is),
     Proposal(
         text="the same scene with the depth filters off",
         cost=1,
         frames=1,
         setups=_filters_off,
-        arms=frozenset({Arm.DEPTH, Arm.WHOLE}),
+        segments=frozenset({Segment.DEPTH, Segment.WHOLE}),
     ),
     Proposal(text="a flat wall at 0.6, 1.2 and 2.4 m", cost=3, frames=1, setups=_walls),
 )
 
 
-def tell_apart(
-    of: Subject,
-    one: Mapping[str, Value],
-    other: Mapping[str, Value],
-    arm: Arm,
+def discriminate(
+    scene: SceneModel,
+    first: Mapping[str, Value],
+    second: Mapping[str, Value],
+    segment: Segment,
     *,
     menu: Sequence[Proposal] = MENU,
-) -> list[Told]:
-    """Simulate two rivals in every capture of a menu.
+) -> list[Discrimination]:
+    """Simulate two equivalent candidates in every capture of a menu.
 
     Args:
-        of: a scene that was captured.
-        one: settings of a rival.
-        other: of the other.
-        arm: in which the rivals act.
+        scene: model of a captured scene.
+        first: settings of the first candidate.
+        second: settings of the second candidate.
+        segment: segment in which they act.
         menu: captures that could be taken.
 
     Returns:
-        The captures, the one that tells most for its cost first; those in which a rival cannot be
-        simulated are left out.
+        The captures with the largest separation for their cost first. Captures in which a candidate
+        cannot be simulated are left out.
     """
-    names = (", ".join(one), ", ".join(other))
-    found = []
+    names = (", ".join(first), ", ".join(second))
+    ranked = []
     for proposal in menu:
-        if arm not in proposal.arms:
+        if segment not in proposal.segments:
             continue
-        squares = _squares(one, other, of, arm, proposal)
+        squares = _squares(first, second, scene, segment, proposal)
         if squares is not None:
-            told = Told(capture=proposal.text, rivals=names, deviations=float(np.sqrt(squares)))
-            found.append((told.deviations / proposal.cost, told))
-    return [told for _, told in sorted(found, key=lambda pair: -pair[0])]
+            separation = Discrimination(
+                capture=proposal.text, rivals=names, deviations=float(np.sqrt(squares))
+            )
+            ranked.append((separation.deviations / proposal.cost, separation))
+    return [separation for _, separation in sorted(ranked, key=lambda pair: -pair[0])]
 
 
 def _squares(
-    one: Mapping[str, Value],
-    other: Mapping[str, Value],
-    of: Subject,
-    arm: Arm,
+    first: Mapping[str, Value],
+    second: Mapping[str, Value],
+    scene: SceneModel,
+    segment: Segment,
     proposal: Proposal,
 ) -> float | None:
-    """Sum over groups of features of the squared difference of two rivals over its deviation."""
-    # A pair that was put out lacks the bits that its device's matcher reads: the bench makes these.
-    rematched = [BITS] if arm is Arm.DEPTH else []
-    bits = [{k: v for k, v in rival.items() if k in rematched} for rival in (one, other)]
-    rest = [{k: v for k, v in rival.items() if k not in rematched} for rival in (one, other)]
-    each = [_setups(rival, of, proposal) for rival in rest]
-    supposed = [setups for setups in each if setups is not None]
-    if len(supposed) < len(each):
+    """Sum the squared deviations between two candidates over groups of features."""
+    # Output images lack the bits that the device's matcher reads; the feature table adds these.
+    rematched = [BITS] if segment is Segment.DEPTH else []
+    rivals = (first, second)
+    bits = [{k: v for k, v in rival.items() if k in rematched} for rival in rivals]
+    rest = [{k: v for k, v in rival.items() if k not in rematched} for rival in rivals]
+    all_setups = [_setups(rival, scene, proposal) for rival in rest]
+    known_setups = [setups for setups in all_setups if setups is not None]
+    if len(known_setups) < len(all_setups):
         return None
     total = 0.0
-    for number, (scene, sensor) in enumerate(proposal.setups(of.scene, of.sensor)):
-        base = _taken(of, scene, sensor, proposal, number)
-        if arm is Arm.DEPTH:
-            base = dataclasses.replace(base, real=base.capture({}, seed=0))
-        tables = []
-        for setups, finer in zip(supposed, bits, strict=True):
-            # What a rival changes is seen in the bins of what is believed.
-            taken = _taken(of, *setups[number], proposal, number)
-            taken = dataclasses.replace(taken, real=base.real, ground=base.ground)
-            table = bench([taken], arm)
-            seeds = range(1 if arm is Arm.DEPTH else _SEEDS)
-            simulated = [table.simulated(finer, seed=seed) for seed in seeds]
-            known = [found for found in simulated if found is not None]
+    for number, setup in enumerate(proposal.setups(scene.scene, scene.sensor)):
+        base = _scene_model(scene, setup, proposal, number)
+        if segment is Segment.DEPTH:
+            base = dataclasses.replace(base, real=base.simulate_all({}, seed=0))
+        samples = []
+        for setups, extra_bits in zip(known_setups, bits, strict=True):
+            # Both candidates are compared in the bins of the base.
+            model = _scene_model(scene, setups[number], proposal, number)
+            model = dataclasses.replace(model, real=base.real, strata=base.strata)
+            table = build_feature_table([model], segment)
+            seeds = range(1 if segment is Segment.DEPTH else _SEEDS)
+            simulated = [table.simulate(extra_bits, seed=seed) for seed in seeds]
+            known = [rows for rows in simulated if rows is not None]
             if len(known) < len(simulated):
                 return None
-            tables.append((table.names, np.concatenate(known)))
-        total += _apart(*tables)
+            samples.append((table.names, np.concatenate(known)))
+        total += _squared_distance(*samples)
     return total
 
 
-def _setups(rival: Mapping[str, Value], of: Subject, proposal: Proposal) -> Sequence[Setup] | None:
-    """A proposal done to the scene and the camera that a rival supposes; None where neither goes.
+def _setups(
+    rival: Mapping[str, Value], scene: SceneModel, proposal: Proposal
+) -> Sequence[Setup] | None:
+    """Apply a candidate, then a proposal, to scene and sensor; None if that is not possible.
 
-    The rival is first: what is switched off in a proposal stays off.
+    The order matters: what a proposal switches off stays off.
     """
     try:
-        sensor, scene = setting.apply(of.sensor, of.scene, of.own(rival))
-        return proposal.setups(scene, sensor)
+        settings = scene.scene_settings(rival)
+        sensor, changed = setting.apply(scene.sensor, scene.scene, settings)
+        return proposal.setups(changed, sensor)
     except InputError:
         return None
 
 
-def _taken(of: Subject, scene: Scene, sensor: Sensor, proposal: Proposal, number: int) -> Subject:
-    return scene_model.of_scene(
-        scene,
-        sensor,
-        name=f"{of.name} {number}",
-        room=of.room,
+def _scene_model(scene: SceneModel, setup: Setup, proposal: Proposal, number: int) -> SceneModel:
+    """Build the model of a proposed capture."""
+    return scene_model.build_scene_model(
+        *setup,
+        name=f"{scene.name} {number}",
+        room=scene.room,
         truth_m=None,
         real=_NOTHING,
         frames=proposal.frames,
     )
 
 
-def _apart(one: Readings, other: Readings) -> float:
-    """Squared deviations between readings, each group of features that tell alike as one."""
-    names = sorted({*one[0]} & {*other[0]})
-    first, second = (rows[:, [told.index(name) for name in names]] for told, rows in (one, other))
-    spread = np.full(len(names), FLOOR)
-    if len(first) > 1:
-        both = 0.5 * (first.var(axis=0, ddof=1) + second.var(axis=0, ddof=1))
-        spread = np.sqrt(both + FLOOR**2)
-    off = np.minimum(np.abs(first.mean(axis=0) - second.mean(axis=0)) / spread, _MOST)
+def _squared_distance(first: FeatureSamples, second: FeatureSamples) -> float:
+    """Sum the squared deviations between two samples; each group of features counts once."""
+    names = sorted({*first[0]} & {*second[0]})
+    first_rows, second_rows = (
+        rows[:, [columns.index(name) for name in names]] for columns, rows in (first, second)
+    )
+    sigma = np.full(len(names), FLOOR)
+    if len(first_rows) > 1:
+        variance = 0.5 * (first_rows.var(axis=0, ddof=1) + second_rows.var(axis=0, ddof=1))
+        sigma = np.sqrt(variance + FLOOR**2)
+    difference = np.abs(first_rows.mean(axis=0) - second_rows.mean(axis=0))
+    deviations = np.minimum(difference / sigma, _MOST)
     groups: dict[str, list[float]] = {}
-    for name, deviations in zip(names, off, strict=True):
-        if np.isfinite(deviations):
-            groups.setdefault(group(name), []).append(float(deviations) ** 2)
+    for name, deviation in zip(names, deviations, strict=True):
+        if np.isfinite(deviation):
+            groups.setdefault(feature_group(name), []).append(float(deviation) ** 2)
     return float(sum(np.mean(squares) for squares in groups.values()))

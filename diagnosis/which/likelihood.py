@@ -1,4 +1,9 @@
-"""How likely a gap is, given what effects would make of the features."""
+"""Likelihood of a gap, given the changes that effects predict.
+
+The residual of each feature has a Student's t distribution. Its scale combines noise, model error
+of the simulator, and model error of the predicted change. Features are weighted by how little they
+repeat others.
+"""
 
 from __future__ import annotations
 
@@ -8,140 +13,141 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.which.predicted import Made
-from starling.diagnosis.which.response import Signature
-from starling.diagnosis.which.table import Table
+from starling.diagnosis.which.response import PredictedChange, Signature
+from starling.diagnosis.which.table import Rows
 
-FREEDOM = 4.0  # Of Student's t: a feature that the simulator gets wrong must not decide alone.
-TAU = 0.2  # Share of its own size by which what effects make is taken to be wrong.
-LARGEST = 100.0  # Squared deviations of one feature that count for a gap's size.
-_SEEN = 1.0  # Deviations, root sum of squares, below which a change tells of no likeness.
+# Degrees of freedom of Student's t: one feature that the simulator gets wrong must not decide.
+FREEDOM = 4.0
+TAU = 0.2  # Model error of a predicted change, as a share of the change.
+LARGEST = 100.0  # Upper limit of a feature's squared deviation in the size of a gap.
+_DETECTABLE = 1.0  # Root sum of squared deviations below which a change has no direction.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likelihood:
-    """A gap, the deviation of each feature, and how much each tells that others do not."""
+    """A gap, the standard deviation of each feature, and the feature weights."""
 
-    gap: Table  # (scenes, features) real less simulated; NaN where it is not known.
-    deviation: Table  # Likewise: noise of both, and what is put down to the simulator.
-    weight: NDArray[np.float64]  # (features,) as of `weights`.
+    gap: Rows  # (scenes, features) real less simulated; NaN where unknown.
+    deviation: Rows  # (scenes, features) standard deviation: noise of both, and model error.
+    weight: NDArray[np.float64]  # (features,) from `feature_weights`.
 
     @property
-    def nothing(self) -> Made:
-        """What no effect makes: zeros."""
-        return Made(np.zeros_like(self.gap))
+    def no_change(self) -> PredictedChange:
+        """Change without effects: zeros."""
+        return PredictedChange(np.zeros_like(self.gap))
 
-    def left(self, made: Made) -> Table:
-        """What effects leave of the gap, over its deviation (scenes, features)."""
-        return (self.gap - made.change) / self.deviation
+    def residual(self, predicted: PredictedChange) -> Rows:
+        """Compute the gap that effects leave, over its deviation (scenes, features)."""
+        return (self.gap - predicted.change) / self.deviation
 
-    def size(self, made: Made) -> float:
-        """Weighted mean square of `left`.
+    def size(self, predicted: PredictedChange) -> float:
+        """Compute the size of the remaining gap: the weighted mean square of `residual`.
 
-        The deviation holds what the simulator gets wrong too: chance alone makes less than 1.
-
-        Args:
-            made: what effects make.
-        """
-        return total(self.left(made), self.weight)
-
-    def sizes(self, made: Made) -> NDArray[np.float64]:
-        """The same for each scene (scenes,)."""
-        return by_scene(self.left(made), self.weight)
-
-    def beyond(self, made: Made) -> Table:
-        """What effects leave, over a deviation that holds what they themselves are wrong by.
-
-        No measure of how far a gap closes: the more effects make, the more they may be wrong by.
-        """
-        return (self.gap - made.change) / np.sqrt(self._variance(made))
-
-    def cost(self, made: Made) -> NDArray[np.float64]:
-        """Negative logarithm of the likelihood for each scene.
-
-        Beyond what counts for a gap's size a distance is told without what an effect may be wrong
-        by itself: else one that changes such a feature a little, either way, would gain by being
-        less sure of it.
+        The deviation includes model error, so noise alone gives less than 1.
 
         Args:
-            made: what effects make.
+            predicted: change by the effects.
+        """
+        return total_size(self.residual(predicted), self.weight)
+
+    def scene_sizes(self, predicted: PredictedChange) -> NDArray[np.float64]:
+        """Compute the size of the remaining gap in each scene (scenes,)."""
+        return size_by_scene(self.residual(predicted), self.weight)
+
+    def unexplained(self, predicted: PredictedChange) -> Rows:
+        """Compute the remaining gap over a deviation that includes the effects' model error.
+
+        This does not measure how far a gap closes: larger effects have larger model error.
+        """
+        return (self.gap - predicted.change) / np.sqrt(self._variance(predicted))
+
+    def cost(self, predicted: PredictedChange) -> NDArray[np.float64]:
+        """Compute the negative log-likelihood of each scene.
+
+        For deviations beyond `LARGEST`, the distance does not include the effect's own model error.
+        Otherwise an effect could gain by being less certain about a feature that it hardly changes.
+
+        Args:
+            predicted: change by the effects.
 
         Returns:
             (..., scenes), up to a constant.
         """
-        variance, left = self._variance(made), self.gap - made.change
-        wide = 0.5 * np.log(variance / self.deviation**2)
-        near = np.log1p(squares(left / np.sqrt(variance)) / FREEDOM)
-        far = np.log(np.maximum((left / self.deviation) ** 2 / LARGEST, 1.0))
-        off = 0.5 * (FREEDOM + 1) * (near + far)
-        return np.where(np.isfinite(self.gap), off + wide, 0.0) @ self.weight
+        variance, residual = self._variance(predicted), self.gap - predicted.change
+        log_scale = 0.5 * np.log(variance / self.deviation**2)
+        near = np.log1p(clipped_squares(residual / np.sqrt(variance)) / FREEDOM)
+        far = np.log(np.maximum((residual / self.deviation) ** 2 / LARGEST, 1.0))
+        log_distance = 0.5 * (FREEDOM + 1) * (near + far)
+        return np.where(np.isfinite(self.gap), log_distance + log_scale, 0.0) @ self.weight
 
-    def _variance(self, made: Made) -> NDArray[np.float64]:
-        return self.deviation**2 + (TAU * made.change) ** 2 + made.scatter
+    def _variance(self, predicted: PredictedChange) -> NDArray[np.float64]:
+        return self.deviation**2 + (TAU * predicted.change) ** 2 + predicted.scatter
 
 
-def by_scene(left: Table, weight: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Size (scenes,) of a gap in each scene.
+def size_by_scene(residual: Rows, weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the size (scenes,) of a gap in each scene.
 
     Args:
-        left: (scenes, features) what there is or what effects leave of it, over its deviation; NaN
-            where not known.
-        weight: (features,) votes.
+        residual: (scenes, features) gap, or what effects leave of it, over its deviation; NaN where
+            unknown.
+        weight: (features,) feature weights.
     """
-    return squares(left) @ weight / np.maximum(np.isfinite(left) @ weight, 1e-9)
+    return clipped_squares(residual) @ weight / np.maximum(np.isfinite(residual) @ weight, 1e-9)
 
 
-def total(left: Table, weight: NDArray[np.float64]) -> float:
-    """Size of a gap in all scenes (arguments as `by_scene`)."""
-    votes = max(float((np.isfinite(left) @ weight).sum()), 1e-9)
-    return float((squares(left) @ weight).sum() / votes)
+def total_size(residual: Rows, weight: NDArray[np.float64]) -> float:
+    """Compute the size of a gap over all scenes (arguments as `size_by_scene`)."""
+    total_weight = max(float((np.isfinite(residual) @ weight).sum()), 1e-9)
+    return float((clipped_squares(residual) @ weight).sum() / total_weight)
 
 
-def squares(left: Table) -> Table:
-    """As they count for a size: 0 where not known, none beyond `LARGEST`."""
-    return np.minimum(np.nan_to_num(left) ** 2, LARGEST)
+def clipped_squares(residual: Rows) -> Rows:
+    """Square deviations: 0 where unknown, at most `LARGEST`."""
+    return np.minimum(np.nan_to_num(residual) ** 2, LARGEST)
 
 
-def directions(
-    signatures: Sequence[Signature], deviation: Table
+def change_directions(
+    signatures: Sequence[Signature], deviation: Rows
 ) -> tuple[list[Signature], NDArray[np.float64]]:
-    """Which way effects move features: what each makes over its deviation, of length 1.
+    """Compute the direction in which each simulated value moves the features.
 
     Args:
-        signatures: of the effects, one at least.
-        deviation: of each scene's features.
+        signatures: signatures of effects, at least one.
+        deviation: (scenes, features) standard deviation.
 
     Returns:
-        By change that can be seen, whose it is, and its direction (changes, scenes, features).
+        For each detectable change its signature, and its direction (changes, scenes, features):
+        the change over its deviation, normalised to length 1.
     """
-    owners = [one for one in signatures for _ in one.values]
-    moves = np.concatenate([one.change for one in signatures]) / deviation
-    size = np.sqrt((moves**2).sum(axis=(1, 2)))
-    seen = np.flatnonzero(size > _SEEN)
-    return [owners[number] for number in seen], moves[seen] / size[seen, None, None]
+    owners = [signature for signature in signatures for _ in signature.values]
+    changes = np.concatenate([signature.change for signature in signatures]) / deviation
+    size = np.sqrt((changes**2).sum(axis=(1, 2)))
+    detectable = np.flatnonzero(size > _DETECTABLE)
+    directions = changes[detectable] / size[detectable, None, None]
+    return [owners[number] for number in detectable], directions
 
 
-def weights(signatures: Sequence[Signature], deviation: Table) -> NDArray[np.float64]:
-    """Share of each feature that others do not repeat: 1 over its squared likenesses to all.
+def feature_weights(signatures: Sequence[Signature], deviation: Rows) -> NDArray[np.float64]:
+    """Compute how little each feature repeats others: 1 over its sum of squared correlations.
 
-    Features that whatever is done move alike, such as the sharpness of ten parts of one image, tell
-    one thing ten times, and are wrong together where the simulator is wrong. Without this they
-    outvote a single feature that knows better.
+    Features that always change together, such as the sharpness in ten regions of one image, hold
+    one piece of information. Model error affects them together. Without weights they would outvote
+    a single independent feature.
 
     Args:
-        signatures: what many effects do; where there are none every feature has a vote.
-        deviation: of each scene's features.
+        signatures: signatures of many effects; without any, all weights are 1.
+        deviation: (scenes, features) standard deviation.
 
     Returns:
         (features,) in 0..1.
     """
     if not signatures:
         return np.ones(deviation.shape[-1])
-    rows = directions(signatures, deviation)[1].reshape(-1, deviation.shape[-1])
+    rows = change_directions(signatures, deviation)[1].reshape(-1, deviation.shape[-1])
     product = rows.T @ rows
     length = np.sqrt(np.diag(product))
-    still = length < 1e-6  # No effect moves it.
-    length[still] = 1.0
-    likeness = product / np.outer(length, length)
-    likeness[still, still] = 1.0
-    return 1 / (likeness**2).sum(axis=1)
+    constant = length < 1e-6  # No effect changes these features.
+    length[constant] = 1.0
+    correlation = product / np.outer(length, length)
+    correlation[constant, constant] = 1.0
+    return 1 / (correlation**2).sum(axis=1)

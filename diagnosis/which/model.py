@@ -1,4 +1,4 @@
-"""Effects that act together, fitted and simulated so."""
+"""Models of several effects that act together, and the data that they are fitted to."""
 
 from __future__ import annotations
 
@@ -7,103 +7,146 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from starling.diagnosis.which.fit import Fit, fit
-from starling.diagnosis.which.likelihood import Likelihood
-from starling.diagnosis.which.predicted import Made
-from starling.diagnosis.which.response import Signature
-from starling.diagnosis.which.trial import Trial
+from starling.diagnosis.which.fit import Fit, Folds, fit
+from starling.diagnosis.which.likelihood import Likelihood, total_size
+from starling.diagnosis.which.response import PredictedChange, Signature
+from starling.diagnosis.which.table import FeatureTable
 from starling.sim.effects.effect import Value
 
-ROUNDS = 3  # Of fitting each effect given the others.
+ROUNDS = 3  # Rounds of fitting each effect given the others.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SearchContext:
+    """Data and acceptance thresholds of the search in one segment."""
+
+    table: FeatureTable
+    likelihood: Likelihood  # Likelihood of the gap.
+    folds: Folds  # Held-out scenes.
+    threshold: float  # Least held-out gain of an accepted effect.
+    explained_below: float  # Unexplained size below which the gap counts as explained.
+
+    @property
+    def rooms(self) -> list[str]:
+        """Room of each scene."""
+        return [scene.room for scene in self.table.scene_models]
+
+    def fit(
+        self,
+        signature: Signature,
+        *,
+        background: PredictedChange | None = None,
+        reference: PredictedChange | None = None,
+    ) -> Fit:
+        """Fit a candidate, and score it on held-out scenes (arguments as `fit.fit`)."""
+        return fit(
+            signature, self.likelihood, self.folds, background=background, reference=reference
+        )
+
+    def is_explained(self, predicted: PredictedChange) -> bool:
+        """Whether effects leave no more than correctly named effects usually leave.
+
+        Args:
+            predicted: change by the effects.
+        """
+        unexplained = self.likelihood.unexplained(predicted)
+        return total_size(unexplained, self.likelihood.weight) <= self.explained_below
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Model:
-    """Effects, how strong each is, and what they make of it together."""
+class EffectModel:
+    """Effects with their strengths, and their interaction."""
 
     terms: tuple[Signature, ...]
-    places: tuple[float, ...]
-    beside: Made  # What they make together beyond the sum of what each makes alone.
+    places: tuple[float, ...]  # Strength of each effect, as a position in its signature.
+    interaction: PredictedChange  # Simulated joint change less the sum of single changes.
 
     @property
     def settings(self) -> dict[str, Value]:
         """Value by effect."""
         return {
-            one.name: one.value(place) for one, place in zip(self.terms, self.places, strict=True)
+            term.name: term.value(place)
+            for term, place in zip(self.terms, self.places, strict=True)
         }
 
-    def made(self, *, without: int | None = None) -> Made:
-        """What they make, all or, of all that they make together, what is not one's alone.
+    def predict(self, *, without: int | None = None) -> PredictedChange:
+        """Predict the change by all effects, or by all but one.
 
-        What the others make by themselves lacks that of `beside` which the one has a part in.
+        The interaction is included in both cases, also its part due to the omitted effect.
         """
-        total = self.beside
-        for number, (one, place) in enumerate(zip(self.terms, self.places, strict=True)):
+        total = self.interaction
+        for number, (term, place) in enumerate(zip(self.terms, self.places, strict=True)):
             if number != without:
-                total = total + one.at(place)
+                total = total + term.change_at(place)
         return total
 
-    def others(self, signatures: Sequence[Signature]) -> list[Signature]:
-        """Those that are none of its effects."""
-        used = {one.name for one in self.terms}
-        return [one for one in signatures if one.name not in used]
+    def unused(self, signatures: Sequence[Signature]) -> list[Signature]:
+        """Select the signatures of effects that the model does not contain."""
+        used = {term.name for term in self.terms}
+        return [signature for signature in signatures if signature.name not in used]
 
-    def only(self, numbers: Sequence[int], beside: Made) -> Model:
-        """Some of the effects, as strong as they are here.
-
-        Args:
-            numbers: which.
-            beside: what these make together.
-        """
-        terms = tuple(self.terms[n] for n in numbers)
-        return Model(terms, tuple(self.places[n] for n in numbers), beside)
-
-    def wider(self, by: Fit) -> Model:
-        """With one more effect, where it fits."""
-        return Model((*self.terms, by.signature), (*self.places, by.place), self.beside)
-
-    def exchanged(self, number: int, by: Fit) -> Model:
-        """With another effect in the place of one.
+    def subset(self, numbers: Sequence[int], interaction: PredictedChange) -> EffectModel:
+        """Keep some of the effects, at their strengths.
 
         Args:
-            number: of the one.
-            by: the other, where it fits.
+            numbers: indices of the effects.
+            interaction: interaction of these.
         """
-        terms, at = list(self.terms), list(self.places)
-        terms[number], at[number] = by.signature, by.place
-        return Model(tuple(terms), tuple(at), self.beside)
+        terms = tuple(self.terms[number] for number in numbers)
+        return EffectModel(terms, tuple(self.places[number] for number in numbers), interaction)
 
-    def gain(self, other: Model, likelihood: Likelihood) -> float:
-        """Log likelihood by which it explains more than another, of all scenes."""
-        return float((likelihood.cost(other.made()) - likelihood.cost(self.made())).sum())
+    def extended(self, addition: Fit) -> EffectModel:
+        """Add an effect at its fitted strength."""
+        return EffectModel(
+            (*self.terms, addition.signature), (*self.places, addition.place), self.interaction
+        )
+
+    def exchanged(self, number: int, replacement: Fit) -> EffectModel:
+        """Replace one effect by another at its fitted strength.
+
+        Args:
+            number: index of the replaced effect.
+            replacement: fit of the other effect.
+        """
+        terms, places = list(self.terms), list(self.places)
+        terms[number], places[number] = replacement.signature, replacement.place
+        return EffectModel(tuple(terms), tuple(places), self.interaction)
+
+    def gain_over(self, reference: EffectModel, likelihood: Likelihood) -> float:
+        """Compute the gain in log-likelihood over another model, summed over scenes."""
+        difference = likelihood.cost(reference.predict()) - likelihood.cost(self.predict())
+        return float(difference.sum())
 
 
-def simulated(trial: Trial, model: Model) -> Model | None:
-    """Fit strengths, simulate the effects together, and fit again with what that adds.
-
-    None where they exclude each other in this sensor.
+def fit_and_simulate(context: SearchContext, model: EffectModel) -> EffectModel | None:
+    """Fit the strengths, simulate the effects together, and fit again with their interaction.
 
     Args:
-        trial: what they are fitted to.
-        model: effects, and where to begin.
+        context: data of the fit.
+        model: effects and start values.
+
+    Returns:
+        None if the sensor cannot have these effects together.
     """
-    model = _fitted(trial.likelihood, model)
+    model = _fit_strengths(context.likelihood, model)
     for _ in range(2):
-        together = trial.bench.change(model.settings)
+        together = context.table.change(model.settings)
         if together is None:
             return None
-        alone = Model(model.terms, model.places, trial.likelihood.nothing).made()
-        beside = Made(together - alone.change)
-        model = _fitted(trial.likelihood, Model(model.terms, model.places, beside))
+        single = EffectModel(model.terms, model.places, context.likelihood.no_change).predict()
+        interaction = PredictedChange(together - single.change)
+        model = _fit_strengths(
+            context.likelihood, EffectModel(model.terms, model.places, interaction)
+        )
     return model
 
 
-def _fitted(likelihood: Likelihood, model: Model) -> Model:
-    """Fit each effect given the others, round by round."""
-    every = [np.ones(len(likelihood.gap), bool)]
+def _fit_strengths(likelihood: Likelihood, model: EffectModel) -> EffectModel:
+    """Fit each effect given the others, in several rounds."""
+    all_scenes = [np.ones(len(likelihood.gap), bool)]
     for _ in range(ROUNDS if len(model.terms) > 1 else 1):
-        for number, one in enumerate(model.terms):
-            found = fit(one, likelihood, every, given=model.made(without=number))
-            moved = (*model.places[:number], found.place, *model.places[number + 1 :])
-            model = Model(model.terms, moved, model.beside)
+        for number, term in enumerate(model.terms):
+            fitted = fit(term, likelihood, all_scenes, background=model.predict(without=number))
+            places = (*model.places[:number], fitted.place, *model.places[number + 1 :])
+            model = EffectModel(model.terms, places, model.interaction)
     return model

@@ -1,4 +1,4 @@
-"""What the base itself scatters: its noise, and how far the best of all effects gains by chance."""
+"""Null distribution: scatter of the base's features, and the gain of the best effect by chance."""
 
 from __future__ import annotations
 
@@ -9,54 +9,51 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.which.candidates import Arm
-from starling.diagnosis.which.fit import fit
+from starling.diagnosis.which.candidates import Segment
+from starling.diagnosis.which.fit import Folds, fit
 from starling.diagnosis.which.likelihood import TAU, Likelihood
 from starling.diagnosis.which.response import Signature
-from starling.diagnosis.which.table import Bench, Table
+from starling.diagnosis.which.table import FeatureTable, Rows
 from starling.sim.effects.effect import Value
 from starling.sim.statistics import mean_known
 
 SEEDS = 8
-FLOOR = 0.02  # What the simulator is taken to be wrong by in every feature, in its own unit.
-_SPOT = "lens_blur"  # No model has its shape right: what it makes is wrong by a share.
-_DEVICE = 10  # From which devices are counted.
-_BESIDE = 1000  # From one seed to that of what it is compared with.
-LEAST_GAIN = 12.0  # Below this no effect is believed, whatever the nulls say.
+FLOOR = 0.02  # Model error of the simulator in every feature, in the feature's unit.
+_SPOT = "lens_blur"  # No model has the exact shape of the spot: its effect has a model error.
+_FIRST_DEVICE = 10  # Number of the first device of the base; smaller ones belong to signatures.
+_REFERENCE_SEED = 1000  # Offset from the seed of a capture to that of its reference.
+LEAST_GAIN = 12.0  # Least threshold of the gain, also if all null gains are smaller.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Base:
-    """Features of the base under several seeds."""
+class BaseSamples:
+    """Features of the base under several noise seeds."""
 
     tables: NDArray[np.float64]  # (seeds, scenes, features); the first has the signatures' seed.
-    floor: Table  # What the simulator is taken to be wrong by.
-    # What a capture is compared with; None: the mean of the base.
-    against: Table | None = None
+    floor: Rows  # Model error of the simulator (standard deviation).
+    against: Rows | None = None  # Captured reference; None: the reference is the mean of the base.
 
     @property
-    def mean(self) -> Table:
+    def mean(self) -> Rows:
         """Mean over seeds."""
         return mean_known(self.tables, axis=0)
 
     @property
-    def deviation(self) -> Table:
-        """Deviation of a reading less what it is compared with, and of what the
-        simulator misses.
-        """
+    def deviation(self) -> Rows:
+        """Standard deviation of a capture less its reference, model error included."""
         seeds = len(self.tables)
         squares = mean_known((self.tables - self.mean) ** 2, axis=(0, 1))
         variance = squares * seeds / max(seeds - 1, 1)
         variance = variance * (1 + (1 / seeds if self.against is None else 1))
         return np.sqrt(np.nan_to_num(variance) + self.floor**2)
 
-    def likelihood(self, real: Table, weight: NDArray[np.float64]) -> Likelihood:
-        """Likelihood of a reading's gap."""
+    def likelihood(self, real: Rows, weight: NDArray[np.float64]) -> Likelihood:
+        """Build the likelihood of a capture's gap."""
         gap = real - (self.mean if self.against is None else self.against)
         return Likelihood(gap, self.deviation, weight)
 
-    def without(self, number: int) -> Base:
-        """The base with one seed left out; where captures are compared the next stands for one."""
+    def without(self, number: int) -> BaseSamples:
+        """Leave out one seed; if there is a captured reference, the next seed replaces it."""
         following = self.tables[(number + 1) % len(self.tables)]
         return dataclasses.replace(
             self,
@@ -64,118 +61,123 @@ class Base:
             against=None if self.against is None else following,
         )
 
-    def drawn(self, simulated: Table) -> Base:
-        """The base with a simulated reading for the captures that others are compared with."""
+    def with_reference(self, simulated: Rows) -> BaseSamples:
+        """Replace the captured reference, if there is one, by a simulated one."""
         return self if self.against is None else dataclasses.replace(self, against=simulated)
 
 
-def base(bench: Bench, *, seeds: int = SEEDS) -> Base:
-    """Simulate the base, or the noise of images that captures are compared with.
+def simulate_base(table: FeatureTable, *, seeds: int = SEEDS) -> BaseSamples:
+    """Simulate the base under several seeds.
 
-    How features of real images scatter no simulation tells: where the device has other dots than
-    the sensor, one that looks for the sensor's is chance alone. Matching a real pair again draws
-    nothing: there one table is all, unless the device's own matcher reads finer bits, which are
-    drawn.
+    If captured images are the reference, noise is added to these: a simulation does not show how
+    features of real images scatter. For example, features that look for the sensor's dots are pure
+    chance if the device has other dots. In the depth segment the captured images are matched again,
+    which has no random part except in bits that only the device's matcher reads.
     """
-    if bench.arm is Arm.DEPTH:
-        again = bench.simulated({})
-        assert again is not None
-        drawn = range(seeds if bench.subjects[0].sensor.left.dropped_bits else 0)
-        tables = [again + bench.finer(seed=number) for number in drawn] or [again]
-        return _of(np.stack(tables), bench.against())
-    against = bench.against()
-    if against is not None and bench.arm is Arm.IMAGE:
-        exposed = np.stack([bench.exposed(seed=number) for number in range(seeds)])
-        return _of(exposed, against)
-    if against is None:  # The real device is another one of the kind, and of none that effects had.
-        others = [bench.another({}, number=_DEVICE + number) for number in range(1, seeds)]
+    if table.segment is Segment.DEPTH:
+        rematched = table.simulate({})
+        assert rematched is not None
+        drawn = range(seeds if table.scene_models[0].sensor.left.dropped_bits else 0)
+        tables = [rematched + table.extra_bits(seed=number) for number in drawn] or [rematched]
+        return _samples(np.stack(tables), table.against())
+    against = table.against()
+    if against is not None and table.segment is Segment.IMAGE:
+        exposed = np.stack([table.reexposed(seed=number) for number in range(seeds)])
+        return _samples(exposed, against)
+    if against is None:  # The real device differs from all devices of the signatures.
+        further = [
+            table.simulate_device({}, number=_FIRST_DEVICE + number) for number in range(1, seeds)
+        ]
     else:
-        others = [bench.simulated({}, seed=number) for number in range(1, seeds)]
-    found = [bench.simulated({}), *others]
-    made = _of(np.stack([one for one in found if one is not None]), against)
-    spotless = bench.change({_SPOT: 0.0})
-    wrong = [] if spotless is None else [TAU * spotless]
-    if against is None:  # Else both sides see the very scene.
-        wrong += bench.otherwise()
-    floor = made.floor
-    for one in wrong:
-        floor = np.hypot(floor, np.nan_to_num(one))
-    return dataclasses.replace(made, floor=floor)
+        further = [table.simulate({}, seed=number) for number in range(1, seeds)]
+    tables = [table.simulate({}), *further]
+    samples = _samples(np.stack([rows for rows in tables if rows is not None]), against)
+    spotless = table.change({_SPOT: 0.0})
+    errors = [] if spotless is None else [TAU * spotless]
+    if against is None:  # A captured reference shows the same scene, without error.
+        errors += table.estimate_changes()
+    floor = samples.floor
+    for error in errors:
+        floor = np.hypot(floor, np.nan_to_num(error))
+    return dataclasses.replace(samples, floor=floor)
 
 
-def another(
-    bench: Bench, of: Base, settings: Mapping[str, Value], *, number: int
-) -> tuple[Base, Table] | None:
-    """What stands for a capture with effects in it, and the base that it is then compared with.
+def simulate_capture(
+    table: FeatureTable, base: BaseSamples, settings: Mapping[str, Value], *, number: int
+) -> tuple[BaseSamples, Rows] | None:
+    """Simulate a capture with effects, and the base that it is compared with.
 
-    It is another device's, as what is drawn by lot is each device's own; of one whose depth is
-    compared with its own, that one's. What is laid onto captured images has their noise: both sides
-    get one more exposure's. None where the effects cannot be set.
+    The capture is of another device, because fixed-pattern noise and dead dots differ by device.
+    Depth is compared within one device. If effects are transferred onto captured images, both sides
+    get the noise of one more exposure.
 
     Args:
-        bench: scenes and arm.
-        of: their base.
+        table: feature table.
+        base: samples of the base.
         settings: value by effect.
-        number: of the device and of the noise's seed.
+        number: number of the device, and seed of the noise.
+
+    Returns:
+        None if the sensor cannot have these effects.
     """
-    compared, arm = of.against is not None, bench.arm
-    if arm is Arm.IMAGE or (arm is Arm.WHOLE and not compared):
-        found = bench.another(settings, number=number)
+    compared, segment = base.against is not None, table.segment
+    if segment is Segment.IMAGE or (segment is Segment.WHOLE and not compared):
+        capture = table.simulate_device(settings, number=number)
     else:
-        found = bench.simulated(settings, seed=number)
-    if found is None:
+        capture = table.simulate(settings, seed=number)
+    if capture is None:
         return None
-    if arm is Arm.DEPTH and len(of.tables) > 1:
-        found = found + bench.finer(seed=number)
-    beside = of.tables[-1]
-    if arm is Arm.WHOLE and compared:
-        other = bench.simulated({}, seed=number + _BESIDE)
-        assert other is not None
-        beside = other
-    if arm is Arm.IMAGE and of.against is not None:
-        same = bench.another({}, number=number)
-        assert same is not None
-        found = found - same + bench.exposed(seed=number)
-        beside = bench.exposed(seed=number + _BESIDE)
-    return of.drawn(beside), found
+    if segment is Segment.DEPTH and len(base.tables) > 1:
+        capture = capture + table.extra_bits(seed=number)
+    reference = base.tables[-1]
+    if segment is Segment.WHOLE and compared:
+        simulated = table.simulate({}, seed=number + _REFERENCE_SEED)
+        assert simulated is not None
+        reference = simulated
+    if segment is Segment.IMAGE and base.against is not None:
+        without = table.simulate_device({}, number=number)
+        assert without is not None
+        capture = capture - without + table.reexposed(seed=number)
+        reference = table.reexposed(seed=number + _REFERENCE_SEED)
+    return base.with_reference(reference), capture
 
 
-def _of(tables: NDArray[np.float64], against: Table | None) -> Base:
-    return Base(tables, np.full(tables.shape[1:], FLOOR), against)
+def _samples(tables: NDArray[np.float64], against: Rows | None) -> BaseSamples:
+    return BaseSamples(tables, np.full(tables.shape[1:], FLOOR), against)
 
 
-def readings(of: Base) -> list[tuple[Base, Table]]:
-    """Every reading of the base, and the base that others make; one that nothing scatters stands
-    for both.
-    """
-    if len(of.tables) < 2:
-        return [(of, of.tables[0])]
-    return [(of.without(number), of.tables[number]) for number in range(len(of.tables))]
+def leave_one_out(samples: BaseSamples) -> list[tuple[BaseSamples, Rows]]:
+    """List each sample with the base that the others make; a single sample is its own base."""
+    if len(samples.tables) < 2:
+        return [(samples, samples.tables[0])]
+    return [
+        (samples.without(number), samples.tables[number]) for number in range(len(samples.tables))
+    ]
 
 
-def gains(
-    of: Base,
+def null_gains(
+    samples: BaseSamples,
     signatures: Sequence[Signature],
     weight: NDArray[np.float64],
-    folds: Sequence[NDArray[np.bool_]],
+    folds: Folds,
 ) -> NDArray[np.float64]:
-    """Held-out gain of the best effect where there is none to find, for each seed left out."""
-    found = []
-    for base, reading in readings(of) if len(of.tables) > 1 else ():
-        likelihood = base.likelihood(reading, weight)
-        best = [fit(one, likelihood, folds).gain.sum() for one in signatures]
-        found.append(max(best, default=0.0))
-    return np.array(found)
+    """Compute the held-out gain of the best effect where no effect acts, for each seed."""
+    gains = []
+    for base, capture in leave_one_out(samples) if len(samples.tables) > 1 else ():
+        likelihood = base.likelihood(capture, weight)
+        best = [fit(signature, likelihood, folds).gain.sum() for signature in signatures]
+        gains.append(max(best, default=0.0))
+    return np.array(gains)
 
 
-def threshold(null_gains: NDArray[np.float64]) -> float:
-    """The most that chance gained, at least `LEAST_GAIN`."""
-    return max([LEAST_GAIN, *null_gains.tolist()])
+def gain_threshold(gains: NDArray[np.float64]) -> float:
+    """Return the largest null gain, but at least `LEAST_GAIN`."""
+    return max([LEAST_GAIN, *gains.tolist()])
 
 
-def size(of: Base, weight: NDArray[np.float64]) -> float:
-    """Largest size of a gap (`Likelihood.size`) that seeds alone make; 0 where nothing is drawn."""
-    if len(of.tables) < 2:
+def noise_size(samples: BaseSamples, weight: NDArray[np.float64]) -> float:
+    """Compute the largest size of a gap between seeds; 0 if nothing is random."""
+    if len(samples.tables) < 2:
         return 0.0
-    each = [base.likelihood(reading, weight) for base, reading in readings(of)]
-    return max(one.size(one.nothing) for one in each)
+    likelihoods = [base.likelihood(capture, weight) for base, capture in leave_one_out(samples)]
+    return max(likelihood.size(likelihood.no_change) for likelihood in likelihoods)

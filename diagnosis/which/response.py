@@ -1,4 +1,4 @@
-"""What an effect does to the features of every scene, at each of some strengths."""
+"""Response of the features to effects: predicted changes, and signatures over an effect's range."""
 
 from __future__ import annotations
 
@@ -9,42 +9,67 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.diagnosis.which.candidates import Candidate
-from starling.diagnosis.which.predicted import Made
 from starling.diagnosis.which.rows import Row
-from starling.diagnosis.which.table import Bench
+from starling.diagnosis.which.table import FeatureTable
 from starling.sim.effects.effect import Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PredictedChange:
+    """Change of the features by effects, with its variance over devices and exposures."""
+
+    change: NDArray[np.float64]  # (..., scenes, features)
+    scatter: NDArray[np.float64] | float = 0.0  # Variance, (..., 1, features).
+
+    def __add__(self, second: PredictedChange) -> PredictedChange:
+        """Add the changes of two effects that do not interact."""
+        return PredictedChange(self.change + second.change, self.scatter + second.scatter)
+
+
+def stack_changes(changes: Sequence[PredictedChange]) -> PredictedChange:
+    """Stack changes along a new first axis.
+
+    Args:
+        changes: changes of the same scenes, at least one.
+    """
+    width = changes[0].change.shape[-1]
+    scatter = [np.broadcast_to(item.scatter, (1, width)) for item in changes]
+    return PredictedChange(np.stack([item.change for item in changes]), np.stack(scatter))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Signature:
-    """One candidate's."""
+    """Change of the features by one candidate, at several values of its parameter.
+
+    A position is a fractional index into the values: 0 is the first value, 1.5 lies halfway between
+    the second and the third. Changes are interpolated linearly.
+    """
 
     candidate: Candidate
-    values: tuple[Value, ...]  # Nodes that could be simulated, the base among them.
-    change: NDArray[np.float64]  # (values, scenes, features), zeros at the base.
-    # (values, features) deviation of that from device to device and exposure to exposure; None of
-    # what is the same in all.
+    values: tuple[Value, ...]  # Simulated values, the base among them.
+    change: NDArray[np.float64]  # (values, scenes, features); zeros at the base.
+    # (values, features) standard deviation over devices and exposures; None without a random part.
     scatter: NDArray[np.float64] | None = None
-    given: Mapping[str, Value] = field(default_factory=dict)  # Effects that act already.
+    background: Mapping[str, Value] = field(default_factory=dict)  # Effects that act already.
 
     @property
     def name(self) -> str:
-        """The candidate's."""
+        """Name of the candidate."""
         return self.candidate.name
 
-    def at(self, place: float) -> Made:
-        """What it makes at a place between the values: 0 is the first, 1.5 halfway to the third."""
+    def change_at(self, place: float) -> PredictedChange:
+        """Interpolate the change at a position."""
         below = min(int(place), len(self.values) - 2)
         share = place - below
         change = (1 - share) * self.change[below] + share * self.change[below + 1]
         if self.scatter is None:
-            return Made(change)
-        return Made(
+            return PredictedChange(change)
+        return PredictedChange(
             change, ((1 - share) * self.scatter[below] + share * self.scatter[below + 1]) ** 2
         )
 
     def value(self, place: float) -> Value:
-        """Parameter at a place; of words the nearest."""
+        """Interpolate the parameter at a position; a choice takes the nearest value."""
         if not self.candidate.numeric:
             return self.values[round(place)]
         below = min(int(place), len(self.values) - 2)
@@ -54,55 +79,62 @@ class Signature:
         return float(round(value) if self.candidate.whole else value)
 
 
-def signature(
+def simulate_signature(
     candidate: Candidate,
-    bench: Bench,
+    table: FeatureTable,
     nodes: Sequence[Value],
     *,
-    given: Mapping[str, Value] | None = None,
+    background: Mapping[str, Value] | None = None,
 ) -> Signature | None:
-    """Simulate some of a candidate's nodes with the base's noise; None where none can be.
+    """Simulate a candidate at some of its nodes; None if none of them can be simulated.
 
     Args:
-        candidate: of the bench's arm.
-        bench: the subjects.
-        nodes: those of the candidate's that are simulated, in their order.
-        given: effects that act already, of whose doing nothing counts.
+        candidate: candidate of the table's segment.
+        table: feature table.
+        nodes: values to simulate, in the candidate's order.
+        background: effects that act already; their own change is subtracted.
     """
-    given = given or {}
+    background = background or {}
     for node in nodes:
-        bench.begin({**given, candidate.name: node})
-    already = bench.change(given)
+        table.prefetch({**background, candidate.name: node})
+    already = table.change(background)
     if already is None:
         return None
-    made = [(node, bench.change({**given, candidate.name: node})) for node in nodes]
-    known = [(node, change - already) for node, change in made if change is not None]
+    simulated = [(node, table.change({**background, candidate.name: node})) for node in nodes]
+    known = [(node, change - already) for node, change in simulated if change is not None]
     if not known:
         return None
     values = [node for node, _ in known]
     changes = [change for _, change in known]
-    scatter = [bench.scatter({candidate.name: node}) for node in values]
+    scatter = [table.scatter({candidate.name: node}) for node in values]
     place = 0
     if candidate.numeric:
         place = int(np.searchsorted(np.array(values, float), float(candidate.base)))
     values.insert(place, candidate.base)
     changes.insert(place, np.zeros_like(changes[0]))
-    return Signature(candidate, tuple(values), np.stack(changes), _stacked(scatter, place), given)
+    scatter_rows = _with_base_row(scatter, place)
+    return Signature(candidate, tuple(values), np.stack(changes), scatter_rows, background)
 
 
-def _stacked(scatter: Sequence[Row | None], place: int) -> NDArray[np.float64] | None:
-    """One above the other, with zeros at the base's place."""
-    told = [one for one in scatter if one is not None]
-    return np.insert(np.stack(told), place, 0.0, axis=0) if told else None
+def _with_base_row(scatter: Sequence[Row | None], place: int) -> NDArray[np.float64] | None:
+    """Stack the scatter of the values, with zeros at the base."""
+    rows = [row for row in scatter if row is not None]
+    return np.insert(np.stack(rows), place, 0.0, axis=0) if rows else None
 
 
-def with_node(of: Signature, value: Value, bench: Bench) -> Signature:
-    """The same with one more strength simulated; as it was where that cannot be.
+def add_node(signature: Signature, value: Value, table: FeatureTable) -> Signature:
+    """Simulate one more value; the signature is unchanged if that is not possible.
 
     Args:
-        of: with numbers for strengths.
-        value: of the candidate.
-        bench: the subjects.
+        signature: signature of a numeric candidate.
+        value: value to add.
+        table: feature table.
     """
-    nodes = [node for node in of.values if node != of.candidate.base]
-    return signature(of.candidate, bench, sorted([*nodes, value], key=float), given=of.given) or of
+    nodes = [node for node in signature.values if node != signature.candidate.base]
+    extended = simulate_signature(
+        signature.candidate,
+        table,
+        sorted([*nodes, value], key=float),
+        background=signature.background,
+    )
+    return extended or signature

@@ -1,4 +1,4 @@
-"""What one scene gives of an arm's features, simulated or captured."""
+"""Feature row of one scene in one pipeline segment, captured or simulated."""
 
 from __future__ import annotations
 
@@ -10,100 +10,111 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.diagnosis.features import observation as features
-from starling.diagnosis.scenes.observation import Reading
-from starling.diagnosis.scenes.scene_model import Subject
-from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.which.candidates import Segment
 from starling.patterns.errors import InputError
 from starling.sim.effects.effect import Value
 
 Row = NDArray[np.float64]  # (features,)
 
-BITS = "dropped_bits"  # What a device's own depth differs by from its images' matched again.
+BITS = "dropped_bits"  # Effect: bits that the device's matcher reads and its images lack.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Columns:
-    """What is told of each scene, the same for all."""
+    """Features of a table, the same for all scenes."""
 
-    arm: Arm
+    segment: Segment
     names: tuple[str, ...]
-    ceiling: float  # Largest code.
+    ceiling: float  # Largest code [DN].
 
 
-def base_features(of: Subject, arm: Arm, ceiling: float) -> dict[str, float]:
-    """Features that one scene has in an arm, simulated without effects."""
-    return _features(arm, _simulated(of, arm, {}, 0), of, ceiling)
+def base_features(scene: SceneModel, segment: Segment, ceiling: float) -> dict[str, float]:
+    """Compute the features of one scene in a segment, simulated without effects."""
+    return _features(segment, _simulate(scene, segment, {}, 0), scene, ceiling)
 
 
 def simulated_row(
-    of: Subject, columns: Columns, settings: Mapping[str, Value], seed: int
+    scene: SceneModel, columns: Columns, settings: Mapping[str, Value], seed: int
 ) -> Row | None:
-    """Simulate one scene; None where its sensor cannot have these values."""
+    """Simulate one scene; None if its sensor cannot have these values."""
     try:
-        reading = _simulated(of, columns.arm, settings, seed)
+        observation = _simulate(scene, columns.segment, settings, seed)
     except InputError:
         return None
-    row = row_of(reading, of, columns)
-    if columns.arm is Arm.DEPTH and BITS in settings:
+    row = observation_row(observation, scene, columns)
+    if columns.segment is Segment.DEPTH and BITS in settings:
         bits = {BITS: settings[BITS]}
-        row += finer_row(of, columns, bits, seed) - finer_row(of, columns, {}, seed)
+        row += extra_bits_row(scene, columns, bits, seed) - extra_bits_row(scene, columns, {}, seed)
     return row
 
 
-def another_row(
-    of: Subject, columns: Columns, settings: Mapping[str, Value], number: int
+def device_row(
+    scene: SceneModel, columns: Columns, settings: Mapping[str, Value], number: int
 ) -> Row | None:
-    """One scene's row of `Bench.another`."""
-    return simulated_row(of.another(number), columns, settings, number)
+    """Compute a row of `FeatureTable.simulate_device`."""
+    return simulated_row(scene.with_device(number), columns, settings, number)
 
 
-def otherwise_row(of: Subject, columns: Columns, number: int) -> Row | None:
-    """One scene's row of `Bench.otherwise`; the base's where it has no such estimate."""
-    scene = of.otherwise(number) if number < len(of.estimates) else of
-    return simulated_row(scene, columns, {}, 0)
+def estimate_row(scene: SceneModel, columns: Columns, number: int) -> Row | None:
+    """Compute a row of `FeatureTable.estimate_changes`; the base's without such an estimate."""
+    estimate = scene.with_estimate(number) if number < len(scene.estimates) else scene
+    return simulated_row(estimate, columns, {}, 0)
 
 
-def finer_row(of: Subject, columns: Columns, settings: Mapping[str, Value], seed: int) -> Row:
-    """One scene's row of `Bench.finer`."""
-    return _beside_ours(of.capture(settings, seed=seed), of, columns)
+def extra_bits_row(
+    scene: SceneModel, columns: Columns, settings: Mapping[str, Value], seed: int
+) -> Row:
+    """Compute a row of `FeatureTable.extra_bits`."""
+    return _less_rematched(scene.simulate_all(settings, seed=seed), scene, columns)
 
 
-def exposed_row(of: Subject, columns: Columns, seed: int) -> Row:
-    """One scene's row of `Bench.exposed`."""
-    return row_of(of.expose_again(seed=seed), of, columns)
+def reexposed_row(scene: SceneModel, columns: Columns, seed: int) -> Row:
+    """Compute a row of `FeatureTable.reexposed`."""
+    return observation_row(scene.reexpose(seed=seed), scene, columns)
 
 
-def _simulated(of: Subject, arm: Arm, settings: Mapping[str, Value], seed: int) -> Reading:
-    if arm is Arm.DEPTH:
-        return of.rematch(settings)
-    if arm is Arm.IMAGE:
-        return of.simulate(settings, seed=seed)
-    return of.measure(settings, seed=seed)
+def _simulate(
+    scene: SceneModel, segment: Segment, settings: Mapping[str, Value], seed: int
+) -> SceneObservation:
+    """Simulate what a segment compares; the depth segment matches the captured images again."""
+    if segment is Segment.DEPTH:
+        return scene.rematch(settings)
+    if segment is Segment.IMAGE:
+        return scene.simulate(settings, seed=seed)
+    return scene.simulate_depth(settings, seed=seed)
 
 
-def row_of(reading: Reading, subject: Subject, columns: Columns) -> Row:
-    return in_order(_features(columns.arm, reading, subject, columns.ceiling), columns)
+def observation_row(observation: SceneObservation, scene: SceneModel, columns: Columns) -> Row:
+    """Compute the features of an observation, in the order of the columns."""
+    return in_order(_features(columns.segment, observation, scene, columns.ceiling), columns)
 
 
 def in_order(features: Mapping[str, float], columns: Columns) -> Row:
+    """Arrange features in the order of the columns; NaN where a feature is missing."""
     return np.array([features.get(name, np.nan) for name in columns.names])
 
 
-def other_row(reading: Reading, subject: Subject, columns: Columns) -> Row:
-    if columns.arm is Arm.DEPTH:
-        return _beside_ours(reading, subject, columns)
-    return row_of(reading, subject, columns)
+def against_row(observation: SceneObservation, scene: SceneModel, columns: Columns) -> Row:
+    """Compute the row of a reference observation; in the depth segment less our matcher's."""
+    if columns.segment is Segment.DEPTH:
+        return _less_rematched(observation, scene, columns)
+    return observation_row(observation, scene, columns)
 
 
-def _beside_ours(reading: Reading, subject: Subject, columns: Columns) -> Row:
-    """A device's depth less what our matcher makes of its images."""
-    device = dataclasses.replace(subject, real=reading)
-    return row_of(reading, device, columns) - row_of(device.rematch({}), device, columns)
+def _less_rematched(observation: SceneObservation, scene: SceneModel, columns: Columns) -> Row:
+    """Compute features of device depth less those of our matcher's depth of the same images."""
+    device = dataclasses.replace(scene, real=observation)
+    rematched = observation_row(device.rematch({}), device, columns)
+    return observation_row(observation, device, columns) - rematched
 
 
-def _features(arm: Arm, reading: Reading, subject: Subject, ceiling: float) -> dict[str, float]:
-    if arm is Arm.IMAGE:
-        return features.of_image(reading, subject.ground, ceiling=ceiling)
-    device_px = subject.real.device_px if arm is Arm.DEPTH else None
+def _features(
+    segment: Segment, observation: SceneObservation, scene: SceneModel, ceiling: float
+) -> dict[str, float]:
+    if segment is Segment.IMAGE:
+        return features.image_features(observation, scene.strata, ceiling=ceiling)
+    device_px = scene.real.device_px if segment is Segment.DEPTH else None
     captured_px = None if device_px is None else device_px[0]
-    return features.of_depth(reading, subject.ground, captured_px=captured_px)
+    return features.depth_features(observation, scene.strata, captured_px=captured_px)

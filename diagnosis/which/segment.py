@@ -1,4 +1,4 @@
-"""One half of the stage swap from its first screening to what it leaves unexplained."""
+"""Diagnosis of one pipeline segment, from the screening of candidates to the unexplained rest."""
 
 from __future__ import annotations
 
@@ -10,50 +10,56 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.diagnosis.transfer import quantisation_step
-from starling.diagnosis.which import null, residuals, search
-from starling.diagnosis.which.candidates import Arm, Candidate, with_told
-from starling.diagnosis.which.fit import fit, folds
-from starling.diagnosis.which.likelihood import Likelihood, by_scene, total, weights
-from starling.diagnosis.which.null import Base
-from starling.diagnosis.which.response import Signature, signature
-from starling.diagnosis.which.search import Search
-from starling.diagnosis.which.strengths import coarse
-from starling.diagnosis.which.table import Bench, Table
-from starling.diagnosis.which.trial import Trial
+from starling.diagnosis.which import null, residuals
+from starling.diagnosis.which.candidates import Candidate, Segment, with_measured_node
+from starling.diagnosis.which.fit import fit, room_folds
+from starling.diagnosis.which.likelihood import (
+    Likelihood,
+    feature_weights,
+    size_by_scene,
+    total_size,
+)
+from starling.diagnosis.which.model import SearchContext
+from starling.diagnosis.which.null import BaseSamples
+from starling.diagnosis.which.response import Signature, simulate_signature
+from starling.diagnosis.which.search import SearchResult, search_effects
+from starling.diagnosis.which.strengths import first_nodes, worth_refining
+from starling.diagnosis.which.table import FeatureTable, Rows
 from starling.sim.console import progress
 from starling.sim.effects.effect import Value
 
-# Size of what is left (`Likelihood.size`) above which something else is at work: what seeds alone
-# make and this much, no more than the second or what seeds make; and a share of what there was, as
-# no effect is simulated as it truly is.
-BEYOND_NOISE, UNEXPLAINED = 0.35, 0.65
-OF_BEFORE = {Arm.IMAGE: 0.04, Arm.DEPTH: 0.1, Arm.WHOLE: 0.04}  # Matchers are told of less well.
-_TERRACED = "subpixel_steps"  # What leaves terraces in a device's own depth.
+# A gap is explained if its unexplained size is at most: noise size + allowance + a share of the
+# initial size. The share is needed because no effect is simulated exactly.
+BEYOND_NOISE = 0.35  # Allowance on top of the noise size.
+UNEXPLAINED = 0.65  # Upper limit of noise size plus allowance, unless noise alone exceeds it.
+# Share of the initial size, larger for matchers, which are simulated less exactly.
+OF_BEFORE = {Segment.IMAGE: 0.04, Segment.DEPTH: 0.1, Segment.WHOLE: 0.04}
+_QUANTISED = "subpixel_steps"  # Effect that leaves terraces in device depth.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Screen:
-    """What one arm's effects do to the scenes, whatever was captured of them."""
+class Screening:
+    """Signatures of all candidates and null distribution, independent of the captured gap."""
 
-    base: Base
-    rough: tuple[Signature, ...]  # Of few strengths.
+    base: BaseSamples
+    signatures: tuple[Signature, ...]  # Signatures at the candidates' first nodes.
     weight: NDArray[np.float64]  # (features,)
     folds: tuple[NDArray[np.bool_], ...]
-    threshold: float  # Least gain of an effect.
-    noise: float  # Largest size of a gap that seeds alone make.
+    threshold: float  # Least held-out gain of an accepted effect.
+    noise: float  # Largest size of a gap between seeds of the base.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Found:
-    """What one arm says."""
+class SegmentResult:
+    """Diagnosis of one segment."""
 
-    bench: Bench
-    screen: Screen
+    table: FeatureTable
+    screening: Screening
     likelihood: Likelihood
-    search: Search
-    explained_below: float  # Size of what is left up to which nothing else is at work.
-    lead: tuple[str, ...]  # Groups of features that stay unexplained, the worst first,
-    varying: tuple[str, ...]  # and those that do in most scenes, but in each otherwise.
+    search: SearchResult
+    explained_below: float  # Unexplained size up to which the gap counts as explained.
+    lead: tuple[str, ...]  # Groups of features that stay unexplained in all scenes, worst first.
+    varying: tuple[str, ...]  # Groups that stay unexplained in most scenes, differently in each.
 
     @property
     def settings(self) -> dict[str, Value]:
@@ -63,19 +69,19 @@ class Found:
     @property
     def sizes(self) -> tuple[float, float]:
         """Size of the gap, before and after."""
-        before, after = (total(table, self.likelihood.weight) for table in self._tables())
+        before, after = (total_size(rows, self.likelihood.weight) for rows in self._residuals())
         return before, after
 
     @property
-    def beyond(self) -> float:
-        """Size of what is left beyond what the accepted effects may be wrong by."""
-        return total(self.search.beyond, self.likelihood.weight)
+    def unexplained_size(self) -> float:
+        """Size of the remaining gap after the model error of the accepted effects."""
+        return total_size(self.search.unexplained, self.likelihood.weight)
 
     @property
     def by_scene(self) -> dict[str, tuple[float, float]]:
         """Size of the gap in each scene, before and after."""
-        names = [one.name for one in self.bench.subjects]
-        sizes = [by_scene(table, self.likelihood.weight) for table in self._tables()]
+        names = [scene.name for scene in self.table.scene_models]
+        sizes = [size_by_scene(rows, self.likelihood.weight) for rows in self._residuals()]
         return {
             name: (float(before), float(after))
             for name, before, after in zip(names, *sizes, strict=True)
@@ -83,146 +89,150 @@ class Found:
 
     @property
     def by_group(self) -> dict[str, tuple[float, float]]:
-        """What groups of features add to the gap's size, before and after; those first that add
-        most before.
-        """
-        names, weight = self.bench.names, self.likelihood.weight
-        before, after = (residuals.by_group(names, table, weight) for table in self._tables())
+        """Contribution of each group of features to the size, before and after; largest first."""
+        names, weight = self.table.names, self.likelihood.weight
+        before, after = (residuals.by_group(names, rows, weight) for rows in self._residuals())
         return {name: (size, after[name]) for name, size in before.items()}
 
     @property
-    def alike(self) -> dict[str, list[float]]:
-        """What is left of features that are off the same way in every scene (see `left.alike`)."""
-        return residuals.alike(self.bench.names, self.search.left, self.likelihood.weight)
+    def consistent(self) -> dict[str, list[float]]:
+        """Residuals of features that are off in the same direction in every scene."""
+        return residuals.consistent_features(
+            self.table.names, self.search.residual, self.likelihood.weight
+        )
 
-    def _tables(self) -> tuple[Table, Table]:
-        """The gap over its deviation (scenes, features), before and after."""
-        return self.likelihood.left(self.likelihood.nothing), self.search.left
+    def _residuals(self) -> tuple[Rows, Rows]:
+        """Return the gap over its deviation (scenes, features), before and after."""
+        return self.likelihood.residual(self.likelihood.no_change), self.search.residual
 
     @property
     def unexplained(self) -> bool:
-        """Whether more is left than what is named leaves where it is true; not told where no effect
-        was tried.
-        """
-        return bool(self.screen.rough) and self.beyond > self.explained_below
+        """Whether the gap is not explained; False if no effect was tried."""
+        return bool(self.screening.signatures) and self.unexplained_size > self.explained_below
 
 
-def screen(
-    bench: Bench,
+def screen_effects(
+    table: FeatureTable,
     candidates: Sequence[Candidate],
     *,
     always: bool = False,
     track: progress.Progress = progress.silent,
-) -> Screen:
-    """Simulate what may have acted.
+) -> Screening:
+    """Simulate all candidates at their first nodes, and the null distribution.
 
     Args:
-        bench: subjects and arm.
-        candidates: all that may have acted.
-        always: also matcher and filters where no feature is off, which cannot have acted.
-        track: wraps loops that take long.
+        table: feature table of the segment.
+        candidates: effects that may act in the segment.
+        always: screen matcher and filters even if no feature is off, so that they cannot act.
+        track: wraps long loops to report progress.
     """
-    base = null.base(bench)
-    if bench.arm is Arm.DEPTH and not always and _same(bench, base):
+    base = null.simulate_base(table)
+    if table.segment is Segment.DEPTH and not always and _no_feature_off(table, base):
         candidates = ()
-    candidates = told(candidates, bench)
-    for one in candidates:
-        for node in coarse(one):
-            bench.begin({one.name: node})
-    rough = tuple(
-        made
-        for one in track(candidates, f"effects on the {bench.arm.value}")
-        if (made := signature(one, bench, coarse(one))) is not None
+    candidates = add_measured_values(candidates, table)
+    for candidate in candidates:
+        for node in first_nodes(candidate):
+            table.prefetch({candidate.name: node})
+    signatures = tuple(
+        signature
+        for candidate in track(candidates, f"effects on the {table.segment.value}")
+        if (signature := simulate_signature(candidate, table, first_nodes(candidate))) is not None
     )
-    weight = weights(rough, base.deviation)
-    held = folds([one.room for one in bench.subjects])
-    return Screen(
+    weight = feature_weights(signatures, base.deviation)
+    folds = room_folds([scene.room for scene in table.scene_models])
+    return Screening(
         base=base,
-        rough=rough,
+        signatures=signatures,
         weight=weight,
-        folds=tuple(held),
-        threshold=null.threshold(null.gains(base, rough, weight, held)),
-        noise=null.size(base, weight),
+        folds=tuple(folds),
+        threshold=null.gain_threshold(null.null_gains(base, signatures, weight, folds)),
+        noise=null.noise_size(base, weight),
     )
 
 
-def told(candidates: Sequence[Candidate], bench: Bench) -> list[Candidate]:
-    """Candidates with what the captures tell of them by themselves, which is steps of disparity.
+def add_measured_values(candidates: Sequence[Candidate], table: FeatureTable) -> list[Candidate]:
+    """Add the disparity quantisation step measured from the depth maps to its candidate.
 
-    Simulated terraces meet the device's own pixel by pixel nowhere but where their height is right
-    to a thousandth.
+    Simulated terraces coincide with the device's only if their height is right to a thousandth.
 
     Args:
-        candidates: of the bench's arm.
-        bench: the subjects.
+        candidates: candidates of the table's segment.
+        table: feature table.
     """
     return [
-        _with_step(one, bench) if one.name == _TERRACED and bench.arm is Arm.DEPTH else one
-        for one in candidates
+        _with_measured_step(candidate, table)
+        if candidate.name == _QUANTISED and table.segment is Segment.DEPTH
+        else candidate
+        for candidate in candidates
     ]
 
 
-def _with_step(candidate: Candidate, bench: Bench) -> Candidate:
-    own = [one.real.device_px for one in bench.subjects]
-    step = quantisation_step.step_px([maps for maps in own if maps is not None])
-    return candidate if step is None else with_told(candidate, step)
+def _with_measured_step(candidate: Candidate, table: FeatureTable) -> Candidate:
+    device_px = [scene.real.device_px for scene in table.scene_models]
+    step = quantisation_step.estimate_step_px([maps for maps in device_px if maps is not None])
+    return candidate if step is None else with_measured_node(candidate, step)
 
 
-def of_families(screen: Screen, families: Collection[str]) -> Screen:
-    """The same with fewer effects, as if no others were known: votes are shared by what these do.
+def restrict_to_families(screening: Screening, families: Collection[str]) -> Screening:
+    """Keep the effects of some families; feature weights follow from these alone.
 
-    The threshold stays: what chance gains by the others, it might gain by these.
-
-    Args:
-        screen: of the whole table.
-        families: that are tried.
-    """
-    kept = tuple(one for one in screen.rough if one.candidate.effect.family in families)
-    if len(kept) == len(screen.rough):
-        return screen
-    weight = weights(kept, screen.base.deviation)
-    noise = null.size(screen.base, weight)
-    return dataclasses.replace(screen, rough=kept, weight=weight, noise=noise)
-
-
-def _same(bench: Bench, base: Base) -> bool:
-    """Whether no feature of any scene is off: then nothing has to be matched again."""
-    likelihood = base.likelihood(bench.real(), np.ones(len(bench.names)))
-    off = np.nan_to_num(likelihood.left(likelihood.nothing))
-    return bool((np.abs(off) <= 1).all())
-
-
-def diagnosed(bench: Bench, screen: Screen) -> Found:
-    """Find the effects of one arm.
+    The threshold stays: the null gains of the removed effects could also occur for the others.
 
     Args:
-        bench: subjects and arm.
-        screen: of a bench with the same scenes, and in the arm of matcher and filters also the same
-            captures.
+        screening: screening of the whole effect table.
+        families: families that are tried.
     """
-    likelihood = screen.base.likelihood(bench.real(), screen.weight)
+    signatures = tuple(
+        signature
+        for signature in screening.signatures
+        if signature.candidate.effect.family in families
+    )
+    if len(signatures) == len(screening.signatures):
+        return screening
+    weight = feature_weights(signatures, screening.base.deviation)
+    noise = null.noise_size(screening.base, weight)
+    return dataclasses.replace(screening, signatures=signatures, weight=weight, noise=noise)
+
+
+def _no_feature_off(table: FeatureTable, base: BaseSamples) -> bool:
+    """Whether no feature of any scene is off, so that nothing has to be matched again."""
+    likelihood = base.likelihood(table.real(), np.ones(len(table.names)))
+    residual = np.nan_to_num(likelihood.residual(likelihood.no_change))
+    return bool((np.abs(residual) <= 1).all())
+
+
+def diagnose_segment(table: FeatureTable, screening: Screening) -> SegmentResult:
+    """Search for the effects of one segment.
+
+    Args:
+        table: feature table of the segment.
+        screening: screening of a table with the same scenes; in the depth segment also with the
+            same captures.
+    """
+    likelihood = screening.base.likelihood(table.real(), screening.weight)
     alone = sorted(
-        (fit(one, likelihood, screen.folds) for one in screen.rough), key=lambda one: -one.total
+        (fit(signature, likelihood, screening.folds) for signature in screening.signatures),
+        key=lambda fitted: -fitted.total,
     )
-    closer = search.worth(alone, screen.threshold)
-    before = likelihood.size(likelihood.nothing)
-    most = max(screen.noise, min(screen.noise + BEYOND_NOISE, UNEXPLAINED))
-    explained = most + OF_BEFORE[bench.arm] * before
-    trial = Trial(
-        bench=bench,
+    promising = worth_refining(alone, screening.threshold)
+    before = likelihood.size(likelihood.no_change)
+    most = max(screening.noise, min(screening.noise + BEYOND_NOISE, UNEXPLAINED))
+    explained_below = most + OF_BEFORE[table.segment] * before
+    context = SearchContext(
+        table=table,
         likelihood=likelihood,
-        folds=screen.folds,
-        threshold=screen.threshold,
-        explained_below=explained,
+        folds=screening.folds,
+        threshold=screening.threshold,
+        explained_below=explained_below,
     )
-    found = search.search(trial, closer if before > screen.noise else [], alone)
-    alike, each = residuals.leads(bench.names, found.beyond)
-    return Found(
-        bench=bench,
-        screen=screen,
+    search = search_effects(context, promising if before > screening.noise else [], alone)
+    lead, varying = residuals.leads(table.names, search.unexplained)
+    return SegmentResult(
+        table=table,
+        screening=screening,
         likelihood=likelihood,
-        search=found,
-        explained_below=explained,
-        lead=alike,
-        varying=each,
+        search=search,
+        explained_below=explained_below,
+        lead=lead,
+        varying=varying,
     )

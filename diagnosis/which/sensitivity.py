@@ -1,4 +1,4 @@
-"""How strong an effect would have to be to be noticed, by what it does to these scenes."""
+"""Detection limits: how strong each effect must be in these scenes to be accepted."""
 
 from __future__ import annotations
 
@@ -9,84 +9,89 @@ from starling.diagnosis.which import null
 from starling.diagnosis.which.fit import fit, places
 from starling.diagnosis.which.likelihood import Likelihood
 from starling.diagnosis.which.response import Signature
-from starling.diagnosis.which.segment import Screen
+from starling.diagnosis.which.segment import Screening
 from starling.sim.effects.effect import Value
 
-POWER = 0.5  # Share of the readings in which an effect that is there has to gain enough.
-_ROUGH = 4  # Strengths tried between two nodes.
+POWER = 0.5  # Share of simulated captures with the effect in which it must gain enough.
+_COARSE_STEPS = 4  # Positions tried between two nodes.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Noticed:
-    """Values of one effect from which on its own gain passes the threshold in half of some
-    simulated readings; None where no value of its range that was simulated does.
-    """
+class DetectionLimit:
+    """Values of one effect from which it passes the threshold in half of the simulated captures."""
 
-    name: str  # The candidate's.
+    name: str  # Name of the candidate.
     base: Value
-    below: Value | None
+    below: Value | None  # None if no simulated value below the base is detected.
     above: Value | None
 
 
-def noticed(screen: Screen) -> list[Noticed]:
-    """Ask of every effect that was simulated, choices aside; no more is simulated.
+def detection_limits(screening: Screening) -> list[DetectionLimit]:
+    """Estimate the limits of all screened effects except choices.
 
-    Few strengths were, so between them it is rough.
+    No further value is simulated. The screening has few values, so the limits are coarse.
     """
     return [
-        Noticed(
-            name=one.name,
-            base=one.candidate.base,
-            below=least(one, screen, upwards=False, steps=_ROUGH),
-            above=least(one, screen, upwards=True, steps=_ROUGH),
+        DetectionLimit(
+            name=signature.name,
+            base=signature.candidate.base,
+            below=detection_limit(signature, screening, upwards=False, steps=_COARSE_STEPS),
+            above=detection_limit(signature, screening, upwards=True, steps=_COARSE_STEPS),
         )
-        for one in screen.rough
-        if one.candidate.numeric
+        for signature in screening.signatures
+        if signature.candidate.numeric
     ]
 
 
-def least(of: Signature, screen: Screen, *, upwards: bool, steps: int) -> Value | None:
-    """The value nearest to the base from which on all are noticed to one side.
+def detection_limit(
+    signature: Signature, screening: Screening, *, upwards: bool, steps: int
+) -> Value | None:
+    """Find the value nearest to the base beyond which all values are detected.
 
     Args:
-        of: the effect.
-        screen: of the arm.
-        upwards: to which side.
-        steps: strengths tried between two nodes.
+        signature: signature of the effect.
+        screening: screening of the segment.
+        upwards: search above the base, else below.
+        steps: positions tried between two nodes.
     """
-    tried = places(of, steps)
-    base = float(of.values.index(of.candidate.base))
+    tried = places(signature, steps)
+    base = float(signature.values.index(signature.candidate.base))
     inwards = tried[tried > base][::-1] if upwards else tried[tried < base]
     nearest = None
     for place in inwards:
-        if not at(of, float(place), screen):
+        if not is_detected(signature, float(place), screening):
             break
-        nearest = of.value(float(place))
+        nearest = signature.value(float(place))
     return nearest
 
 
-def at(of: Signature, place: float, screen: Screen) -> bool:
-    """Whether half of the seeds, with the effect in them, give it enough gain.
+def is_detected(signature: Signature, place: float, screening: Screening) -> bool:
+    """Whether an effect gains enough in half of the base's samples with the effect added.
 
     Args:
-        of: the effect.
-        place: between its values.
-        screen: of the arm.
+        signature: signature of the effect.
+        place: position between its values.
+        screening: screening of the segment.
     """
-    readings = [
-        base.likelihood(reading + of.at(place).change, screen.weight)
-        for base, reading in null.readings(screen.base)
+    likelihoods = [
+        base.likelihood(capture + signature.change_at(place).change, screening.weight)
+        for base, capture in null.leave_one_out(screening.base)
     ]
-    return enough(of, readings, screen)
+    return gains_enough(signature, likelihoods, screening)
 
 
-def enough(of: Signature, readings: Sequence[Likelihood], screen: Screen) -> bool:
-    """Whether an effect gains as much as it has to in enough of some readings.
+def gains_enough(
+    signature: Signature, likelihoods: Sequence[Likelihood], screening: Screening
+) -> bool:
+    """Whether an effect passes the threshold in a share `POWER` of some captures.
 
     Args:
-        of: the effect.
-        readings: with it in them.
-        screen: of the arm.
+        signature: signature of the effect.
+        likelihoods: likelihoods of captures with the effect.
+        screening: screening of the segment.
     """
-    gains = [fit(of, one, screen.folds, steps=_ROUGH).total for one in readings]
-    return sum(gain >= screen.threshold for gain in gains) >= POWER * len(readings)
+    gains = [
+        fit(signature, likelihood, screening.folds, steps=_COARSE_STEPS).total
+        for likelihood in likelihoods
+    ]
+    return sum(gain >= screening.threshold for gain in gains) >= POWER * len(likelihoods)

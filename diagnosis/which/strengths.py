@@ -1,67 +1,72 @@
-"""At which strengths candidates are simulated: at few first, closer where it matters."""
+"""Choice of the parameter values at which candidates are simulated: first few, then refined."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from starling.diagnosis.which.candidates import Arm, Candidate
+from starling.diagnosis.which.candidates import Candidate, Segment
 from starling.diagnosis.which.fit import Fit
-from starling.diagnosis.which.predicted import Made
-from starling.diagnosis.which.response import Signature, with_node
-from starling.diagnosis.which.trial import Trial
+from starling.diagnosis.which.model import SearchContext
+from starling.diagnosis.which.response import PredictedChange, Signature, add_node
 from starling.sim.effects import setting as setting
 from starling.sim.effects.effect import Stage, Value
 
-_SHARP = 4  # Candidates that are simulated where they fit best,
-_PROMISING = 0.5  # Of the threshold, that the best of them gains,
-_NEAR = 0.5  # if they gain nearly as much as the best: all but this share.
-_HOPEFUL = 0.65  # As much less gain those that are simulated at one more of their nodes.
-_NO_NEWS = 0.05  # Share of a strength by which the next that is simulated differs at least,
-_FINE = 0.15  # and that by which one halfway to a neighbour does.
-_ROUNDS = 5  # Of simulating where one fits.
-_WIDE, _MANY = 40.0, 5  # Strongest over weakest of a range, and its nodes, that make it wide.
-_BEYOND = 5.0  # Range's end over the strong one tried, from which that tells little of the end.
+_CANDIDATES = 12  # Largest number of candidates that are refined.
+_WORTH_SHARE = 0.25  # Share of the threshold that a refined candidate must gain.
+_SIMULATED = 4  # Candidates that are simulated at their best-fitting value.
+_PROMISING = 0.5  # Share of the threshold that the best candidate must gain to be refined.
+_NEAR = 0.5  # Gain below the best, as a share of it, up to which a candidate is refined.
+_HOPEFUL = 0.65  # The same for candidates that are simulated at one more of their nodes.
+_LEAST_STEP = 0.05  # Least distance of a new value from simulated ones, as a share of its strength.
+_LEAST_HALF_STEP = 0.15  # The same for a value halfway between two simulated ones.
+_ROUNDS = 5  # Largest number of refinements.
+_WIDE = 40.0  # Ratio of strongest to weakest departure from which a range is wide.
+_MANY = 5  # Least number of nodes of a wide range.
+_FAR = 5.0  # Ratio of the range's end to the strong node from which the end is tried as well.
 _AFTER_SEARCH = ("matcher.refinement.", "matcher.checks.")
 
 
-def coarse(candidate: Candidate) -> list[Value]:
-    """Nodes at which a candidate is tried first: all words and whole numbers; of others a weak and
-    a strong one to each side.
+def first_nodes(candidate: Candidate) -> list[Value]:
+    """Select the nodes at which a candidate is simulated first.
 
-    A strong one alone would do for effects that grow in proportion; but few do. Of ranges that end
-    far beyond it, as those of dark current, the end is tried as well, and of all filters behind a
-    matcher that read captured images: a limit of depth tells nothing of those beyond it. Where each
-    has to be rendered, or pairs searched anew, which takes most of the time, it is one in the
-    middle, of whole numbers too, but for ranges so wide that the middle tells nothing of their
-    beginning. What captures tell by themselves is tried in any case.
+    A choice or an integer parameter is simulated at all nodes. Other parameters are simulated at a
+    weak and a strong node to each side, as few effects are proportional to their strength. The last
+    node is added in ranges that extend far beyond the strong one, for example of dark current. It
+    is also added in the depth segment: a depth limit shows nothing of filters that act beyond it.
+
+    If each value needs rendering or a new matching search, which takes most of the time, only the
+    middle node is simulated, also of integers. Wide ranges have two. A value measured from the
+    captures is always simulated.
     """
-    slow = bool(candidate.effect.rerender) or _searches(candidate)
+    slow = bool(candidate.effect.rerender) or _needs_search(candidate)
     if not candidate.numeric or (candidate.whole and not slow):
         return list(candidate.nodes)
     base = float(candidate.base)
-    told = [] if candidate.told is None else [candidate.told]
-    others = [node for node in candidate.nodes if node not in told]
-    below = [node for node in others if float(node) < base][::-1]
-    above = [node for node in others if float(node) > base]
-    end = candidate.arm is Arm.DEPTH
-    found = [side[at] for side in (below, above) for at in _tried(side, base, slow=slow, end=end)]
-    return sorted([*found, *told], key=float)
+    measured = [] if candidate.measured is None else [candidate.measured]
+    nodes = [node for node in candidate.nodes if node not in measured]
+    below = [node for node in nodes if float(node) < base][::-1]
+    above = [node for node in nodes if float(node) > base]
+    end = candidate.segment is Segment.DEPTH
+    selected = [
+        side[index]
+        for side in (below, above)
+        for index in _first_indices(side, base, slow=slow, end=end)
+    ]
+    return sorted([*selected, *measured], key=float)
 
 
-def _searches(candidate: Candidate) -> bool:
-    """Whether pairs are searched anew; refinement and checks work on winners that were found."""
+def _needs_search(candidate: Candidate) -> bool:
+    """Whether the matching search must be repeated; refinement and checks reuse its results."""
     if candidate.effect.stage is not Stage.MATCHER:
         return False
     paths = setting.parameter_of(candidate.name)[1].paths
     return not all(path.startswith(_AFTER_SEARCH) for path in paths)
 
 
-def _tried(side: Sequence[Value], base: float, *, slow: bool, end: bool) -> list[int]:
-    """Which of the nodes to one side, from weak to strong, are tried; `end`: the last in any case,
-    if that is not slow.
-    """
+def _first_indices(side: Sequence[Value], base: float, *, slow: bool, end: bool) -> list[int]:
+    """Select nodes of one side, sorted from weak to strong; `end` adds the last unless `slow`."""
     count = len(side)
     if not count:
         return []
@@ -71,110 +76,136 @@ def _tried(side: Sequence[Value], base: float, *, slow: bool, end: bool) -> list
     if slow:
         return [count // 2]
     strong = count - 1 - count // 4
-    end = end or departures[-1] > _BEYOND * departures[strong]
+    end = end or departures[-1] > _FAR * departures[strong]
     return sorted({count // 3, strong, count - 1} if end else {count // 3, strong})
 
 
-def sharper(
-    signatures: Sequence[Signature],
-    trial: Trial,
-    given: Made,
-    *,
-    over: Made | None = None,
-    gained: float = 0.0,
-) -> list[Fit]:
-    """Fit candidates on top of others, those that gain most first, the best and those that come
-    near it simulated at the strength where each fits, until none fits elsewhere or some rounds are
-    over.
-
-    Between nodes an effect is only as right as a straight line is, and that must not decide. Nodes
-    come first, for all that may come near: what is simulated at them serves other captures of the
-    same scenes.
+def worth_refining(fits: Iterable[Fit], threshold: float) -> list[Fit]:
+    """Select the candidates to refine, best first.
 
     Args:
-        signatures: of the candidates.
-        trial: the arm's.
-        given: what others make beside a candidate.
-        over: what they make without any; None where that is the same.
-        gained: by one that is simulated so already.
+        fits: fits of all candidates.
+        threshold: least gain of an accepted effect.
     """
-    threshold = trial.threshold
-    found = _ranked([trial.fit(one, given=given, over=over) for one in signatures])
+    best = sorted(fits, key=lambda fitted: -fitted.total)[:_CANDIDATES]
+    return [fitted for fitted in best if fitted.total > _WORTH_SHARE * threshold]
+
+
+def refine(
+    signatures: Sequence[Signature],
+    context: SearchContext,
+    background: PredictedChange,
+    *,
+    reference: PredictedChange | None = None,
+    leader_gain: float = 0.0,
+) -> list[Fit]:
+    """Fit candidates together with other effects, and simulate the best ones where they fit.
+
+    Between nodes a signature is only as accurate as linear interpolation, which must not decide. In
+    each round the best candidates are simulated at their best-fitting values. Nodes take priority,
+    because their simulations also serve other captures of the scenes. The rounds end when all
+    values are simulated.
+
+    Args:
+        signatures: signatures of the candidates.
+        context: data of the search.
+        background: change by other effects that act together with a candidate.
+        reference: change by the others without a candidate; None takes `background`.
+        leader_gain: gain of a refined effect that the candidates compete with.
+
+    Returns:
+        Fits in order of decreasing gain.
+    """
+    threshold = context.threshold
+    fits = _ranked(
+        [
+            context.fit(signature, background=background, reference=reference)
+            for signature in signatures
+        ]
+    )
     for _ in range(_ROUNDS):
-        best = max([gained, *(one.total for one in found[:1])])
+        best = max([leader_gain, *(fitted.total for fitted in fits[:1])])
         if best < _PROMISING * threshold:
             break
         values: dict[str, Value] = {}
-        for rank, one in enumerate(found):
-            short = best - one.total
-            if short >= max(threshold, _HOPEFUL * best) or (value := _closer(one)) is None:
+        for rank, fitted in enumerate(fits):
+            short = best - fitted.total
+            if short >= max(threshold, _HOPEFUL * best) or (value := _next_value(fitted)) is None:
                 continue
-            near = rank < _SHARP and short < max(threshold, _NEAR * best)
-            if near or value in one.signature.candidate.nodes:
-                values[one.name] = value
+            near = rank < _SIMULATED and short < max(threshold, _NEAR * best)
+            if near or value in fitted.signature.candidate.nodes:
+                values[fitted.name] = value
         if not values:
             break
-        for one in found:
-            if one.name in values:
-                trial.bench.begin({**one.signature.given, one.name: values[one.name]})
-        for number, one in enumerate(found):
-            if one.name in values:
-                sharp = with_node(one.signature, values[one.name], trial.bench)
-                found[number] = trial.fit(sharp, given=given, over=over)
-        found = _ranked(found)
-    return found
+        for fitted in fits:
+            if fitted.name in values:
+                context.table.prefetch(
+                    {**fitted.signature.background, fitted.name: values[fitted.name]}
+                )
+        for number, fitted in enumerate(fits):
+            if fitted.name in values:
+                refined = add_node(fitted.signature, values[fitted.name], context.table)
+                fits[number] = context.fit(refined, background=background, reference=reference)
+        fits = _ranked(fits)
+    return fits
 
 
 def _ranked(fits: Sequence[Fit]) -> list[Fit]:
-    return sorted(fits, key=lambda one: -one.total)
+    return sorted(fits, key=lambda fitted: -fitted.total)
 
 
-def _closer(of: Fit) -> Value | None:
-    """The strength at which to simulate next: where it fits, and if that is at one that is
-    simulated, beyond it or halfway to the farther of its neighbours. None where that is no news.
+def _next_value(fitted: Fit) -> Value | None:
+    """Select the value to simulate next: the best-fitting one.
 
-    The better of them is no guide: of an effect twice as strong as fits, features may be farther
-    off than of none at all.
-
-    If a node of the candidate's lies there, it is that.
+    If that value is simulated already, it is the next node beyond the simulated range, or a value
+    halfway to the more distant neighbour. The neighbour that fits better is no guide: at twice the
+    right strength, features can be further off than without the effect. A node in between is
+    preferred. None if the value is too close to a simulated one.
     """
-    one, node = of.signature, round(of.place)
-    if not one.candidate.numeric or of.value == one.candidate.base:
+    signature, node = fitted.signature, round(fitted.place)
+    if not signature.candidate.numeric or fitted.value == signature.candidate.base:
         return None
-    base = float(one.candidate.base)
-    off = abs(float(of.value) - float(one.values[node]))
-    if off > _NO_NEWS * abs(float(of.value) - base) or one.values[node] == base:
-        value, least = _node(one, int(of.place), float(of.value)), _NO_NEWS
+    base = float(signature.candidate.base)
+    distance = abs(float(fitted.value) - float(signature.values[node]))
+    if distance > _LEAST_STEP * abs(float(fitted.value) - base) or signature.values[node] == base:
+        value = _nearest_node(signature, int(fitted.place), float(fitted.value))
+        least = _LEAST_STEP
     else:
-        beyond = [each for each in one.candidate.nodes if _is_beyond(one, node, float(each))]
+        beyond = [
+            candidate
+            for candidate in signature.candidate.nodes
+            if _is_beyond(signature, node, float(candidate))
+        ]
         if beyond:
-            return min(beyond, key=lambda each: abs(float(each) - float(one.values[node])))
-        at = float(one.values[node])
-        beside = [n for n in (node - 1, node + 1) if 0 <= n < len(one.values)]
-        halves = {n: _halfway(at, float(one.values[n]), base) for n in beside}
-        farther = max(beside, key=lambda n: abs(halves[n] - at))
-        value, least = _node(one, min(node, farther), halves[farther]), _FINE
-        value = round(value) if one.candidate.whole else value
-    apart = min(abs(float(value) - float(each)) for each in one.values)
-    return value if apart > least * abs(float(value) - base) else None
+            return min(beyond, key=lambda value: abs(float(value) - float(signature.values[node])))
+        centre = float(signature.values[node])
+        neighbours = [n for n in (node - 1, node + 1) if 0 <= n < len(signature.values)]
+        halves = {n: _halfway(centre, float(signature.values[n]), base) for n in neighbours}
+        farther = max(neighbours, key=lambda n: abs(halves[n] - centre))
+        value = _nearest_node(signature, min(node, farther), halves[farther])
+        least = _LEAST_HALF_STEP
+        value = round(value) if signature.candidate.whole else value
+    distance = min(abs(float(value) - float(simulated)) for simulated in signature.values)
+    return value if distance > least * abs(float(value) - base) else None
 
 
-def _halfway(one: float, other: float, base: float) -> float:
-    """Between two strengths, by factors; by steps where one is the base or beyond it."""
-    first, second = one - base, other - base
-    if first * second <= 0:
-        return 0.5 * (one + other)
-    return base + float(np.copysign(np.sqrt(first * second), first))
+def _halfway(first: float, second: float, base: float) -> float:
+    """Return the geometric mean of two departures; the arithmetic mean if signs differ."""
+    first_departure, second_departure = first - base, second - base
+    if first_departure * second_departure <= 0:
+        return 0.5 * (first + second)
+    root = np.sqrt(first_departure * second_departure)
+    return base + float(np.copysign(root, first_departure))
 
 
-def _node(of: Signature, below: int, value: float) -> float:
-    """A value, or the candidate's nearest node between those simulated beside it."""
-    low, high = float(of.values[below]), float(of.values[below + 1])
-    between = [float(node) for node in of.candidate.nodes if low < float(node) < high]
+def _nearest_node(signature: Signature, below: int, value: float) -> float:
+    """Return the candidate's node nearest to a value between two simulated ones, or the value."""
+    low, high = float(signature.values[below]), float(signature.values[below + 1])
+    between = [float(node) for node in signature.candidate.nodes if low < float(node) < high]
     return min(between, key=lambda node: abs(node - value), default=value)
 
 
-def _is_beyond(of: Signature, place: int, value: float) -> bool:
-    """Whether a value lies beyond a place that is the last one simulated."""
-    first, last = float(of.values[0]), float(of.values[-1])
-    return (place == 0 and value < first) or (place == len(of.values) - 1 and value > last)
+def _is_beyond(signature: Signature, place: int, value: float) -> bool:
+    """Whether a value lies beyond the simulated range, next to an end at `place`."""
+    first, last = float(signature.values[0]), float(signature.values[-1])
+    return (place == 0 and value < first) or (place == len(signature.values) - 1 and value > last)

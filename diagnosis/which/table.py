@@ -1,4 +1,4 @@
-"""Scenes under diagnosis as a table of features, simulated with whatever effects are asked for."""
+"""Feature table: features of all scenes in one pipeline segment, captured or simulated."""
 
 from __future__ import annotations
 
@@ -15,38 +15,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.scenes.scene_model import Subject
-from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.rows import (
     Columns,
     Row,
-    another_row,
+    against_row,
     base_features,
-    exposed_row,
-    finer_row,
+    device_row,
+    estimate_row,
+    extra_bits_row,
     in_order,
-    other_row,
-    otherwise_row,
-    row_of,
+    observation_row,
+    reexposed_row,
     simulated_row,
 )
-from starling.diagnosis.workers import Crew
+from starling.diagnosis.workers import WorkerPool
 from starling.patterns.errors import refuse
 from starling.sim.console import record
 from starling.sim.effects import setting as setting
 from starling.sim.effects.effect import Effect, Value
 from starling.sim.statistics import mean_known
 
-Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too few pixels.
-Make = Callable[..., Row | None]  # Of a subject, columns and more.
+Rows = NDArray[np.float64]  # (scenes, features); NaN where a feature has too few pixels.
+RowFunction = Callable[..., Row | None]  # Takes a scene model, columns and further arguments.
 
-_BASE = "[]"  # What rows without effects are kept as.
-_OTHERS = (1, 2, 3)  # Devices, and seeds, in which effects are drawn anew,
-_RENDERED = (1,)  # or where each of them has to be rendered, which takes most of the time.
-# What rows follow from: where any of it is another, they are made again.
-_HOUSE = Path(__file__).parents[2]
+_BASE = "[]"  # Cache key of rows without effects.
+_DEVICES = (1, 2, 3)  # Devices, and noise seeds, over which random effects are averaged.
+_RENDERED_DEVICES = (1,)  # The same for effects that need rendering, which takes most of the time.
+# Cached rows depend on these sources; a change of any of them invalidates the cache.
+_ROOT = Path(__file__).parents[2]
 _SOURCES = tuple(
-    _HOUSE / name
+    _ROOT / name
     for name in (
         "calibration",
         "patterns",
@@ -68,189 +68,200 @@ _SOURCES = tuple(
     )
 )
 
-_Key = tuple[int, str, int]  # Number of a scene, what is simulated, and the noise's seed.
-_Asked = tuple[str, int, Make, dict[str, Value]]  # What, the seed, by what, and with which effects.
+_Key = tuple[int, str, int]  # Index of the scene, what is simulated, seed of the noise.
+_Job = tuple[str, int, RowFunction, dict[str, Value]]  # Cache text, seed, function, settings.
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
-    """Subjects, and the features that one arm has of them."""
+class FeatureTable:
+    """Scene models, and the features that one segment has of them."""
 
-    subjects: tuple[Subject, ...]
+    scene_models: tuple[SceneModel, ...]
     columns: Columns
-    cache: Path | None = None  # Folder that keeps what was simulated.
-    crew: Crew | None = None  # Who simulates; None: this process.
-    _kept: dict[_Key, Row | None] = field(default_factory=dict, repr=False)
-    _begun: dict[_Key, Future[Row | None]] = field(default_factory=dict, repr=False)
+    cache: Path | None = None  # Folder that keeps simulated rows; None: no cache on disk.
+    pool: WorkerPool | None = None  # Workers that simulate; None: this process.
+    _rows: dict[_Key, Row | None] = field(default_factory=dict, repr=False)
+    _pending: dict[_Key, Future[Row | None]] = field(default_factory=dict, repr=False)
 
     @property
-    def arm(self) -> Arm:
-        """Half of the stage swap."""
-        return self.columns.arm
+    def segment(self) -> Segment:
+        """Segment of the pipeline."""
+        return self.columns.segment
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the features."""
+        """Names of the features."""
         return self.columns.names
 
-    def of(self, subjects: Sequence[Subject]) -> Bench:
-        """The same scenes, captured otherwise, repeats being as many; in the arm of matcher and
-        filters nothing of what was simulated would hold for them.
+    def with_captures(self, scene_models: Sequence[SceneModel]) -> FeatureTable:
+        """Replace the captures of the scenes, and keep simulated rows.
+
+        The number of repeats must be equal. In the depth segment simulated rows depend on the
+        captures, so there this is not possible.
         """
-        assert self.arm is not Arm.DEPTH
-        return dataclasses.replace(self, subjects=tuple(subjects))
+        assert self.segment is not Segment.DEPTH
+        return dataclasses.replace(self, scene_models=tuple(scene_models))
 
-    def real(self) -> Table:
-        """What was captured."""
-        return np.stack([row_of(one.real, one, self.columns) for one in self.subjects])
+    def real(self) -> Rows:
+        """Compute the features of the captured observations."""
+        rows = [observation_row(scene.real, scene, self.columns) for scene in self.scene_models]
+        return np.stack(rows)
 
-    def against(self) -> Table | None:
-        """What the captures are compared with; None where that is simulated.
+    def against(self) -> Rows | None:
+        """Compute the features of the captured reference; None if the reference is simulated.
 
-        In the arm of matcher and filters it is what our matcher makes of the captured images and
-        what the other device differs from our matcher by.
+        In the depth segment, our matcher is applied to the captured images. The difference of the
+        reference device from our matcher is added.
         """
-        others = [
-            other_row(one.against, one, self.columns)
-            for one in self.subjects
-            if one.against is not None
+        rows = [
+            against_row(scene.against, scene, self.columns)
+            for scene in self.scene_models
+            if scene.against is not None
         ]
-        if not others:
+        if not rows:
             return None
-        if self.arm is not Arm.DEPTH:
-            return np.stack(others)
-        again = self.simulated({})
-        assert again is not None
-        return again + np.stack(others)
+        if self.segment is not Segment.DEPTH:
+            return np.stack(rows)
+        rematched = self.simulate({})
+        assert rematched is not None
+        return rematched + np.stack(rows)
 
-    def simulated(self, settings: Mapping[str, Value], *, seed: int = 0) -> Table | None:
-        """What is simulated with effects set; None where they cannot be, all at once.
+    def simulate(self, settings: Mapping[str, Value], *, seed: int = 0) -> Rows | None:
+        """Simulate all scenes with effects; None if the sensor cannot have these values.
 
-        Equal seeds share all noise. Nothing is simulated twice.
+        Equal seeds give equal noise. Results are cached.
         """
-        return self._rows(*_simulation(settings, seed))
+        return self._compute(*_simulation(settings, seed))
 
-    def another(self, settings: Mapping[str, Value], *, number: int) -> Table | None:
-        """What is simulated of another device of the kind, with noise of its own.
+    def simulate_device(self, settings: Mapping[str, Value], *, number: int) -> Rows | None:
+        """Simulate another device of the same kind, with its own noise.
 
         Args:
-            settings: as `simulated`.
-            number: of the device, from 1, and of the noise's seed.
+            settings: as `simulate`.
+            number: number of the device, from 1; also the seed of the noise.
         """
-        return self._rows(*_another(settings, number))
+        return self._compute(*_device_simulation(settings, number))
 
-    def begin(self, settings: Mapping[str, Value]) -> None:
-        """Have the crew begin what `change` asks of these effects; one process alone waits."""
-        if self.crew is None:
+    def prefetch(self, settings: Mapping[str, Value]) -> None:
+        """Start the simulations that `change` needs, if there is a worker pool."""
+        if self.pool is None:
             return
-        asked = [_simulation(settings, 0)]
+        jobs = [_simulation(settings, 0)]
         for number in self._devices(settings):
-            asked += [_another(settings, number), _another({}, number)]
-        for text, seed, make, effects in asked:
+            jobs += [_device_simulation(settings, number), _device_simulation({}, number)]
+        for text, seed, function, effects in jobs:
             for key in self._missing(text, seed):
-                if key not in self._begun:
-                    self._begun[key] = self._submitted(self.crew, key, make, effects)
+                if key not in self._pending:
+                    self._pending[key] = self._submit(self.pool, key, function, effects)
 
-    def finer(self, *, seed: int) -> Table:
-        """What a device's own depth differs by from the depth of its images matched again, as its
-        matcher reads bits that its images are put out without.
+    def extra_bits(self, *, seed: int) -> Rows:
+        """Compute what the bits change that the device's matcher reads and its images lack.
+
+        This is the difference of the simulated device depth from our matcher's depth of the
+        simulated output images.
         """
-        rows = self._rows("finer", seed, finer_row, {})
+        rows = self._compute("finer", seed, extra_bits_row, {})
         assert rows is not None
         return rows
 
-    def otherwise(self) -> list[Table]:
-        """What each further estimate of the scenes changes, noise being equal; none of scenes that
-        are known.
-        """
-        base = self.simulated({})
+    def estimate_changes(self) -> list[Rows]:
+        """Compute the change by each alternative estimate of the scenes, with equal noise."""
+        base = self.simulate({})
         assert base is not None
-        found = []
-        for number in range(max(len(one.estimates) for one in self.subjects)):
-            rows = self._rows("otherwise", number, otherwise_row)
+        changes = []
+        for number in range(max(len(scene.estimates) for scene in self.scene_models)):
+            rows = self._compute("otherwise", number, estimate_row)
             assert rows is not None
-            found.append(rows - base)
-        return found
+            changes.append(rows - base)
+        return changes
 
-    def exposed(self, *, seed: int) -> Table:
-        """What the captures are compared with, with the noise of one more exposure."""
-        rows = self._rows("exposed", seed, exposed_row)
+    def reexposed(self, *, seed: int) -> Rows:
+        """Compute the features of the reference images with the noise of one more exposure."""
+        rows = self._compute("exposed", seed, reexposed_row)
         assert rows is not None
         return rows
 
-    def _rows(self, text: str, seed: int, make: Make, *arguments: Any) -> Table | None:
+    def change(self, settings: Mapping[str, Value]) -> Rows | None:
+        """Compute the change by effects, with equal noise; the mean over devices if it is random.
+
+        If an effect leaves a feature too few pixels, its change is 0: the effect does not explain
+        that feature.
+        """
+        changes = self._device_changes(settings)
+        return None if changes is None else np.nan_to_num(mean_known(changes, axis=0))
+
+    def scatter(self, settings: Mapping[str, Value]) -> Row | None:
+        """Compute the standard deviation (features,) of one device's change from `change`.
+
+        It is pooled over scenes; None if the effects have no random part.
+        """
+        changes = self._device_changes(settings)
+        if changes is None or len(changes) < 2:
+            return None
+        count = len(changes)
+        square = mean_known((changes - mean_known(changes, axis=0)) ** 2, axis=(0, 1))
+        return np.sqrt(np.nan_to_num(square) * (count + 1) / (count - 1))
+
+    def _device_changes(self, settings: Mapping[str, Value]) -> NDArray[np.float64] | None:
+        """Compute the change in each of several devices (devices, scenes, features)."""
+        with_effects, base = self.simulate(settings), self.simulate({})
+        assert base is not None
+        if with_effects is None:
+            return None
+        changes = [with_effects - base]
+        for number in self._devices(settings):
+            with_effects = self.simulate_device(settings, number=number)
+            base = self.simulate_device({}, number=number)
+            assert with_effects is not None and base is not None  # The first device could be.
+            changes.append(with_effects - base)
+        return np.stack(changes)
+
+    def _devices(self, settings: Mapping[str, Value]) -> tuple[int, ...]:
+        """Select the further devices over which a random change is averaged."""
+        return () if self.segment is Segment.DEPTH else _random_devices(settings)
+
+    def _compute(self, text: str, seed: int, function: RowFunction, *arguments: Any) -> Rows | None:
+        """Return the rows of all scenes from the cache, and compute missing ones."""
         missing = self._missing(text, seed)
-        for key, row in zip(missing, self._made(missing, make, *arguments), strict=True):
-            self._kept[key] = row
-            kept = self._path(*key)
-            if kept is not None:
-                _save(kept, np.empty(0) if row is None else row)
-        rows = [self._kept[number, text, seed] for number in range(len(self.subjects))]
+        for key, row in zip(missing, self._results(missing, function, *arguments), strict=True):
+            self._rows[key] = row
+            path = self._path(*key)
+            if path is not None:
+                _save(path, np.empty(0) if row is None else row)
+        rows = [self._rows[number, text, seed] for number in range(len(self.scene_models))]
         known = [row for row in rows if row is not None]
         return np.stack(known) if len(known) == len(rows) else None
 
     def _missing(self, text: str, seed: int) -> list[_Key]:
-        """What is neither known nor kept of what all scenes are asked."""
-        keys = [(number, text, seed) for number in range(len(self.subjects))]
-        unknown = [key for key in keys if key not in self._kept]
+        """List the keys found neither in memory nor on disk; rows on disk are loaded."""
+        keys = [(number, text, seed) for number in range(len(self.scene_models))]
+        unknown = [key for key in keys if key not in self._rows]
         for key in unknown:
-            kept = self._path(*key)
-            if kept is not None and kept.is_file():
-                row = np.load(kept, allow_pickle=False)
-                self._kept[key] = row if row.size else None
-        return [key for key in unknown if key not in self._kept]
+            path = self._path(*key)
+            if path is not None and path.is_file():
+                row = np.load(path, allow_pickle=False)
+                self._rows[key] = row if row.size else None
+        return [key for key in unknown if key not in self._rows]
 
-    def change(self, settings: Mapping[str, Value]) -> Table | None:
-        """What effects change, noise being equal; of what is drawn by lot, the mean of some.
-
-        Of a feature that they make unknown they change nothing: what is not known is not explained.
-        """
-        drawn = self._drawn(settings)
-        return None if drawn is None else np.nan_to_num(mean_known(drawn, axis=0))
-
-    def scatter(self, settings: Mapping[str, Value]) -> Row | None:
-        """Deviation (features,) of what one more draw changes from `change`, all scenes alike; None
-        where nothing is drawn.
-        """
-        drawn = self._drawn(settings)
-        if drawn is None or len(drawn) < 2:
-            return None
-        draws = len(drawn)
-        square = mean_known((drawn - mean_known(drawn, axis=0)) ** 2, axis=(0, 1))
-        return np.sqrt(np.nan_to_num(square) * (draws + 1) / (draws - 1))
-
-    def _drawn(self, settings: Mapping[str, Value]) -> NDArray[np.float64] | None:
-        """What effects change in each of some devices and exposures (draws, scenes, features)."""
-        with_effects, base = self.simulated(settings), self.simulated({})
-        assert base is not None
-        if with_effects is None:
-            return None
-        found = [with_effects - base]
-        for number in self._devices(settings):
-            other, base = self.another(settings, number=number), self.another({}, number=number)
-            assert other is not None and base is not None  # As the first could be simulated.
-            found.append(other - base)
-        return np.stack(found)
-
-    def _devices(self, settings: Mapping[str, Value]) -> tuple[int, ...]:
-        """Which other devices tell how much what effects change varies from one to the next."""
-        return () if self.arm is Arm.DEPTH else _others(settings)
-
-    def _made(self, keys: Sequence[_Key], make: Make, *arguments: Any) -> Iterator[Row | None]:
-        if self.crew is None:
+    def _results(
+        self, keys: Sequence[_Key], function: RowFunction, *arguments: Any
+    ) -> Iterator[Row | None]:
+        if self.pool is None:
             for number, _, seed in keys:
-                yield make(self.subjects[number], self.columns, *arguments, seed)
+                yield function(self.scene_models[number], self.columns, *arguments, seed)
         else:
             futures = [
-                self._begun.pop(key, None) or self._submitted(self.crew, key, make, *arguments)
+                self._pending.pop(key, None) or self._submit(self.pool, key, function, *arguments)
                 for key in keys
             ]
             yield from (future.result() for future in futures)
 
-    def _submitted(self, crew: Crew, key: _Key, make: Make, *arguments: Any) -> Future[Row | None]:
+    def _submit(
+        self, pool: WorkerPool, key: _Key, function: RowFunction, *arguments: Any
+    ) -> Future[Row | None]:
         number, _, seed = key
-        name = self.subjects[number].name
-        return crew.submit(name, make, self.columns, *arguments, seed)
+        name = self.scene_models[number].name
+        return pool.submit(name, function, self.columns, *arguments, seed)
 
     def _path(self, number: int, text: str, seed: int) -> Path | None:
         if self.cache is None:
@@ -261,92 +272,99 @@ class Bench:
     @cached_property
     def _digests(self) -> list[str]:
         return [
-            _digest(one, self.columns, self._base(number))
-            for number, one in enumerate(self.subjects)
+            _digest(scene, self.columns, self._base(number))
+            for number, scene in enumerate(self.scene_models)
         ]
 
     def _base(self, number: int) -> Row:
-        """A scene's base, simulated anew in each run, as all that is kept departs from it."""
+        """Compute a scene's base row in each run: it is part of the digest of cached rows."""
         key = (number, _BASE, 0)
-        if key not in self._kept:
-            (self._kept[key],) = self._made([key], simulated_row, {})
-        row = self._kept[key]
+        if key not in self._rows:
+            (self._rows[key],) = self._results([key], simulated_row, {})
+        row = self._rows[key]
         assert row is not None
         return row
 
 
-def _simulation(settings: Mapping[str, Value], seed: int) -> _Asked:
-    """Of the captured device."""
-    asked = dict(sorted(settings.items()))
-    return repr(list(asked.items())), seed, simulated_row, asked
+def _simulation(settings: Mapping[str, Value], seed: int) -> _Job:
+    """Describe a simulation of the captured device."""
+    effects = dict(sorted(settings.items()))
+    return repr(list(effects.items())), seed, simulated_row, effects
 
 
-def _another(settings: Mapping[str, Value], number: int) -> _Asked:
-    """Of another device, whose number is the seed of its noise."""
-    asked = dict(sorted(settings.items()))
-    return f"another {list(asked.items())!r}", number, another_row, asked
+def _device_simulation(settings: Mapping[str, Value], number: int) -> _Job:
+    """Describe a simulation of another device; its number is the seed of its noise."""
+    effects = dict(sorted(settings.items()))
+    return f"another {list(effects.items())!r}", number, device_row, effects
 
 
-def _others(settings: Mapping[str, Value]) -> tuple[int, ...]:
-    """In which other devices, and with which seeds, effects are drawn anew."""
-    drawn = [effect for effect in map(_effect, settings) if effect.drawn]
-    if not drawn:
+def _random_devices(settings: Mapping[str, Value]) -> tuple[int, ...]:
+    """Select further devices if an effect has a random part."""
+    random_effects = [effect for effect in map(_effect, settings) if effect.drawn]
+    if not random_effects:
         return ()
-    return _RENDERED if any(effect.rerender for effect in drawn) else _OTHERS
+    return _RENDERED_DEVICES if any(effect.rerender for effect in random_effects) else _DEVICES
 
 
 def _effect(name: str) -> Effect:
     return setting.parameter_of(name)[0]
 
 
-def bench(
-    subjects: Sequence[Subject], arm: Arm, *, cache: Path | None = None, crew: Crew | None = None
-) -> Bench:
-    """Find out which features an arm of these subjects has.
+def build_feature_table(
+    scene_models: Sequence[SceneModel],
+    segment: Segment,
+    *,
+    cache: Path | None = None,
+    pool: WorkerPool | None = None,
+) -> FeatureTable:
+    """Build a feature table; its columns are all features that a simulated base has.
 
     Args:
-        subjects: at least one; all of one sensor.
-        arm: that is asked about.
-        cache: folder that keeps what is simulated, for other runs.
-        crew: who simulates; None: this process.
+        scene_models: at least one; all with one sensor.
+        segment: segment of the pipeline.
+        cache: folder that keeps simulated rows for later runs.
+        pool: workers that simulate; None uses this process.
     """
     if cache is not None:
-        _make(cache)
-    ceiling = float(2 ** subjects[0].sensor.left.bit_depth - 1)
-    if crew is None:
-        told = [base_features(one, arm, ceiling) for one in subjects]
+        _make_folder(cache)
+    ceiling = float(2 ** scene_models[0].sensor.left.bit_depth - 1)
+    if pool is None:
+        features = [base_features(scene, segment, ceiling) for scene in scene_models]
     else:
-        futures = [crew.submit(one.name, base_features, arm, ceiling) for one in subjects]
-        told = [future.result() for future in futures]
-    columns = Columns(arm=arm, names=tuple(sorted(set().union(*told))), ceiling=ceiling)
-    base = {(number, _BASE, 0): in_order(found, columns) for number, found in enumerate(told)}
-    return Bench(tuple(subjects), columns, cache, crew, {**base})
+        futures = [
+            pool.submit(scene.name, base_features, segment, ceiling) for scene in scene_models
+        ]
+        features = [future.result() for future in futures]
+    names = tuple(sorted(set().union(*features)))
+    columns = Columns(segment=segment, names=names, ceiling=ceiling)
+    base = {(number, _BASE, 0): in_order(row, columns) for number, row in enumerate(features)}
+    return FeatureTable(tuple(scene_models), columns, cache, pool, {**base})
 
 
-def _digest(subject: Subject, columns: Columns, base: Row) -> str:
-    """Name of all that rows of a scene follow from; by the base's row also what else has a part."""
-    what = (
+def _digest(scene: SceneModel, columns: Columns, base: Row) -> str:
+    """Hash all that a scene's rows depend on; the base row covers further dependencies."""
+    settings = (
         record.code(*_SOURCES),
         record.versions(),
         columns,
-        subject.name,
-        subject.frames,
-        subject.sensor,
-        record.content(subject.scene),
+        scene.name,
+        scene.frames,
+        scene.sensor,
+        record.content(scene.scene),
     )
-    found = hashlib.sha256(repr(what).encode())
-    for image in (subject.ground.expected, subject.ground.disparity_px, base):
-        found.update(np.ascontiguousarray(image).tobytes())
-    pairs = [subject.real] if columns.arm is Arm.DEPTH else []
-    pairs += [] if subject.against is None else [subject.against]
-    for pair in pairs:
-        for maps in (pair.left, pair.right, pair.device_px):
-            if maps is not None:
-                found.update(np.ascontiguousarray(maps).tobytes())
-    return found.hexdigest()[:16]
+    digest = hashlib.sha256(repr(settings).encode())
+    for image in (scene.strata.expected, scene.strata.disparity_px, base):
+        digest.update(np.ascontiguousarray(image).tobytes())
+    observations = [scene.real] if columns.segment is Segment.DEPTH else []
+    observations += [] if scene.against is None else [scene.against]
+    for observation in observations:
+        for images in (observation.left, observation.right, observation.device_px):
+            if images is not None:
+                digest.update(np.ascontiguousarray(images).tobytes())
+    return digest.hexdigest()[:16]
 
 
-def _make(cache: Path) -> None:
+def _make_folder(cache: Path) -> None:
     try:
         cache.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -355,6 +373,6 @@ def _make(cache: Path) -> None:
 
 def _save(path: Path, row: Row) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(f".{os.getpid()}.npy")  # Two may keep the same at once.
+    part = path.with_suffix(f".{os.getpid()}.npy")  # Two processes may save the same row.
     np.save(part, row, allow_pickle=False)
     part.replace(path)

@@ -1,1 +1,1 @@
-"""The work behind the verbs of learning."""
+"""Implementation of the command-line verbs of learning."""

@@ -1,4 +1,4 @@
-"""The work of `starling compare --methods`: one capture, the noise of several methods beside it."""
+"""Implementation of `starling compare --methods`: captures compared with holes drawn by methods."""
 
 from __future__ import annotations
 
@@ -30,29 +30,29 @@ from starling.sim.plotting import panels, sheet
 from starling.sim.plotting.sheet import Panel
 
 _PANEL_IN = 4.2
-_SHOWN = 4  # Scenes in the picture: the first ones.
+_SHOWN = 4  # Number of scenes in the picture, the first ones.
 _UNTRAINED = ("perfect", "physics")
 
 
 def predictors(methods: Sequence[str]) -> dict[str, Predictor]:
-    """Make methods that need no training, or read those that `starling train` has left.
+    """Create methods that need no training, or load methods that `starling train` saved.
 
     Args:
         methods: names, or folders of trained models.
 
     Raises:
-        InputError: if one is neither, or two have one name.
+        InputError: if a word is neither, or two methods have the same name.
     """
-    found: dict[str, Predictor] = {}
+    result: dict[str, Predictor] = {}
     for word in methods:
         if word in _UNTRAINED:
-            name, made = word, registry.method(word).load(Path())
+            name, predictor = word, registry.method(word).load(Path())
         else:
-            name, made = trained(Path(word))
-        if name in found:
+            name, predictor = trained(Path(word))
+        if name in result:
             raise refuse("methods", "must be different", name, "Name each once.")
-        found[name] = made
-    return found
+        result[name] = predictor
+    return result
 
 
 def compare_methods(
@@ -66,10 +66,10 @@ def compare_methods(
     """Draw holes by several methods and compare them with the device's.
 
     Args:
-        captures: with reference depth and the device's own.
-        methods: what says where depth is missing, by name.
-        simulation: for methods that build on physics.
-        seed: of the holes that are drawn.
+        captures: captures with reference depth and the device's own.
+        methods: trained methods by name.
+        simulation: for methods that use physics.
+        seed: seed of the holes.
         track: wraps the loop over scenes.
 
     Returns:
@@ -79,7 +79,7 @@ def compare_methods(
         0 is best) are of holes drawn once.
 
     Raises:
-        InputError: whatever is wrong with the captures, or a method lacks physics.
+        InputError: if the captures are invalid, or a method lacks physics.
     """
     judged: dict[str, list[Judged]] = {name: [] for name in methods}
     drawn_holes: dict[str, list[Holes]] = {name: [] for name in methods}
@@ -93,23 +93,23 @@ def compare_methods(
         drawn: dict[str, DrawnFrame] = {}
         for name, method in methods.items():
             probability = method.probability(example)
-            one = drawn_frame.draw(name, probability, example, seed=seed)
-            drawn[name] = one
+            frame = drawn_frame.draw(name, probability, example, seed=seed)
+            drawn[name] = frame
             judged[name].append(judge(probability, ndp, counted))
-            drawn_holes[name].append(holes.measure(one.ndp, counted))
-            both, either = ndp & one.ndp & counted, (ndp | one.ndp) & counted
+            drawn_holes[name].append(holes.measure(frame.ndp, counted))
+            both, either = ndp & frame.ndp & counted, (ndp | frame.ndp) & counted
             overlap[name].append((int(both.sum()), int(either.sum())))
         if len(rows) < _SHOWN:
             device_m = scene.frame(scene.frames[0]).depth_m
-            assert device_m is not None  # `captured.example` refuses.
+            assert device_m is not None  # Checked by `captured.example`.
             rows.append(_row(scene.name, device_m, drawn))
-    found = holes.pool(real)
+    real_holes = holes.pool(real)
     figures = {
-        name: _figures(pool(judged[name]), holes.pool(drawn_holes[name]), found, overlap[name])
+        name: _figures(pool(judged[name]), holes.pool(drawn_holes[name]), real_holes, overlap[name])
         for name in methods
     }
     picture = sheet.draw(rows, captures.info.shape, panel_in=_PANEL_IN)
-    return {"real": {"ndp_rate": found.share}, "methods": figures}, picture
+    return {"real": {"ndp_rate": real_holes.share}, "methods": figures}, picture
 
 
 def _figures(
@@ -127,7 +127,7 @@ def _figures(
 
 
 def _row(name: str, device_m: Image, drawn: Mapping[str, DrawnFrame]) -> list[Panel]:
-    depths = {f"{name}: device": device_m} | {key: one.depth_m for key, one in drawn.items()}
+    depths = {f"{name}: device": device_m} | {key: frame.depth_m for key, frame in drawn.items()}
     limits = panels.depth_limits(*depths.values())
     return [
         Panel(

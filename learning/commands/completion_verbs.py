@@ -10,18 +10,18 @@ from tyro.conf import Positional, arg
 from starling.sim.console import shell
 from starling.sim.console.flags import Common, Shared
 
-Seen = Annotated[
+PictureFlag = Annotated[
     Literal["ir_left", "ir_left_off", "rgb"],
-    arg(name="image", help="Image that goes with the depth; a colour image's view is taken."),
+    arg(name="image", help="Image to use with the depth; a colour image sets the view."),
 ]
 
-Laid = Annotated[
+LayoutFlag = Annotated[
     Literal["captures", "irs", "vkitti2", "nyuv2"],
-    arg(
-        help="What it is: a capture set, or a public data set (irs, vkitti2: folder; nyuv2: file)."
-    ),
+    arg(help="Layout: a capture set, or a public data set (irs, vkitti2: folder; nyuv2: file)."),
 ]
-Some = Annotated[int | None, arg(help="So many of the frames, evenly spread; all if not given.")]
+FramesFlag = Annotated[
+    int | None, arg(help="Number of frames, evenly spaced; all frames if not given.")
+]
 
 
 def complete(
@@ -29,21 +29,22 @@ def complete(
     *,
     out: Path,
     method: str = "wls",
-    picture: Seen = "ir_left",
+    picture: PictureFlag = "ir_left",
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Give captures depth where their camera has none.
+    """Fill the holes in the depth of captures.
 
-    Methods that learn nothing: nearest, morphological, bilateral, wls, poisson. Learnt ones: small,
-    whose weights come with the program, or with a folder of weights small, diffusion, marigold,
+    Classical methods: nearest, morphological, bilateral, wls, poisson. Learnt methods: small, whose
+    weights come with the program; and, with a folder of weights, small, diffusion, marigold,
     marigold-dc, depth-anything.
 
     Example: starling complete captures/mine --method small --out out/complete
 
     Args:
         captures: capture set, or one scene in it.
-        out: folder of the capture set that is written, with sigma.png where the method tells it.
+        out: folder of the completed capture set, with sigma.png where the method estimates its
+            error.
         method: NAME, or NAME=WEIGHTS.
         force: replace a folder that starling wrote before.
     """
@@ -59,40 +60,40 @@ def train_completion(
     captures: Positional[str],
     *,
     out: Path,
-    layout: Laid = "captures",
+    layout: LayoutFlag = "captures",
     also: tuple[str, ...] = (),
     start: str = "",
     variant: Literal["rgbd", "rgbd-mask", "controlnet"] | None = None,
     at_once: int | None = None,
-    picture: Seen = "ir_left",
+    picture: PictureFlag = "ir_left",
     holes: Literal["camera", "random"] = "camera",
     rooms: tuple[str, ...] | None = None,
-    frames: Some = None,
+    frames: FramesFlag = None,
     steps: int | None = None,
     seed: int = 0,
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Learn to complete depth, as `starling train completion`; goes on where it was cut short.
+    """Train depth completion: `starling train completion`. Interrupted training continues.
 
     Example: starling train completion out/rooms --out models/completion
 
     Args:
-        captures: capture set with reference depth (truth.png) and the camera's own (depth.png); or
-            a data set in another layout, where depth is the depth camera's, or our matcher's.
+        captures: capture set with reference depth (truth.png) and the camera's own (depth.png).
+            Data sets in other layouts have the depth of their depth camera or of our matcher.
         out: folder for weights, checkpoint and loss curve.
-        also: further data sets to learn from, LAYOUT=PLACE each.
-        start: weights of Stable Diffusion 2, a folder or the id on a hub, which then learns to
-            complete depth; without, a compact network learns from nothing.
-        variant: how Stable Diffusion is told image and depth: side by side, with a mask of holes
-            too, or by ControlNet; rgbd if not given.
-        at_once: frames that the device holds at a time while Stable Diffusion learns; 4 if not
-            given. A step takes 32 however few.
-        holes: the camera's own; or random ones in their stead, to see what its own are worth.
-        rooms: to learn from; all where none is named.
-        steps: of the training.
-        seed: fixes everything that is drawn.
-        force: drop what starling left in the folder.
+        also: additional data sets for training, LAYOUT=PLACE each.
+        start: weights of Stable Diffusion 2 to fine-tune, a folder or an id on the Hugging Face
+            hub. Without it, a compact network is trained from scratch.
+        variant: conditioning of Stable Diffusion on image and depth: rgbd (concatenated latents),
+            rgbd-mask (with a mask of holes) or controlnet; rgbd if not given.
+        at_once: frames on the device at a time while Stable Diffusion trains; 4 if not given. A
+            step always uses 32 frames.
+        holes: the camera's own, or random ones as a control.
+        rooms: rooms to train on; all if not given.
+        steps: training steps.
+        seed: seed of all random draws.
+        force: delete earlier results of starling in the folder.
     """
     from starling.learning.completion.commands.train_captures import train_captures
     from starling.sim.console import progress
@@ -123,30 +124,29 @@ def evaluate_completion(
     *,
     out: Path,
     methods: tuple[str, ...],
-    layout: Laid = "captures",
+    layout: LayoutFlag = "captures",
     align: Literal["none", "sensor", "truth"] = "none",
-    picture: Seen = "ir_left",
+    picture: PictureFlag = "ir_left",
     rooms: tuple[str, ...] | None = None,
-    frames: Some = None,
+    frames: FramesFlag = None,
     seed: int = 0,
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Judge completed depth by the truth, as `starling evaluate completion`.
+    """Compare completed depth with the truth: `starling evaluate completion`.
 
     Example: starling evaluate completion captures/d415-faro --methods nearest wls
     small=models/completion --out out/judged
 
     Args:
-        captures: capture set with reference depth (truth.png) and the camera's own (depth.png); or
-            a data set in another layout, where depth is the depth camera's, or our matcher's.
+        captures: capture set with reference depth (truth.png) and the camera's own (depth.png).
+            Data sets in other layouts have the depth of their depth camera or of our matcher.
         out: folder for figures and pictures.
         methods: NAME or NAME=WEIGHTS each (see `starling complete`).
-        align: scale and shift of depth by least squares before it is judged, frame by frame: to
-            the truth, as networks without a unit are commonly judged; to the camera's own depth,
-            as a robot can; none.
-        rooms: to judge; all where none is named.
-        seed: of the intervals' draws.
+        align: target of the alignment by scale and shift before evaluation, frame by frame. It is
+            truth (usual for networks without unit), sensor (possible on a robot), or none.
+        rooms: rooms to evaluate; all if not given.
+        seed: seed of the bootstrap.
         force: replace a folder that starling wrote before.
     """
     from starling.learning.completion.commands.judge_captures import judge_captures

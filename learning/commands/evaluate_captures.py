@@ -1,4 +1,4 @@
-"""The work of `starling evaluate`: methods, captures, figures of rooms that nobody learnt from."""
+"""Implementation of `starling evaluate`: metrics of methods on held-out rooms."""
 
 from __future__ import annotations
 
@@ -18,74 +18,72 @@ from starling.learning.data import captured, folds
 from starling.learning.data.captured import Simulation
 from starling.learning.data.example import Example, Image
 from starling.learning.evaluation import evaluate, pictures, report
-from starling.learning.evaluation.evaluate import Told
+from starling.learning.evaluation.evaluate import HolePrediction
 from starling.learning.icp import case_study
 from starling.learning.method import Method, Predictor
-from starling.patterns.errors import refuse
-from starling.patterns.whole import whole
+from starling.patterns.errors import refuse, whole_number
 from starling.sim.captures import capture, png
 from starling.sim.captures.capture import CaptureSet
 from starling.sim.console import output, progress
 
-FOLDS = "folds"  # In the output: ROOM/METHOD/ with what was learnt and SCENE.png, what was told.
-_CODES = 65535  # A probability is kept in 16 bits.
+FOLDS = "folds"  # Output folder with ROOM/METHOD/: trained model, and predictions SCENE.png.
+_CODES = 65535  # A probability is stored in 16 bits.
 
-Simulations = Callable[[str], Simulation]  # Of the room held out: its sensor may not have seen it.
+# Simulation for a held-out room, so that its sensor can be calibrated without this room.
+Simulations = Callable[[str], Simulation]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Plan:
-    """What is evaluated, and how.
+class EvaluationPlan:
+    """Settings of an evaluation.
 
     Raises:
-        InputError: if `icp` is 1 or negative: a variance needs two.
+        InputError: if `icp` is 1 or negative: a variance needs two trials.
     """
 
-    methods: tuple[str, ...]  # Trained anew for each room, on others.
-    models: tuple[Path, ...] = ()  # Folders of `starling train`, asked as they are.
-    held: tuple[str, ...] | None = None  # Rooms to judge; None judges all.
-    learn_from: int | None = None  # Rooms to learn from; None learns from all others.
-    steps: int | None = None  # Of a network's training.
-    start: tuple[Path, ...] = ()  # Trained models that methods of the same name go on from.
-    icp: int = (
-        0  # First guesses an object of the case study (`starling.learning.icp`); 0 leaves it out.
-    )
+    methods: tuple[str, ...]  # Trained for each held-out room on other rooms.
+    models: tuple[Path, ...] = ()  # Folders of `starling train`, evaluated without training.
+    held: tuple[str, ...] | None = None  # Held-out rooms; None evaluates all.
+    learn_from: int | None = None  # Number of training rooms; None uses all others.
+    steps: int | None = None  # Training steps of a network.
+    start: tuple[Path, ...] = ()  # Trained models as initial weights of the same methods.
+    icp: int = 0  # Trials per object of the case study (`starling.learning.icp`); 0 omits it.
     seed: int = 0
 
     def __post_init__(self) -> None:
         if self.icp:
-            whole("icp", self.icp, 2, 10**6, "Give a number of trials, or 0.")
+            whole_number("icp", self.icp, 2, 10**6, "Give a number of trials, or 0.")
 
 
 def evaluate_captures(
     captures: str,
     out: Path,
-    plan: Plan,
+    plan: EvaluationPlan,
     *,
     simulations: Simulations | None = None,
     force: bool = False,
-    asked: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Judge methods room by room; what was cut short is gone on with when asked for again.
+    """Evaluate methods room by room. An interrupted evaluation continues when the call is repeated.
 
     Args:
         captures: capture set with reference depth and the device's own.
-        out: folder for models, probabilities, figures and pictures.
-        plan: which methods, and on what.
-        simulations: for methods that build on physics.
-        force: drop what starling left in the folder.
-        asked: more arguments for the record.
-        track: wraps loops that take long.
+        out: output folder for models, probabilities, figures and pictures.
+        plan: settings.
+        simulations: for methods that use physics.
+        force: delete earlier results in the folder.
+        options: further arguments for the record.
+        track: wraps long loops.
 
     Returns:
-        Figures of every method (see `starling.learning.evaluation.report.figures`), "icp" (see
-        `starling.learning.icp.case_study.figures`; empty where it was not asked for), "out", "seconds".
+        Metrics of every method (see `starling.learning.evaluation.report.figures`), "icp" (see
+        `starling.learning.icp.case_study.figures`; empty if omitted), "out", "seconds".
 
     Raises:
-        InputError: whatever is wrong with captures, methods or the folder.
+        InputError: if captures, methods or the folder are invalid.
     """
-    begun = time.perf_counter()
+    start_time = time.perf_counter()
     opened = capture.open_set(captures)
     output.refuse_own_input(out, opened.path)
     rooms = tuple(dict.fromkeys(scene.room for scene in opened.scenes))
@@ -94,8 +92,8 @@ def evaluate_captures(
     trained_models = [trained(folder) for folder in plan.models]
     names = (*plan.methods, *(name for name, _ in trained_models))
     methods, models = _methods(names, plan), dict(trained_models)
-    learnt_from = {
-        held: folds.learnt_from(rooms, held, plan.learn_from) if plan.methods else ()
+    training_rooms = {
+        held: folds.training_rooms(rooms, held, plan.learn_from) if plan.methods else ()
         for held in held_out
     }
     if plan.icp:
@@ -112,49 +110,52 @@ def evaluate_captures(
         "captures": captures,
         "plan": plan,
         "simulated_with": {
-            held: captured.sensor_digest(how.sensor) for held, how in simulated.items()
+            held: captured.sensor_digest(simulation.sensor)
+            for held, simulation in simulated.items()
         },
-        **(asked or {}),
+        **(options or {}),
     }
     work_folder.begin(out, arguments, force=force)
-    told: dict[str, list[Told]] = {name: [] for name in names}
+    predictions: dict[str, list[HolePrediction]] = {name: [] for name in names}
     for held in track(held_out, "rooms"):
-        fold = _Fold(opened, held, learnt_from[held], simulated.get(held))
+        fold = _Fold(opened, held, training_rooms[held], simulated.get(held))
         for name in names:
             folder = out / FOLDS / held / name
-            learnt = partial(_learnt, fold, methods[name], models.get(name), folder, plan, track)
-            told[name] += _told(fold, folder, learnt)
-    scores = {name: evaluate.scores(of_it) for name, of_it in told.items()}
+            load = partial(_predictor, fold, methods[name], models.get(name), folder, plan, track)
+            predictions[name] += _predictions(fold, folder, load)
+    scores = {name: evaluate.scores(scenes) for name, scenes in predictions.items()}
     figures = report.figures(scores, seed=plan.seed)
     figures["icp"] = {}
     if plan.icp:
-        outcomes = case_study.case_study(opened, told, trials=plan.icp, seed=plan.seed, track=track)
+        outcomes = case_study.case_study(
+            opened, predictions, trials=plan.icp, seed=plan.seed, track=track
+        )
         figures["icp"] = case_study.figures(outcomes)
     output.write_file(out / "curves.png", pictures.curves(scores), force=True)
-    output.write_file(out / "scenes.png", pictures.scenes(told), force=True)
+    output.write_file(out / "scenes.png", pictures.scenes(predictions), force=True)
     work_folder.end(out, "evaluate", arguments, figures)
-    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
+    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - start_time, 3)}
 
 
 @dataclass(frozen=True, eq=False)
 class _Fold:
-    """A room held out and those learnt from; scenes are read when first asked for."""
+    """A held-out room and its training rooms; scenes are read on demand."""
 
     captures: CaptureSet
     held: str
-    rooms: tuple[str, ...]  # To learn from.
+    rooms: tuple[str, ...]  # Training rooms.
     simulation: Simulation | None
 
     @cached_property
-    def learnt_from(self) -> list[Example]:
+    def training_examples(self) -> list[Example]:
         return captured.examples(self.captures, rooms=self.rooms, simulation=self.simulation)
 
     @cached_property
-    def judged(self) -> list[Example]:
+    def held_out_examples(self) -> list[Example]:
         return captured.examples(self.captures, rooms=(self.held,), simulation=self.simulation)
 
 
-def _methods(names: Sequence[str], plan: Plan) -> dict[str, Method]:
+def _methods(names: Sequence[str], plan: EvaluationPlan) -> dict[str, Method]:
     if not names:
         raise refuse("methods", "must be at least one", "none", "Give --methods or --models.")
     if len(set(names)) < len(names):
@@ -162,43 +163,51 @@ def _methods(names: Sequence[str], plan: Plan) -> dict[str, Method]:
     start = {trained_method(model): shipped.folder(model) for model in plan.start}
     for name in start:
         if name not in plan.methods:
-            raise refuse("start", "must be for a method that learns", name, "Name it, or drop it.")
+            raise refuse(
+                "start",
+                "must be for a method that learns",
+                name,
+                "Add it to --methods, or drop it.",
+            )
     return {name: registry.method(name, steps=plan.steps, start=start.get(name)) for name in names}
 
 
-def _learnt(
+def _predictor(
     fold: _Fold,
     method: Method,
     model: Predictor | None,
     folder: Path,
-    plan: Plan,
+    plan: EvaluationPlan,
     track: progress.Progress,
 ) -> Predictor:
-    """The model where there is one, else what the method learns from the fold's rooms."""
+    """Return the trained model if there is one, else train the method on the fold's rooms."""
     if model is not None:
         return model
-    return method.fit(fold.learnt_from, folder=folder, seed=plan.seed, track=track)
+    return method.fit(fold.training_examples, folder=folder, seed=plan.seed, track=track)
 
 
-def _told(fold: _Fold, folder: Path, predictor: Callable[[], Predictor]) -> list[Told]:
-    """What a method tells of the held-out scenes: read where it lies there already."""
+def _predictions(
+    fold: _Fold, folder: Path, predictor: Callable[[], Predictor]
+) -> list[HolePrediction]:
+    """Return the predictions of the held-out scenes, from their files if these exist."""
     names = [scene.name for scene in fold.captures.scenes if scene.room == fold.held]
     paths = [folder / f"{name}.png" for name in names]
     if not all(path.is_file() for path in paths):
-        made = predictor()
-        for path, example in zip(paths, fold.judged, strict=True):
-            code = np.round(made.probability(example) * _CODES).astype(np.uint16)
+        trained_predictor = predictor()
+        for path, example in zip(paths, fold.held_out_examples, strict=True):
+            probability = trained_predictor.probability(example)
+            code = np.round(probability * _CODES).astype(np.uint16)
             output.write_file(path, png.encode(code), force=True)
     return [
-        Told(example=example, probability=read_told(path))
-        for path, example in zip(paths, fold.judged, strict=True)
+        HolePrediction(example=example, probability=read_prediction(path))
+        for path, example in zip(paths, fold.held_out_examples, strict=True)
     ]
 
 
-def read_told(path: Path) -> Image:
-    """Read a probability (h, w) that an evaluation has kept in one of its folds.
+def read_prediction(path: Path) -> Image:
+    """Read a probability (h, w) that an evaluation stored in one of its folds.
 
     Raises:
-        InputError: if it is missing or no such image.
+        InputError: if it is missing or not such an image.
     """
     return png.read(path, "probability").astype(np.float32) / np.float32(_CODES)

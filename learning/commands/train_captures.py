@@ -1,4 +1,4 @@
-"""The work of `starling train`: captures in, a method that has learnt out."""
+"""Implementation of `starling train`: trains a method on captures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from starling.sim.captures import capture
 from starling.sim.console import progress
 from starling.sim.console.output import RECORD, refuse_own_input
 
-PHYSICS = "physics"  # Folder of what was simulated, in the output.
+PHYSICS = "physics"  # Folder of cached simulations in the output.
 
 
 def train_captures(
@@ -32,33 +32,33 @@ def train_captures(
     start: Path | None = None,
     seed: int = 0,
     force: bool = False,
-    asked: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Train a method; what was cut short is gone on with when asked for again.
+    """Train a method. Interrupted training continues when the same call is repeated.
 
     Args:
-        method: of `starling.learning.registry.NAMES`.
+        method: one of `starling.learning.registry.NAMES`.
         captures: capture set with reference depth and the device's own.
-        out: folder for what was learnt, checkpoint and loss curve.
-        simulation: for methods that build on physics; others do without.
-        rooms: to learn from; None takes all.
-        steps: of a network; None leaves its own number.
-        start: trained model of the same method that training goes on from.
-        seed: of everything drawn.
-        force: drop what starling left in the folder.
-        asked: more arguments for the record.
-        track: wraps loops that take long.
+        out: output folder for model, checkpoint and loss curve.
+        simulation: for methods that use physics; ignored by others.
+        rooms: training rooms; None uses all.
+        steps: training steps of a network; None uses its default.
+        start: trained model of the same method, as initial weights.
+        seed: seed of all random draws.
+        force: delete earlier results in the folder.
+        options: further arguments for the record.
+        track: wraps long loops.
 
     Returns:
         `{"method", "scenes", "ndp_rate", "out", "seconds"}`.
 
     Raises:
-        InputError: whatever is wrong with the captures, the method or the folder.
+        InputError: if captures, method or folder are invalid.
     """
-    begun = time.perf_counter()
-    begun_from = None if start is None else trained_folder(start, method)
-    chosen = registry.method(method, steps=steps, start=begun_from)
+    start_time = time.perf_counter()
+    initial_model = None if start is None else trained_folder(start, method)
+    untrained_method = registry.method(method, steps=steps, start=initial_model)
     if method not in registry.ON_PHYSICS:
         simulation = None
     elif simulation is None:
@@ -76,30 +76,30 @@ def train_captures(
         "start": start,
         "seed": seed,
         "simulated_with": simulation and captured.sensor_digest(simulation.sensor),
-        **(asked or {}),
+        **(options or {}),
     }
     work_folder.begin(out, arguments, force=force)
-    learnt_from = captured.examples(
+    examples = captured.examples(
         opened,
         rooms=rooms,
         simulation=simulation,
         track=track,
     )
-    chosen.fit(learnt_from, folder=out, seed=seed, track=track)
+    untrained_method.fit(examples, folder=out, seed=seed, track=track)
     figures = {
         "method": method,
-        "scenes": [example.scene for example in learnt_from],
-        "ndp_rate": captured.ndp_rate(learnt_from),
+        "scenes": [example.scene for example in examples],
+        "ndp_rate": captured.ndp_rate(examples),
     }
     work_folder.end(out, "train", arguments, figures)
-    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
+    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - start_time, 3)}
 
 
 def trained(model: Path) -> tuple[str, Predictor]:
-    """Read what `train_captures` left: the method's name and what it has learnt.
+    """Load the result of `train_captures`: the method's name and the predictor.
 
     Args:
-        model: its folder, or the name of a model that comes with the program.
+        model: its folder, or the name of a shipped model.
 
     Raises:
         InputError: if it is neither, or damaged.
@@ -109,10 +109,10 @@ def trained(model: Path) -> tuple[str, Predictor]:
 
 
 def trained_method(model: Path) -> str:
-    """Name of the method that a model was trained by.
+    """Return the name of a trained model's method.
 
     Raises:
-        InputError: if it is no trained model.
+        InputError: if it is not a trained model.
     """
     try:
         content = json.loads((shipped.folder(model) / RECORD).read_text(encoding="utf-8"))
@@ -127,10 +127,10 @@ def trained_method(model: Path) -> str:
 
 
 def trained_folder(model: Path, method: str) -> Path:
-    """Folder of a model that a method can start from.
+    """Return the folder of a model that a method can start from.
 
     Raises:
-        InputError: if it is no trained model, or of another method.
+        InputError: if it is not a trained model, or of another method.
     """
     name = trained_method(model)
     if name != method:

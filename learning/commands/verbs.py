@@ -1,4 +1,4 @@
-"""Verbs of learning, and of comparing, which takes learnt methods too (see `starling.sim.commands.verbs`)."""
+"""Verbs of learning, and of `compare` (see `starling.sim.commands.verbs`)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,10 @@ from starling.sim.console.flags import Common, Edits, Shared
 if TYPE_CHECKING:
     from starling.learning.data.captured import Simulation
 
-ROOM = "{room}"  # In a sensor's name: the room held out.
-Draws = Annotated[int, arg(help="Draws of noise and speckle that the physics is told from.")]
-Even = Annotated[
-    bool, arg(help="Simulate with one reflectance all over, as if no image were known.")
-]
-Cache = Annotated[Path | None, arg(help="Folder that keeps what is simulated, for other runs.")]
+ROOM = "{room}"  # Placeholder of the held-out room in a sensor's name.
+Draws = Annotated[int, arg(help="Simulated draws of noise and speckle for the physics.")]
+Even = Annotated[bool, arg(help="Simulate with a uniform reflectance, without the captured image.")]
+Cache = Annotated[Path | None, arg(help="Folder for simulations, reused by other runs.")]
 
 
 def train(
@@ -39,27 +37,27 @@ def train(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Learn where a real camera has no depth; goes on where it was cut short.
+    """Train a prediction of where a real camera has no depth. Interrupted training continues.
 
     Methods: perfect, simple, trees, physics, physics_recalibrated, network, hybrid, hybrid_trees,
-    pix2pix, cyclegan; trees_reflectance, network_reflectance and hybrid_reflectance see the
-    smoothed infrared image as well.
+    pix2pix, cyclegan; trees_reflectance, network_reflectance and hybrid_reflectance also use the
+    smoothed infrared image.
 
     Example: starling train hybrid out/real --sensor d435 --out out/hybrid
 
     To fill depth instead: `starling train completion`.
 
     Args:
-        method: what learns.
+        method: method to train.
         captures: capture set with reference depth (truth.png) and the device's own (depth.png).
-        out: folder for what was learnt, checkpoint and loss curve.
-        sensor: preset or sensor file, for the methods that build on physics.
-        rooms: to learn from; all where none is named.
-        steps: of a network's training; its own number where none is given.
-        start: trained network or hybrid to go on from, where scenes are few: its folder, or
-            hybrid-varied, network-varied, which have learnt from simulated cameras.
-        seed: fixes everything that is drawn.
-        force: drop what starling left in the folder.
+        out: folder for model, checkpoint and loss curve.
+        sensor: preset or sensor file, for the methods that use physics.
+        rooms: training rooms; all if not given.
+        steps: training steps of a network; its default if not given.
+        start: trained network or hybrid as initial weights, for few scenes: its folder, or
+            hybrid-varied, network-varied, which were trained on simulated cameras.
+        seed: seed of all random draws.
+        force: delete earlier results of starling in the folder.
     """
     from starling.learning.commands import train_captures
     from starling.sim.console import progress
@@ -80,7 +78,7 @@ def train(
             start=start,
             seed=seed,
             force=force,
-            asked={"sensor": sensor, "draws": draws, "even": even, "set": edits},
+            options={"sensor": sensor, "draws": draws, "even": even, "set": edits},
             track=track,
         )
     shell.say(result, json=common.json)
@@ -106,7 +104,7 @@ def evaluate(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Judge methods on rooms they have not learnt from; goes on where it was cut short.
+    """Evaluate methods on held-out rooms. An interrupted evaluation continues.
 
     Example: starling evaluate out/real --methods trees network --out out/evaluation
 
@@ -114,32 +112,32 @@ def evaluate(
 
     Args:
         captures: capture set with reference depth (truth.png) and the device's own (depth.png).
-        out: folder for figures, pictures, and what was learnt and told in each fold.
-        methods: learn anew for each room, from the others.
-        models: folders of `starling train`, or hybrid-varied, network-varied, which come with the
-            program; asked as they are, whatever they have learnt from.
-        sensor: preset or sensor file, for the methods that build on physics; {room} in its name
-            stands for the room held out, so that the sensor can be calibrated without it.
-        rooms: to judge; all where none is named.
-        learn_from: number of rooms to learn from, the next ones in order; all others if not given.
-        steps: of a network's training; its own number where none is given.
-        start: trained models that methods of the same kind go on from (see `starling train`).
-        icp: align objects by ICP in the device's depth and in each method's, so many first guesses
-            an object, 2 or more; 0 leaves it out.
-        seed: fixes everything that is drawn.
-        force: drop what starling left in the folder.
+        out: folder for figures, pictures, and models and predictions of each fold.
+        methods: trained for each held-out room on the other rooms.
+        models: folders of `starling train`, or the shipped hybrid-varied, network-varied; evaluated
+            without training, on any data they were trained on.
+        sensor: preset or sensor file, for the methods that use physics. {room} in its name is
+            replaced by the held-out room, so that the sensor can be calibrated without it.
+        rooms: held-out rooms; all if not given.
+        learn_from: number of training rooms, the next ones in order; all others if not given.
+        steps: training steps of a network; its default if not given.
+        start: trained models as initial weights of the same methods (see `starling train`).
+        icp: align objects by ICP in the device's depth and in each method's, with this number of
+            trials per object, 2 or more; 0 omits it.
+        seed: seed of all random draws.
+        force: delete earlier results of starling in the folder.
     """
     from starling.learning.commands import evaluate_captures
     from starling.sim.console import progress
 
     def simulations(held: str) -> Simulation:
-        assert sensor is not None  # Not asked for otherwise.
+        assert sensor is not None  # Called only with a sensor.
         camera = sensor.replace(ROOM, held)
         return _simulation(
             camera, captures, draws=draws, seed=seed, even=even, edits=edits, cache=cache
         )
 
-    plan = evaluate_captures.Plan(
+    plan = evaluate_captures.EvaluationPlan(
         methods=methods,
         models=models,
         held=rooms,
@@ -156,7 +154,7 @@ def evaluate(
             plan,
             simulations=simulations if sensor else None,
             force=force,
-            asked={"sensor": sensor, "draws": draws, "even": even, "set": edits},
+            options={"sensor": sensor, "draws": draws, "even": even, "set": edits},
             track=track,
         )
     shell.say(result, json=common.json)
@@ -176,7 +174,7 @@ def compare(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Compare simulated captures with real ones, or the holes that several methods draw.
+    """Compare simulated captures with real ones, or the holes drawn by several methods.
 
     Example: starling compare out/check out/check-simulated --json
 
@@ -186,21 +184,21 @@ def compare(
     Args:
         real: capture set or one scene in it.
         sim: the same scenes, simulated.
-        methods: instead of `sim`: perfect, physics, folders of `starling train`, or hybrid-varied,
-            network-varied, which come with the program.
-        sensor: preset or sensor file, for the methods that build on physics.
-        out: NAME.png of the methods' depth images beside the device's.
-        seed: of the holes that are drawn.
-        force: replace what was drawn before.
+        methods: instead of `sim`: perfect, physics, folders of `starling train`, or the shipped
+            hybrid-varied, network-varied.
+        sensor: preset or sensor file, for the methods that use physics.
+        out: NAME.png for the depth images of the device and of the methods.
+        seed: seed of the drawn holes.
+        force: replace earlier results.
     """
     from starling.sim.captures import capture
     from starling.sim.commands import compare as comparison
     from starling.sim.console import output, progress
 
     if bool(sim) == bool(methods):
-        given = "both" if sim else "neither"
+        got = "both" if sim else "neither"
         rule = "must be one of the two"
-        raise refuse("sim and methods", rule, given, "Give simulated captures, or --methods.")
+        raise refuse("sim and methods", rule, got, "Give simulated captures, or --methods.")
     if sim and out is not None:
         raise refuse("out", "must come with methods", out, "`starling show` draws two captures.")
     if not methods:

@@ -1,4 +1,4 @@
-"""A folder for work that takes long: what was cut short is gone on with."""
+"""Output folder of long work that can be interrupted and continued."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from typing import Any
 from starling.patterns.errors import refuse
 from starling.sim.console import output, record
 
-UNFINISHED = "unfinished.json"  # Says what the work is; `starling.json` takes its place at the end.
+UNFINISHED = "unfinished.json"  # Describes the work; `starling.json` replaces it at the end.
 
 
 def begin(folder: Path, arguments: Mapping[str, Any], *, force: bool) -> None:
-    """Make the folder, or go on in one whose work of the same arguments was cut short.
+    """Create the folder, or continue in one with interrupted work of the same arguments.
 
     Args:
-        folder: made where it is missing.
-        arguments: what the work is; all plain values.
-        force: drop what starling wrote there before, finished or not.
+        folder: created if missing.
+        arguments: arguments of the work, plain values only.
+        force: delete what starling wrote there before, finished or not.
 
     Raises:
-        InputError: if it is a file, or holds something else: other work, finished work without
-            `force`, somebody's own files.
+        InputError: if it is a file, or holds other work, finished work without `force`, or files
+            that are not from starling.
     """
     marker, text = folder / UNFINISHED, record.dumps(arguments)
     ours = marker.is_file() or (folder / output.RECORD).is_file()
@@ -44,7 +44,7 @@ def begin(folder: Path, arguments: Mapping[str, Any], *, force: bool) -> None:
 
 
 def end(folder: Path, verb: str, arguments: Mapping[str, Any], figures: Mapping[str, Any]) -> None:
-    """Leave the record: arguments, versions, figures.
+    """Write the record: arguments, versions, figures.
 
     Raises:
         InputError: if it cannot be written.

@@ -1,1 +1,1 @@
-"""Depth completion: from an image and a camera's depth to depth everywhere, with its error."""
+"""Depth completion: dense depth and its expected error from an image and a camera's depth."""

@@ -1,13 +1,13 @@
-"""Scale and shift that turn a prediction without a unit into metres.
+"""Scale and shift that convert a prediction without unit to metres.
 
-Networks that see one image tell depth, or its inverse, up to a scale and a shift. Three ways to
-find these:
+Networks that see one image predict depth, or inverse depth, up to a scale and a shift. There are
+three ways to determine these:
 
-- least squares against the truth, as such networks are commonly judged: no robot can do it;
-- least squares against the camera's own depth where it has some: a robot can;
-- by the numbers that the camera's own depth was normalised with before the network saw it
-  ("sensor depth scale" in Cuaran et al., Enhancing stereo depth maps through RGBD-conditioned
-  generative models, section 4.3).
+- least squares against the ground truth, the usual evaluation, which a robot cannot do;
+- least squares against the camera's own depth, which a robot can do;
+- the numbers that normalise the camera's own depth for the network ("sensor depth scale" in
+  Cuaran et al., Enhancing stereo depth maps through RGBD-conditioned generative models,
+  section 4.3).
 """
 
 from __future__ import annotations
@@ -23,36 +23,36 @@ from starling.patterns.errors import InputError, one_of, positive, refuse
 
 Target = Literal["none", "sensor", "truth"]
 TARGETS: tuple[Target, ...] = ("none", "sensor", "truth")
-_LEAST = 2  # Pixels that tell two numbers.
-_TRIMMED_PCT = 2.0  # Marigold's: single wrong pixels do not stretch the span.
-_NARROWEST = 0.01  # Of the depth: a wall seen head-on has a span too.
+_LEAST = 2  # Pixels needed to determine two numbers.
+_TRIMMED_PCT = 2.0  # Marigold's value: single outliers do not stretch the range.
+_NARROWEST = 0.01  # Least width of the range, relative to depth, for a wall seen head-on.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Alignment:
+class ScaleShift:
     """`scale * prediction + shift`."""
 
     scale: float
     shift: float
 
     def __call__(self, prediction: NDArray[np.floating]) -> Image:
-        """Apply it, any shape."""
+        """Apply scale and shift to an array of any shape."""
         return (self.scale * prediction + self.shift).astype(np.float32)
 
 
 def least_squares(
     prediction: NDArray[np.floating], target: NDArray[np.floating], where: Mask
-) -> Alignment:
-    """Find scale and shift that bring a prediction nearest to a target, in closed form.
+) -> ScaleShift:
+    """Fit scale and shift of a prediction to a target in closed form.
 
     Args:
         prediction: (h, w), any unit.
-        target: (h, w): truth, or the camera's own depth [m], or the inverse of either [1/m].
-        where: (h, w) pixels that count; those where either is not finite never do.
+        target: (h, w) reference depth or the camera's own [m], or the inverse of either [1/m].
+        where: (h, w) pixels to fit; pixels where either is not finite never count.
 
     Raises:
-        InputError: if shapes differ, fewer than two pixels count, or the prediction is one number
-            all over them, so that its scale could be any.
+        InputError: if shapes differ, fewer than two pixels count, or the prediction is constant
+            over them, so that its scale is undefined.
     """
     if not prediction.shape == target.shape == where.shape:
         got = f"{prediction.shape}, {target.shape} and {where.shape}"
@@ -65,43 +65,43 @@ def least_squares(
         raise refuse("prediction and target", rule, x.size, "Leave the image out.")
     x_mean, y_mean = x.mean(), y.mean()
     spread = ((x - x_mean) ** 2).sum()
-    # Below that, the spread is what rounding in single precision leaves of a constant.
+    # A smaller spread is rounding of a constant in single precision.
     if spread <= x.size * (np.finfo(np.float32).eps * np.abs(x).max()) ** 2:
         raise refuse("prediction", "must vary where it is aligned", x_mean, "Leave the image out.")
     scale = float(((x - x_mean) * (y - y_mean)).sum() / spread)
-    return Alignment(scale=scale, shift=float(y_mean - scale * x_mean))
+    return ScaleShift(scale=scale, shift=float(y_mean - scale * x_mean))
 
 
-def aligned(prediction: NDArray[np.floating], depth_m: Image, where: Mask) -> Image:
-    """Bring a prediction of depth to metres by least squares.
+def align_depth(prediction: NDArray[np.floating], depth_m: Image, where: Mask) -> Image:
+    """Align a prediction of depth to metres by least squares.
 
     Args:
-        prediction: (h, w) that rises with depth.
-        depth_m: (h, w) truth or the camera's own [m].
-        where: (h, w) where that counts.
+        prediction: (h, w), increasing with depth.
+        depth_m: (h, w) ground truth, or the camera's own depth [m].
+        where: (h, w) pixels to fit.
 
     Returns:
-        (h, w) [m]; NaN where that is not above zero, which is no depth.
+        (h, w) [m]; NaN where the result is not above zero.
 
     Raises:
-        InputError: as `least_squares`.
+        InputError: see `least_squares`.
     """
-    found = least_squares(prediction, depth_m, where)(prediction)
-    return np.where(found > 0, found, np.float32(np.nan))
+    fitted = least_squares(prediction, depth_m, where)(prediction)
+    return np.where(fitted > 0, fitted, np.float32(np.nan))
 
 
-def judged_as(target: Target, depth_m: Image, *, sensor_m: Image, truth_m: Image) -> Image:
-    """Bring depth to what it is judged against, or leave it as it is.
+def align_to_target(target: Target, depth_m: Image, *, sensor_m: Image, truth_m: Image) -> Image:
+    """Align depth to the evaluation's target, or return it unchanged.
 
     Args:
-        target: `truth`, as the paper's "least squares"; `sensor`, as a robot can; `none`.
-        depth_m: (h, w) what a method says [m], NaN where it has none.
-        sensor_m: (h, w) the camera's own [m], NaN = none.
+        target: `truth`, the paper's "least squares"; `sensor`, which a robot can do; or `none`.
+        depth_m: (h, w) completed depth [m], NaN where missing.
+        sensor_m: (h, w) the camera's own depth [m], NaN where missing.
         truth_m: (h, w) [m], NaN where unknown.
 
     Returns:
-        (h, w) [m]. What cannot be aligned, as it is one number all over or shares no two pixels
-        with the target, is NaN everywhere: missing.
+        (h, w) [m]. NaN everywhere if the depth cannot be aligned: it is constant, or shares fewer
+        than two pixels with the target.
 
     Raises:
         InputError: if the target is unknown.
@@ -111,39 +111,39 @@ def judged_as(target: Target, depth_m: Image, *, sensor_m: Image, truth_m: Image
         return depth_m
     goal = truth_m if target == "truth" else sensor_m
     try:
-        return aligned(depth_m, goal, np.isfinite(goal))
+        return align_depth(depth_m, goal, np.isfinite(goal))
     except InputError:
         return np.full_like(depth_m, np.nan)
 
 
-def aligned_inverse(
+def align_inverse_depth(
     prediction: NDArray[np.floating], depth_m: Image, where: Mask, *, farthest_m: float
 ) -> Image:
-    """Bring a prediction of inverse depth to metres by least squares in inverse depth.
+    """Align a prediction of inverse depth to metres by least squares in inverse depth.
 
     As in Ranftl et al., Towards robust monocular depth estimation, TPAMI 2022, section 5.
 
     Args:
-        prediction: (h, w) that falls with depth.
-        depth_m: (h, w) truth or the camera's own [m], above zero where it counts.
-        where: (h, w) where that counts.
-        farthest_m: what is farther, or behind the camera, is put there.
+        prediction: (h, w), decreasing with depth.
+        depth_m: (h, w) ground truth, or the camera's own depth [m], above zero where it counts.
+        where: (h, w) pixels to fit.
+        farthest_m: greatest depth of the result; replaces depth beyond it or behind the camera.
 
     Raises:
-        InputError: as `least_squares`, or if `farthest_m` is not above zero.
+        InputError: see `least_squares`; or if `farthest_m` is not above zero.
     """
     positive("farthest_m", farthest_m)
     inverse = np.full(depth_m.shape, np.nan)
     np.divide(1.0, depth_m, out=inverse, where=where & (depth_m > 0))
-    found = least_squares(prediction, inverse, where)(prediction)
-    return (1 / np.maximum(found, np.float32(1 / farthest_m))).astype(np.float32)
+    fitted = least_squares(prediction, inverse, where)(prediction)
+    return (1 / np.maximum(fitted, np.float32(1 / farthest_m))).astype(np.float32)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Normalisation:
-    """Depth from `low_m` to `high_m` as -1 to 1; what is outside goes on beyond.
+    """Maps depth from `low_m`..`high_m` linearly to -1..1; depth outside is extrapolated.
 
-    As Ke et al., Repurposing diffusion-based image generators for monocular depth estimation,
+    As in Ke et al., Repurposing diffusion-based image generators for monocular depth estimation,
     CVPR 2024, section 3.2, with the 2nd and 98th percentile.
     """
 
@@ -160,18 +160,18 @@ class Normalisation:
         return (2 * (depth_m - self.low_m) / (self.high_m - self.low_m) - 1).astype(np.float32)
 
     def denormalise(self, prediction: NDArray[np.floating]) -> Image:
-        """Turn -1 to 1, any shape, into depth [m]."""
+        """Convert -1..1, any shape, to depth [m]."""
         return (self.low_m + (prediction + 1) / 2 * (self.high_m - self.low_m)).astype(np.float32)
 
 
 def normalisation(depth_m: Image, valid: Mask) -> Normalisation:
-    """Find the numbers that normalise a camera's depth, which then turn a prediction into metres.
+    """Estimate the normalisation of a camera's depth, which also converts a prediction to metres.
 
-    Of its 2nd and 98th percentile; further apart, where need be, by 1 % of the nearer.
+    The range is the 2nd to the 98th percentile, and at least 1 % of the nearer end wide.
 
     Args:
-        depth_m: (h, w) the camera's own [m].
-        valid: (h, w) where it has some.
+        depth_m: (h, w) the camera's own depth [m].
+        valid: (h, w) True where it is known.
 
     Raises:
         InputError: if no pixel is valid.

@@ -1,4 +1,4 @@
-"""What a method of completion is given, and what of it is refused."""
+"""The input of a completion method, and its validation."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from starling.patterns.errors import refuse
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_FARTHEST_M = 100.0  # No depth camera's median is beyond; millimetres are.
+_FARTHEST_M = 100.0  # Least implausible median depth; depth in millimetres exceeds it.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Frame:
-    """One image with the depth that a camera has of it."""
+class CompletionFrame:
+    """An image with the camera's depth of the same view."""
 
-    rgb: Image  # (h, w, 3) red, green, blue as encoded for display, 0..1; grey three times.
+    rgb: Image  # (h, w, 3) display-encoded red, green, blue, 0..1; grey is repeated.
     depth_m: Image  # (h, w) z [m], NaN where not `valid`.
     valid: Mask  # (h, w) True where the camera has depth.
 
@@ -31,25 +31,27 @@ class Frame:
         return height, width
 
 
-def checked(rgb: NDArray[Any] | None, depth_m: NDArray[Any], valid: NDArray[Any]) -> Frame:
-    """Bring images into one form.
+def make_frame(
+    rgb: NDArray[Any] | None, depth_m: NDArray[Any], valid: NDArray[Any]
+) -> CompletionFrame:
+    """Validate images and convert them to a frame.
 
     Args:
         rgb: (h, w, 3) or grey (h, w), uint8, uint16, or floating point 0..1, registered to depth.
-        depth_m: (h, w) [m]; whatever stands where not `valid`.
+        depth_m: (h, w) [m]; arbitrary where not `valid`.
         valid: (h, w) True where there is depth.
 
     Raises:
-        InputError: if there is no image, shapes differ, depth is no number above zero where it is
-            valid, seems to be in millimetres, or the image is empty, of another type, or its values
-            are out of range.
+        InputError: if there is no image, shapes differ, valid depth is not a number above zero or
+            seems to be in millimetres, or the image is empty, of another type, or out of range.
     """
     if rgb is None:
         advice = "Give the image that the depth is registered to; an infrared one will do."
         raise refuse("rgb", "must be given", "none", advice)
     if depth_m.ndim != 2 or valid.shape != depth_m.shape:
         got = f"{depth_m.shape} and {valid.shape}"
-        raise refuse("depth_m and valid", "must be (h, w) of one size", got, "Take one frame's.")
+        advice = "Give both of one frame."
+        raise refuse("depth_m and valid", "must be (h, w) of one size", got, advice)
     if rgb.ndim not in (2, 3) or (rgb.ndim == 3 and rgb.shape[2] != 3):
         raise refuse("rgb", "must be (h, w, 3) or (h, w)", rgb.shape, "Drop the alpha channel.")
     if rgb.shape[:2] != depth_m.shape:
@@ -61,21 +63,21 @@ def checked(rgb: NDArray[Any] | None, depth_m: NDArray[Any], valid: NDArray[Any]
     known = depth[mask]
     bad = known[~(np.isfinite(known) & (known > 0))]
     if bad.size:
-        advice = "Mark what is no depth as not valid."
+        advice = "Mark pixels without depth as not valid."
         raise refuse("depth_m", "must be finite and > 0 where valid", bad[0], advice)
     if known.size and np.median(known) > _FARTHEST_M:
         advice = "Divide millimetres by 1000."
         raise refuse("depth_m", "must be in metres", f"a median of {np.median(known):g}", advice)
-    return Frame(rgb=_unit(rgb), depth_m=depth, valid=mask)
+    return CompletionFrame(rgb=_unit(rgb), depth_m=depth, valid=mask)
 
 
 def _unit(rgb: NDArray[Any]) -> Image:
-    """Three channels 0..1."""
+    """Convert an image to three channels 0..1."""
     if not rgb.size:
-        raise refuse("rgb", "must have pixels", rgb.shape, "Give the frame's own image.")
+        raise refuse("rgb", "must have pixels", rgb.shape, "Give the image of the frame.")
     whole = rgb.dtype in (np.uint8, np.uint16)
     if not whole and not np.issubdtype(rgb.dtype, np.floating):
-        advice = "Say of how many bits it is by its type."
+        advice = "Convert the image to one of these types."
         raise refuse("rgb", "must be uint8, uint16 or floating point", rgb.dtype, advice)
     scale = np.iinfo(rgb.dtype).max if whole else 1
     image = rgb.astype(np.float32) / np.float32(scale)

@@ -1,4 +1,4 @@
-"""The one interface of all methods that complete depth."""
+"""The interface of all completion methods."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.learning.completion.frame import Frame, Image, checked
+from starling.learning.completion.frame import CompletionFrame, Image, make_frame
 
 CANNOT = "cannot: no pixel has depth to go by"
 NOTHING = "nothing to complete: every pixel has depth"
@@ -16,27 +16,28 @@ NOTHING = "nothing to complete: every pixel has depth"
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Completed:
-    """Depth of a frame, everywhere."""
+    """Completed depth of a frame."""
 
     depth_m: Image  # (h, w) z [m]; NaN where the method gives none.
-    sigma_m: Image  # (h, w) standard deviation it expects of depth_m [m]; NaN where it tells none.
-    said: str = ""  # Why depth is as it was given: `CANNOT`, `NOTHING`.
+    # (h, w) expected standard deviation of the error of depth_m [m]; NaN where it is not estimated.
+    sigma_m: Image
+    note: str = ""  # Reason why the frame was not completed: `CANNOT` or `NOTHING`.
 
 
-def untold(frame: Frame) -> Image:
-    """Expected error of a method that tells none: NaN (h, w)."""
+def unknown_sigma(frame: CompletionFrame) -> Image:
+    """Expected error of a method that does not estimate it: NaN (h, w)."""
     return np.full(frame.shape, np.nan, np.float32)
 
 
-class Method(Protocol):
-    """A way to complete depth, ready to be used."""
+class CompletionMethod(Protocol):
+    """A completion method, ready for use."""
 
     @property
     def name(self) -> str:
-        """What it is called by `starling complete`."""
+        """Name of the method on the command line of `starling complete`."""
         ...
 
-    def fill(self, frame: Frame) -> Completed:
+    def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame that has both holes and depth.
 
         Raises:
@@ -46,27 +47,27 @@ class Method(Protocol):
 
 
 def complete(
-    method: Method, rgb: NDArray[Any] | None, depth_m: NDArray[Any], valid: NDArray[Any]
+    method: CompletionMethod, rgb: NDArray[Any] | None, depth_m: NDArray[Any], valid: NDArray[Any]
 ) -> Completed:
     """Complete one frame by any method.
 
     Args:
-        method: that does it.
+        method: the completion method.
         rgb: (h, w, 3) or grey (h, w), registered to depth.
         depth_m: (h, w) [m].
         valid: (h, w) True where there is depth.
 
     Returns:
-        Depth everywhere, and its expected error. Of a frame without any depth, NaN everywhere and
-        `CANNOT`; one without holes comes back as it is, with `NOTHING`.
+        Dense depth and its expected error. For a frame without any depth: NaN everywhere and
+        `CANNOT`. For a frame without holes: its own depth and `NOTHING`.
 
     Raises:
-        InputError: as `checked`.
+        InputError: see `make_frame`.
     """
-    frame = checked(rgb, depth_m, valid)
-    unknown = untold(frame)
+    frame = make_frame(rgb, depth_m, valid)
+    unknown = unknown_sigma(frame)
     if not frame.valid.any():
-        return Completed(depth_m=unknown, sigma_m=unknown, said=CANNOT)
+        return Completed(depth_m=unknown, sigma_m=unknown, note=CANNOT)
     if frame.valid.all():
-        return Completed(depth_m=frame.depth_m, sigma_m=unknown, said=NOTHING)
+        return Completed(depth_m=frame.depth_m, sigma_m=unknown, note=NOTHING)
     return method.fill(frame)

@@ -1,4 +1,4 @@
-"""Methods of completion by name; what one of them needs is loaded when it is asked for."""
+"""Completion methods by name. The packages of a method are imported when it is created."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from starling.learning import shipped
-from starling.learning.completion.method import Method
+from starling.learning.completion.method import CompletionMethod
 from starling.patterns import errors
 
 _CLASSICAL = {  # Module under `starling.learning.completion.classical`, and class.
@@ -17,7 +17,7 @@ _CLASSICAL = {  # Module under `starling.learning.completion.classical`, and cla
     "poisson": ("poisson", "Poisson"),
 }
 _LEARNT = {  # Module under `starling.learning.completion` whose `load` takes a folder of weights.
-    "small": "small.small",
+    "small": "small.method",
     "diffusion": "diffusion.method",
     "marigold": "baselines.marigold",
     "marigold-dc": "baselines.marigold_dc",
@@ -28,16 +28,17 @@ LEARNT = tuple(_LEARNT)
 NAMES = (*CLASSICAL, *LEARNT)
 
 
-def asked(word: str) -> Method:
-    """Make a method ready.
+def create(word: str) -> CompletionMethod:
+    """Create a method.
 
     Args:
-        word: NAME of `NAMES`; those of `LEARNT` as NAME=WEIGHTS, a folder or the id on a hub;
-            small alone is the network that comes with the program.
+        word: NAME of `NAMES`. Methods of `LEARNT` are given as NAME=WEIGHTS, a folder or an id on
+            the Hugging Face hub. `small` without weights is the network that comes with the
+            program.
 
     Raises:
-        InputError: if there is no such method, weights are missing, damaged or not asked for, or
-            packages that it needs are not installed.
+        InputError: if there is no such method, weights are missing, damaged or not allowed, or
+            required packages are not installed.
     """
     name, equals, weights = word.partition("=")
     errors.one_of("method", name, NAMES)
@@ -45,8 +46,8 @@ def asked(word: str) -> Method:
         if equals:
             raise errors.refuse(name, "must come without weights", word, "Leave out the =.")
         module, kind = _CLASSICAL[name]
-        made: Any = getattr(import_module(f"starling.learning.completion.classical.{module}"), kind)
-        return made()
+        cls: Any = getattr(import_module(f"starling.learning.completion.classical.{module}"), kind)
+        return cls()
     if name == "small" and not equals:
         weights = str(shipped.COMPLETION)
     if not weights:

@@ -1,4 +1,4 @@
-"""Scenes of a capture set as examples: reference depth, the device's holes, what is simulated."""
+"""Scenes of a capture set as examples: reference depth, the device's holes, and simulation."""
 
 from __future__ import annotations
 
@@ -20,22 +20,23 @@ from starling.sim.scene.captured import captured_scene, depth_surface, known_geo
 from starling.sim.scene.scene import Material, Scene
 from starling.sim.sensor.sensor import Sensor
 
-SMOOTHING_PX = 12.0  # Of the infrared image that is reflectance: no dot is left in it.
-LEFT_BAND = 100 / 1280  # Share of the columns that have no match in the right image, or few.
-DRAWS = 8  # Of noise and speckle.
-_EVEN = 0.5  # Reflectance where none may be known.
-_MADE = 4  # How physics is made; raised when the same sensor and scene would give another.
+# Sigma that smooths the infrared image to reflectance and removes all dots [px].
+SMOOTHING_PX = 12.0
+LEFT_BAND = 100 / 1280  # Share of the columns with few or no matches in the right image.
+DRAWS = 8  # Simulated draws of noise and speckle.
+_EVEN = 0.5  # Reflectance if no image is used.
+_PHYSICS_VERSION = 4  # Version of the simulation, a part of the cache key.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
 class Simulation:
-    """How examples get their physics."""
+    """Settings of the simulation of examples."""
 
     sensor: Sensor
     draws: int = DRAWS
     seed: int = 0
-    even: bool = False  # Reflectance is one number, as if no image of the scene were known.
-    cache: Path | None = None  # Folder that keeps what was simulated.
+    even: bool = False  # Use one reflectance for the whole scene, as if it had no image.
+    cache: Path | None = None  # Folder of the cache.
 
 
 def examples(
@@ -45,16 +46,16 @@ def examples(
     simulation: Simulation | None = None,
     track: progress.Progress = progress.silent,
 ) -> list[Example]:
-    """Read scenes whose holes are known.
+    """Read scenes with known holes.
 
     Args:
-        captures: with reference depth and the device's own.
-        rooms: those that are read; None reads all.
-        simulation: gives the examples physics; None leaves it out.
+        captures: capture set with reference depth and the device's own.
+        rooms: rooms to read; None reads all.
+        simulation: adds physics to the examples; None leaves it out.
         track: wraps the loop over scenes.
 
     Raises:
-        InputError: if a room is unknown, or whatever is wrong with a scene.
+        InputError: if a room is unknown, or a scene is invalid.
     """
     check_rooms(captures, rooms or ())
     wanted = [scene for scene in captures.scenes if rooms is None or scene.room in rooms]
@@ -62,23 +63,23 @@ def examples(
 
 
 def check_rooms(captures: CaptureSet, rooms: Sequence[str]) -> None:
-    """Refuse rooms that the captures do not have.
+    """Refuse rooms that are not in the captures.
 
     Raises:
-        InputError: if there is one.
+        InputError: if a room is unknown.
     """
-    there = sorted({scene.room for scene in captures.scenes})
+    known = sorted({scene.room for scene in captures.scenes})
     for room in rooms:
-        one_of("room", room, there)
+        one_of("room", room, known)
 
 
 def example(scene: CapturedScene, *, simulation: Simulation | None = None) -> Example:
     """Read one scene of a capture set.
 
-    Of its infrared only the left image is used, smoothed by a Gaussian of 12 px, as reflectance.
+    Reflectance is the left infrared image, smoothed by a Gaussian of 12 px.
 
     Raises:
-        InputError: if it has no reference depth or none of the device's own.
+        InputError: if it has no reference depth, or no depth of the device.
     """
     truth_m, frame = _reference(scene), scene.frame(scene.frames[0])
     if frame.depth_m is None:
@@ -117,23 +118,23 @@ def _incomplete(scene: CapturedScene, missing: str) -> InputError:
 
 
 def counted_pixels(scene: CapturedScene, truth_m: Image) -> Mask:
-    """Where a hole counts, (h, w): known reference, right of the left band."""
+    """Return where holes count, (h, w): known reference, right of the left band."""
     where = np.isfinite(truth_m)
     where[:, : round(LEFT_BAND * scene.info.width)] = False
     return where
 
 
 def surface(scene: CapturedScene, sensor: Sensor, *, even: bool = False) -> Scene:
-    """What is known of a scene: its model where there is one, else its reference depth.
+    """Return the scene to simulate: its model if there is one, else a mesh of its reference depth.
 
     Args:
-        scene: of a capture set.
-        sensor: that the captures are of.
-        even: reference depth gets one reflectance all over.
+        scene: scene of a capture set.
+        sensor: sensor of the captures.
+        even: use one reflectance for the whole mesh.
     """
-    believed = known_geometry.load(scene, sensor)
-    if believed is not None:
-        return believed
+    known_scene = known_geometry.load(scene, sensor)
+    if known_scene is not None:
+        return known_scene
     if not even:
         return captured_scene.load(
             scene.path, sensor, smoothing_px=SMOOTHING_PX, within_surfaces=True
@@ -144,50 +145,50 @@ def surface(scene: CapturedScene, sensor: Sensor, *, even: bool = False) -> Scen
 
 
 def sensor_digest(sensor: Sensor) -> str:
-    """Name of a sensor that changes with any of its numbers and with its patterns' images."""
-    light = sensor.projector
-    found = hashlib.sha256(repr(sensor).encode())
-    for path in sorted({light.pattern, *(emitter.pattern for emitter in light.emitters)}):
-        found.update(Path(path).read_bytes() if Path(path).suffix else b"")
-    return found.hexdigest()[:16]
+    """Checksum of a sensor, including the files of its patterns."""
+    projector = sensor.projector
+    digest = hashlib.sha256(repr(sensor).encode())
+    for path in sorted({projector.pattern, *(emitter.pattern for emitter in projector.emitters)}):
+        digest.update(Path(path).read_bytes() if Path(path).suffix else b"")
+    return digest.hexdigest()[:16]
 
 
 def _physics(scene: CapturedScene, plain: Example, simulation: Simulation) -> Physics:
     key = _digest(scene, plain, simulation) if simulation.cache else ""
-    if simulation.cache and (kept := physics_file.read(simulation.cache, key)):
-        return kept
-    from starling.learning.data import simulated  # Loads the renderer, which takes seconds.
+    if simulation.cache and (cached := physics_file.read(simulation.cache, key)):
+        return cached
+    from starling.learning.data import simulated  # Importing the renderer takes seconds.
 
-    made = simulated.physics(
+    physics = simulated.physics(
         surface(scene, simulation.sensor, even=simulation.even),
         simulation.sensor,
         draws=simulation.draws,
         seed=scene_seed(simulation.seed, scene.name),
     )
     if simulation.cache:
-        physics_file.write(simulation.cache, key, made)
-    return made
+        physics_file.write(simulation.cache, key, physics)
+    return physics
 
 
 def _digest(scene: CapturedScene, plain: Example, simulation: Simulation) -> str:
-    """Name that changes when anything does that the simulation depends on."""
+    """Cache key that depends on all inputs of the simulation."""
     drawn = (simulation.draws, simulation.seed, simulation.even)
-    how = (_MADE, sensor_digest(simulation.sensor), *drawn)
-    believed = scene.known()
-    found = hashlib.sha256(f"{how} {record.versions()} {plain.info} {believed}".encode())
-    if believed is not None and (scene.path / believed.scene).is_file():
-        found.update((scene.path / believed.scene).read_bytes())
+    settings = (_PHYSICS_VERSION, sensor_digest(simulation.sensor), *drawn)
+    known_scene = scene.known()
+    digest = hashlib.sha256(f"{settings} {record.versions()} {plain.info} {known_scene}".encode())
+    if known_scene is not None and (scene.path / known_scene.scene).is_file():
+        digest.update((scene.path / known_scene.scene).read_bytes())
     for image in (plain.depth_m, plain.reflectance):
-        found.update(b"" if image is None else np.ascontiguousarray(image).tobytes())
-    return f"{scene.name}-{found.hexdigest()[:16]}"
+        digest.update(b"" if image is None else np.ascontiguousarray(image).tobytes())
+    return f"{scene.name}-{digest.hexdigest()[:16]}"
 
 
-def ndp_rate(learnt_from: Sequence[Example]) -> float:
-    """Share of the counted pixels without depth, 0 to 1; scenes count alike."""
-    holes = [ndp[counted].mean() for ndp, counted in map(known_holes, learnt_from)]
+def ndp_rate(training_examples: Sequence[Example]) -> float:
+    """Mean share of counted pixels without depth, 0 to 1; each scene has the same weight."""
+    holes = [ndp[counted].mean() for ndp, counted in map(known_holes, training_examples)]
     return float(np.mean(holes))
 
 
 def caching(simulation: Simulation, folder: Path) -> Simulation:
-    """Keep what is simulated in a folder, unless it is kept somewhere already."""
+    """Set the cache folder of a simulation that has none."""
     return simulation if simulation.cache else dataclasses.replace(simulation, cache=folder)

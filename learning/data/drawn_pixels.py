@@ -1,4 +1,4 @@
-"""Pixels drawn from scenes to learn from, weighted so that probabilities stay true."""
+"""Pixels drawn from scenes for training, weighted so that probabilities are unbiased."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class DrawnPixels:
 
     values: NDArray[np.float32]  # (n, k) features.
     ndp: NDArray[np.bool_]  # (n,)
-    weight: NDArray[np.float64]  # (n,) above 0; each scene has the same sum.
+    weight: NDArray[np.float64]  # (n,) above 0; the sum is the same for each scene.
     room: NDArray[np.str_]  # (n,)
 
     def where(self, chosen: NDArray[np.bool_]) -> DrawnPixels:
-        """Only some of the pixels, weights as they are."""
+        """Select pixels; weights do not change."""
         return DrawnPixels(
             self.values[chosen], self.ndp[chosen], self.weight[chosen], self.room[chosen]
         )
@@ -36,18 +36,18 @@ def draw_pixels(
     most: int,
     rng: np.random.Generator,
 ) -> DrawnPixels:
-    """Draw pixels of one scene, both kinds alike as far as they reach.
+    """Draw pixels of one scene, equally many with and without depth where possible.
 
-    Holes are a few percent of a scene: drawn as they come, most of what is drawn would teach
-    nothing. Each kind is weighted back to its share, so what is learnt is the true probability.
+    Holes are a few percent of a scene, so that uniform draws would mostly be uninformative. Each
+    kind is weighted back to its share, so that trained probabilities are unbiased.
 
     Args:
-        values: (h, w, k).
+        values: (h, w, k) features.
         ndp: (h, w) no-depth pixels.
         counted: (h, w), at least one True.
-        room: of the scene.
-        most: how many pixels at most, > 1.
-        rng: draws them, without replacement.
+        room: room of the scene.
+        most: greatest number of pixels, > 1.
+        rng: random generator; draws are without replacement.
 
     Returns:
         The pixels; their weights sum to their number.
@@ -69,7 +69,7 @@ def draw_pixels(
 
 
 def join(scenes: Sequence[DrawnPixels]) -> DrawnPixels:
-    """Put scenes together, each with the same sum of weights."""
+    """Concatenate scenes, each with the same sum of weights."""
     pixels = sum(len(scene.ndp) for scene in scenes)
     return DrawnPixels(
         values=np.concatenate([scene.values for scene in scenes]),

@@ -1,4 +1,4 @@
-"""What a method sees of one scene, and what it is asked for."""
+"""Input and target of a prediction method: one scene."""
 
 from __future__ import annotations
 
@@ -15,38 +15,35 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Physics:
-    """What repeated simulations of a scene say, all (h, w) in the left view."""
+    """Results of repeated simulations of a scene, all (h, w) in the left view."""
 
     ndp: Image  # Share of the draws without depth, 0 to 1.
-    draws: int  # Number of draws; the share is known to 1 / draws.
-    infrared: Image  # Simulated left image without noise, over full scale, 0 to 1.
-    contrast: Image  # Local deviation of that image over its local mean.
-    disparity_px: Image  # Mean of the draws that have one; NaN where none has.
-    one_draw_px: (
-        Image  # Disparity of the first draw that has one, with all its noise; NaN likewise.
-    )
-    one_draw_ndp: Mask  # Pixels without depth of the first draw: a frame as it comes.
-    reason: NDArray[
-        np.uint32
-    ]  # The most frequent reason (`starling.sim.reason`) of no depth; 0 for depth.
+    draws: int  # Number of draws; the resolution of `ndp` is 1 / draws.
+    infrared: Image  # Simulated left image without noise, relative to full scale, 0 to 1.
+    contrast: Image  # Local standard deviation of that image over its local mean.
+    disparity_px: Image  # Mean over the draws with depth; NaN where none has depth.
+    one_draw_px: Image  # Noisy disparity of the first draw with depth; NaN where none has depth.
+    one_draw_ndp: Mask  # Pixels without depth of the first draw.
+    reason: NDArray[np.uint32]  # Most frequent `starling.sim.reason` of no depth; 0 for depth.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Example:
-    """A scene, known by its reference depth in the left view."""
+    """A scene with its reference depth in the left view."""
 
     scene: str
-    room: str  # Splits go by room.
+    room: str  # Splits are by room.
     info: CaptureInfo  # Image size, intrinsics, baseline.
     depth_m: Image  # (h, w) reference depth; NaN where unknown.
-    reflectance: Image | None = None  # (h, w) near-infrared, 0 to 1, smoothed until no dot is left.
-    ndp: Mask | None = None  # (h, w) where the device has no depth; None where it is asked for.
-    counted: Mask | None = None  # (h, w) where `ndp` counts; None as `ndp`.
+    reflectance: Image | None = None  # (h, w) near-infrared, 0 to 1, smoothed until no dot remains.
+    # (h, w) where the device has no depth; None where it is to be predicted.
+    ndp: Mask | None = None
+    counted: Mask | None = None  # (h, w) where `ndp` counts; None like `ndp`.
     physics: Physics | None = None
 
     @property
     def simulated_error_px(self) -> Image | None:
-        """Disparity of one simulated draw less the reference's (h, w); None without physics."""
+        """Simulated disparity of one draw less the reference's (h, w); None without physics."""
         if self.physics is None:
             return None
         return self.physics.one_draw_px - self.info.disparity_px(self.depth_m)

@@ -1,4 +1,4 @@
-"""Whether anything can be learnt from examples, and which of their pixels count."""
+"""Check that examples can be learnt from, and their counted pixels."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from starling.patterns.errors import refuse
 
 
 def known_holes(example: Example) -> tuple[Mask, Mask]:
-    """Where the device has no depth, and where that counts, both (h, w).
+    """Return where the device has no depth, and which pixels count, both (h, w).
 
     Raises:
-        InputError: if the example does not know one of them, or no pixel counts.
+        InputError: if the example lacks one of them, or no pixel counts.
     """
     if example.ndp is None or example.counted is None:
         raise refuse(
             "example",
-            "must have the device's holes to be learnt from",
+            "must have the device's holes for training and evaluation",
             f"scene {example.scene} without",
             "Give captures with depth.png and truth.png.",
         )
@@ -28,27 +28,27 @@ def known_holes(example: Example) -> tuple[Mask, Mask]:
             "ndp, counted and depth_m",
             "must share one shape",
             f"{example.ndp.shape}, {example.counted.shape} and {example.depth_m.shape}",
-            f"Look at scene {example.scene}.",
+            f"Check scene {example.scene}.",
         )
     if not example.counted.any():
         raise refuse(
             "counted",
             "must hold a pixel",
             f"none in scene {example.scene}",
-            "Take scenes with known reference.",
+            "Use scenes with known reference depth.",
         )
     return example.ndp, example.counted
 
 
 def check_learnable(examples: Sequence[Example]) -> None:
-    """Refuse examples that nothing can be learnt from.
+    """Refuse examples that cannot be learnt from.
 
     Raises:
-        InputError: if there is none, one does not know its holes or counts no pixel, or all counted
-            pixels of all examples are without depth, or none is.
+        InputError: if there is no example, an example has no known holes or no counted pixel, or
+            all or none of the counted pixels of all examples have depth.
     """
     if not examples:
-        raise refuse("examples", "must be at least one", 0, "Give captures to learn from.")
+        raise refuse("examples", "must be at least one", 0, "Give captures for training.")
     holes = pixels = 0
     for example in examples:
         ndp, counted = known_holes(example)
@@ -59,5 +59,5 @@ def check_learnable(examples: Sequence[Example]) -> None:
             "no-depth pixels",
             "must be some and not all of the counted ones",
             f"{holes} of {pixels}",
-            "Take scenes with both: what never varies cannot be learnt.",
+            "Use scenes with both; a constant cannot be learnt.",
         )

@@ -1,4 +1,4 @@
-"""What was simulated of a scene, kept on disk: a simulation takes longer than a training step."""
+"""Cache files of simulations, which take longer than training steps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _VERSION = 3
 
 
 def write(folder: Path, key: str, physics: Physics) -> None:
-    """Keep it under a key that says what it was made of, whole or not at all.
+    """Write a simulation atomically under a key that identifies its inputs.
 
     Raises:
         InputError: if the file cannot be written.
@@ -26,7 +26,7 @@ def write(folder: Path, key: str, physics: Physics) -> None:
 
 
 def read(folder: Path, key: str) -> Physics | None:
-    """Read what was kept under a key; None where nothing was.
+    """Read a simulation by its key; None if it is not in the cache.
 
     Raises:
         InputError: if the file is damaged or of another version.
@@ -35,6 +35,6 @@ def read(folder: Path, key: str) -> Physics | None:
         return None
     names = tuple(field.name for field in dataclasses.fields(Physics))
     arrays = model_file.take(model_file.read(folder, key, _VERSION), names, folder)
-    kept: dict[str, Any] = dict(zip(names, arrays, strict=True))
-    kept["draws"] = int(kept["draws"])
-    return Physics(**kept)
+    values: dict[str, Any] = dict(zip(names, arrays, strict=True))
+    values["draws"] = int(values["draws"])
+    return Physics(**values)

@@ -1,4 +1,4 @@
-"""What physics tells: the probability of no depth from repeated simulations."""
+"""Probability of no depth, estimated from repeated simulations."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 from starling.learning.data.example import Image, Physics
 from starling.patterns import errors
 
-# Where on its window a matcher's answer turns is a matter of single dots, and of the reference's
-# registration to a pixel or two: a hole is told to half a window of 9 px. On real rooms the
-# ranking of pixels gains from every blur of 1 to 8 px, most from 3 to 5.
+# Simulated holes are accurate to half a matching window of 9 px. Their borders depend on single
+# dots and on the registration of the reference. On real rooms every blur of 1 to 8 px improves the
+# ranking of pixels, most at 3 to 5 px.
 PLACE_PX = 4.0
-PRIOR_DRAWS = 1.0  # What the scene's own share of holes counts for.
-_RAREST = 1e-3  # Least share of holes, or of depth, that a scene is taken to have.
+PRIOR_DRAWS = 1.0  # Weight of the prior, the scene's mean share of holes, in draws.
+_RAREST = 1e-3  # Least share of holes, or of depth, of a scene.
 
 
 def physics_probability(physics: Physics, *, place_px: float = PLACE_PX) -> Image:
-    """Probability (h, w) of no depth that repeated simulations tell (see `drawn_probability`).
+    """Estimate the probability (h, w) of no depth from simulations (see `drawn_probability`).
 
     Args:
         physics: repeated simulations.
-        place_px: sigma of the Gaussian; 0 = as drawn.
+        place_px: sigma of the Gaussian; 0 = no smoothing.
 
     Raises:
         InputError: if there is no draw.
@@ -31,17 +31,16 @@ def physics_probability(physics: Physics, *, place_px: float = PLACE_PX) -> Imag
 
 
 def drawn_probability(ndp: NDArray, draws: int, *, place_px: float = PLACE_PX) -> Image:
-    """Probability (h, w) of no depth from k of n draws: (k' + a m) / (n + a), a = 1 draw.
+    """Estimate the probability (h, w) of no depth from k of n draws: (k' + a m) / (n + a), a = 1.
 
-    k' is k smoothed by a Gaussian: holes are told no more precisely than a matching window.
-    Never 0 or 1: so few draws cannot be that sure. m is the share of holes in all draws of the
-    scene, which the simulation itself knows: most pixels have depth, and half a draw's worth of
-    doubt in each would tell 6 % of holes where there are none.
+    k' is k smoothed by a Gaussian, because holes are accurate to a matching window only. m is the
+    share of holes in all draws of the scene. It keeps the probability away from 0 and 1, which few
+    draws cannot support. A prior of 1/2 instead would predict 6 % of holes in regions without any.
 
     Args:
         ndp: (h, w) k / n, share of the draws without depth, 0 to 1.
         draws: n.
-        place_px: sigma of the Gaussian; 0 = as drawn.
+        place_px: sigma of the Gaussian; 0 = no smoothing.
 
     Source: the posterior mean under a beta prior fitted to all pixels (empirical Bayes; Casella, An
     introduction to empirical Bayes data analysis, The American Statistician 39, 1985).
@@ -58,7 +57,7 @@ def drawn_probability(ndp: NDArray, draws: int, *, place_px: float = PLACE_PX) -
 
 
 def as_precise_as_physics(image: NDArray) -> NDArray:
-    """Smooth an image (h, w) that physics has made by the doubt about its places, 4 px."""
+    """Smooth a simulated image (h, w) by its position uncertainty, 4 px."""
     return _smoothed(image, PLACE_PX)
 
 

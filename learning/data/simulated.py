@@ -1,4 +1,4 @@
-"""What the simulator says of a scene's holes: repeated draws of noise over one rendering."""
+"""Simulation of a scene's holes: repeated draws of noise for one rendering."""
 
 from __future__ import annotations
 
@@ -13,52 +13,52 @@ from starling.patterns import errors
 from starling.sim import simulate
 from starling.sim.randomness import generator
 from starling.sim.reason import Reason
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import Shot
 
-_SAMPLES = 16  # Paths a coarse pixel of indirect light, where the scene has any.
-_WINDOW_PX = 9  # A matcher's window.
-_DARKEST = 1e-3  # Share of full scale that local means are at least taken for.
+_SAMPLES = 16  # Paths per coarse pixel of indirect light, if the scene has any.
+_WINDOW_PX = 9  # Side of a matching window [px].
+_DARKEST = 1e-3  # Least local mean in the contrast, relative to full scale.
 
 
 def physics(
-    scene: Scene | Stage,
+    scene: Scene | MitsubaScene,
     sensor: Sensor,
     *,
     draws: int,
     seed: int = 0,
     samples: int = _SAMPLES,
 ) -> Physics:
-    """Simulate a scene with noise and speckle drawn anew each time.
+    """Simulate a scene with independent draws of noise and speckle.
 
     Args:
-        scene: as far as it is known: surfaces, reflectance.
-        sensor: that sees it, with a projector and a matcher.
-        draws: how many.
-        seed: of the first draw; those of the others follow from it.
-        samples: paths a coarse pixel of indirect light; it is not drawn anew.
+        scene: surfaces and reflectance as far as known.
+        sensor: sensor with a projector and a matcher.
+        draws: number of draws.
+        seed: random seed, from which the seeds of the draws follow.
+        samples: paths per coarse pixel of indirect light, which all draws share.
 
     Raises:
-        InputError: as `starling.sim.simulate.simulate`, or if there is no draw.
+        InputError: see `starling.sim.simulate.simulate`; or if there is no draw.
     """
     errors.in_interval("draws", draws, 1, 10_000, "Simulate at least once.")
-    stage = scene if isinstance(scene, Stage) else Stage(scene)
+    stage = scene if isinstance(scene, MitsubaScene) else MitsubaScene(scene)
     seeds = generator(seed, 0, "learning", "draws").integers(2**53, size=draws).tolist()
     first = simulate.simulate(stage, sensor, seed=seeds[0], samples=samples)
-    others = [
+    further = [
         simulate.expose(first.layers, stage.scene, sensor, seed=number) for number in seeds[1:]
     ]
-    return summary([first, *others], sensor)
+    return summary([first, *further], sensor)
 
 
 def summary(shots: Sequence[Shot], sensor: Sensor) -> Physics:
-    """What readings of one scene, each with noise of its own, say together.
+    """Summarise simulated shots of one scene with independent noise.
 
     Args:
         shots: at least one.
-        sensor: theirs.
+        sensor: sensor of the shots.
     """
     valid = np.stack([shot.depth.valid for shot in shots])
     matched = np.maximum(valid.sum(axis=0), 1)
@@ -81,7 +81,7 @@ def summary(shots: Sequence[Shot], sensor: Sensor) -> Physics:
 
 
 def _contrast(infrared: Image) -> Image:
-    """Local deviation over local mean, (h, w)."""
+    """Local standard deviation over local mean, (h, w)."""
     window = (_WINDOW_PX, _WINDOW_PX)
     mean = cv2.blur(infrared, window)
     variance = cv2.sqrBoxFilter(infrared, cv2.CV_32F, window) - mean**2
@@ -90,11 +90,11 @@ def _contrast(infrared: Image) -> Image:
 
 
 def _most_frequent(reason: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Most frequent reason of no depth of (n, h, w); where two are level, the first cause."""
-    found = np.zeros(reason.shape[1:], np.uint32)
+    """Return the most frequent reason of no depth of (n, h, w); for ties, the first one."""
+    winner = np.zeros(reason.shape[1:], np.uint32)
     most = np.zeros(reason.shape[1:], np.int64)
-    for code in list(Reason)[1:]:  # The first means depth.
+    for code in list(Reason)[1:]:  # The first reason means depth.
         times = np.count_nonzero(reason == code.value, axis=0)
         more = times > most
-        found[more], most[more] = code.value, times[more]
-    return found
+        winner[more], most[more] = code.value, times[more]
+    return winner

@@ -1,4 +1,4 @@
-"""Capture sets of simulated cameras: what they see, beside what their users believe is there."""
+"""Capture sets of simulated cameras, with the scenes and cameras that users assume."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import Shot
 
-Shoot = Callable[[Scene, int], Shot]  # A scene as it is believed to be, and a seed.
+Shoot = Callable[[Scene, int], Shot]  # Maps the assumed scene and a seed to a shot.
 
 
 def write(
@@ -33,17 +33,17 @@ def write(
     force: bool = False,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Let a camera look at builtin scenes, each a room of its own, and write a capture set.
+    """Simulate builtin scenes, each a room, and write a capture set.
 
     Args:
-        out: folder to make.
+        out: output folder.
         names: builtin scenes, each once.
-        camera: whose geometry the captures have.
-        shoot: takes a capture.
-        verb: what made the set, for its record.
-        seed: of the set; each capture's follows from it and the scene's name.
+        camera: assumed camera, whose geometry the captures have.
+        shoot: simulates a shot.
+        verb: name of the program, for the record.
+        seed: seed of the set; that of each capture follows from it and the scene's name.
         arguments: for the record.
-        force: replace a set made before.
+        force: replace an earlier set.
         track: wraps the loop over scenes.
 
     Returns:
@@ -53,14 +53,14 @@ def write(
         InputError: if a scene is unknown or named twice, or the folder cannot be written.
     """
     if len(set(names)) < len(names) or not names:
-        found = f"{len(names)}, {len(set(names))} of them different"
-        raise errors.refuse("scenes", "must be at least one, each once", found, "Correct the list.")
+        got = f"{len(names)}, {len(set(names))} of them different"
+        raise errors.refuse("scenes", "must be at least one, each once", got, "Correct the list.")
     info = writer.info_of(camera, source=f"{verb} camera", licence="Apache-2.0", notes="simulated")
     rates = {}
     with OutputFolder(out, force=force) as folder:
         for name in track(names, f"{verb} captures"):
-            believed = sources.load(name, camera)
-            shot = shoot(believed, scene_seed(seed, name))
+            assumed = sources.load(name, camera)
+            shot = shoot(assumed, scene_seed(seed, name))
             place, step_m = name.replace(":", "-"), camera.post.depth_unit_m
             writer.write_scene(
                 folder,
@@ -68,7 +68,7 @@ def write(
                 room=place,
                 truth_m=shot.layers.truth.depth_m,
                 depth_unit_m=step_m,
-                known=known_geometry.describe(name, believed.world_from_left, folder.path / place),
+                known=known_geometry.describe(name, assumed.world_from_left, folder.path / place),
             )
             writer.write_frame(
                 folder,

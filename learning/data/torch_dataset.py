@@ -1,4 +1,4 @@
-"""Data sets of `starling generate` for torch: by number, or in order and parted among workers."""
+"""Data sets of `starling generate` for torch, by index or as a stream split over workers."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ from starling.sim.stereo import depth
 Sample = dict[str, Any]
 
 IMAGES = ("ir_left", "ir_right", "depth_m", "truth_m", "label", "rgb")
-_FILES = {"depth_m": "depth", "truth_m": "truth"}  # Else as the image is called.
+# Names of files that differ from the image's name.
+_FILES = {"depth_m": "depth", "truth_m": "truth"}
 
 
 class Frames(Dataset[Sample]):
-    """Frames of a data set by number.
+    """Frames of a data set by index.
 
-    A sample has the images asked for as tensors, float32 (h, w) (`rgb` (3, h, w), 0..1; depth [m],
+    A sample has the requested images as float32 tensors (h, w) (`rgb` (3, h, w), 0..1; depth [m],
     NaN = none; `label` int32), and `frame`, `scene`, `room`, `sensor`, `record`. The keys of
-    `record` differ from frame to frame: a loader's `collate_fn` must leave it out or list it.
+    `record` differ from frame to frame: a loader's `collate_fn` must omit or list it.
 
     Example:
         >>> frames = Frames("out/set", ("ir_left", "depth_m"), rooms=train)  # doctest: +SKIP
@@ -46,12 +47,12 @@ class Frames(Dataset[Sample]):
 
         Args:
             path: folder of a finished set.
-            images: of `IMAGES`; those that a frame lacks are refused when it is asked for.
-            rooms: whose frames there are; all where none is named. Split by rooms: scenes of one
-                are no independent evidence.
+            images: names from `IMAGES`; a frame that lacks one is refused when it is read.
+            rooms: rooms to include; all if empty. Split by rooms, because scenes of one room are
+                not independent.
 
         Raises:
-            InputError: if the set has no index, an image or a room is unknown.
+            InputError: if the set has no index, or an image or a room is unknown.
         """
         for name in images:
             one_of("image", name, IMAGES)
@@ -64,53 +65,57 @@ class Frames(Dataset[Sample]):
         self._info = capture_info.read(self.path / capture_info.FILE)
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Number of frames."""
         return len(self._rows)
 
     def __getitem__(self, number: int) -> Sample:
-        """Read one.
+        """Read one frame.
 
         Raises:
-            InputError: if a file is missing or damaged, or the frame has no such image.
+            InputError: if a file is missing or damaged, or the frame lacks an image.
         """
         row = self._rows[number]
-        found: Sample = {name: row[name] for name in ("frame", "scene", "room", "sensor")}
-        found["record"] = json.loads(_needed(self.path, row, "frame.json"))
-        own = _file(self.path, row, capture_info.OWN)
-        info = self._info if own is None else capture_info.from_table(tomllib.loads(own.decode()))
+        sample: Sample = {name: row[name] for name in ("frame", "scene", "room", "sensor")}
+        sample["record"] = json.loads(_needed(self.path, row, "frame.json"))
+        info_file = _file(self.path, row, capture_info.OWN)
+        info = (
+            self._info
+            if info_file is None
+            else capture_info.from_table(tomllib.loads(info_file.decode()))
+        )
         for name in self._images:
             data = _needed(self.path, row, f"{_FILES.get(name, name)}.png")
-            found[name] = torch.from_numpy(_decoded(name, data, row, info))
-        return found
+            sample[name] = torch.from_numpy(_decoded(name, data, row, info))
+        return sample
 
     @property
     def rooms(self) -> list[str]:
-        """Rooms that there are, by name."""
+        """Names of the rooms, sorted."""
         return sorted({row["room"] for row in self._rows})
 
     @property
     def rows(self) -> Sequence[Mapping[str, Any]]:
-        """The index's rows of these frames."""
+        """Rows of the index of these frames."""
         return self._rows
 
 
-class Stream(IterableDataset[Sample]):
-    """The same in order, each archive read once; parted among ranks and a loader's workers.
+class FrameStream(IterableDataset[Sample]):
+    """Frames in a shuffled order, split over ranks and workers; each archive is read once.
 
-    Every frame comes from one of them, in each epoch in another order of archives or views.
+    Each frame comes from exactly one worker. The order of archives or views changes with the epoch.
     """
 
     def __init__(self, frames: Frames, *, rank: int = 0, ranks: int = 1, seed: int = 0) -> None:
-        """Of frames by number.
+        """Create a stream of frames.
 
         Args:
-            frames: what is streamed.
-            rank: of this process among those that train together.
-            ranks: how many these are.
-            seed: of the order.
+            frames: the frames.
+            rank: rank of this process in distributed training.
+            ranks: number of ranks.
+            seed: seed of the order.
 
         Raises:
-            InputError: if there is no such rank.
+            InputError: if the rank is out of range.
         """
         in_interval("ranks", ranks, 1, 10**6)
         in_interval("rank", rank, 0, ranks - 1)
@@ -118,11 +123,11 @@ class Stream(IterableDataset[Sample]):
         self._seed, self._epoch = seed, 0
 
     def set_epoch(self, epoch: int) -> None:
-        """Say which epoch comes, before its loader starts."""
+        """Set the number of the epoch, before its loader starts."""
         self._epoch = epoch
 
     def __iter__(self) -> Iterator[Sample]:
-        """Give this worker's part."""
+        """Iterate over this worker's frames."""
         worker = get_worker_info()
         part = self._rank if worker is None else self._rank * worker.num_workers + worker.id
         parts = self._ranks * (1 if worker is None else worker.num_workers)
@@ -131,25 +136,25 @@ class Stream(IterableDataset[Sample]):
             groups.setdefault(row["shard"] or str(row["view"]), []).append(number)
         names = sorted(groups)
         order = np.random.default_rng([self._seed, self._epoch]).permutation(len(names))
-        for place in order[part::parts]:
-            for number in groups[names[place]]:
+        for name_in_set in order[part::parts]:
+            for number in groups[names[name_in_set]]:
                 yield self._frames[number]
 
 
 def _file(path: Path, row: Mapping[str, Any], name: str) -> bytes | None:
-    """A file of a frame, or of its view; None where there is none."""
+    """Read a file of a frame, or of its view; None if there is none."""
     view = row["name"].partition("/")[0]
-    place = f"{view if name in shard.SHARED else row['name']}/{name}"
+    name_in_set = f"{view if name in shard.SHARED else row['name']}/{name}"
     if row["shard"]:
-        return _archive(path / row["shard"]).get(place)
-    file = path / place
+        return _archive(path / row["shard"]).get(name_in_set)
+    file = path / name_in_set
     return file.read_bytes() if file.is_file() else None
 
 
 @lru_cache(maxsize=2)
 def _archive(path: Path) -> Mapping[str, bytes]:
     try:
-        return shard.unpacked(path.read_bytes())
+        return shard.unpack(path.read_bytes())
     except OSError as error:
         raise refuse("shard", "must be readable", path, f"{error.strerror}.") from error
 
@@ -157,7 +162,7 @@ def _archive(path: Path) -> Mapping[str, bytes]:
 def _needed(path: Path, row: Mapping[str, Any], name: str) -> bytes:
     data = _file(path, row, name)
     if data is None:
-        advice = "Ask for what the set's plan keeps, or verify the set."
+        advice = "Request only images of the set's plan, or verify the set."
         raise refuse(f"frame {row['name']}", f"must have {name}", "none", advice)
     return data
 

@@ -1,1 +1,1 @@
-"""Evaluation of methods on rooms that they were not trained on."""
+"""Evaluation of methods on held-out rooms."""

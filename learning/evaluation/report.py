@@ -1,4 +1,4 @@
-"""What an evaluation leaves: figures as plain values, and pictures."""
+"""Results of an evaluation as plain values."""
 
 from __future__ import annotations
 
@@ -13,43 +13,43 @@ from starling.learning.evaluation.figures.classification import Classification
 
 
 def figures(methods: Mapping[str, Scores], *, seed: int) -> dict[str, Any]:
-    """Give all figures by method.
+    """Collect all metrics by method.
 
     Args:
-        methods: judged on the same rooms.
-        seed: of the bootstrap.
+        methods: methods scored on the same rooms.
+        seed: seed of the bootstrap.
 
     Returns:
         `{"methods": {NAME: {FIGURE, ..., "worst", "off_edges", "kinds"}}, "rooms": {ROOM: {NAME:
         {FIGURE, ...}}}, "differences": {NAME: {EARLIER NAME: {FIGURE: {"mean", "low", "high",
-        "rooms", "above"}}}}}`: means over rooms, then each room's worst and the mean off depth
-        edges; differences are left out where there is one room.
+        "rooms", "above"}}}}}`: means over rooms, worst room of each metric, and the mean off depth
+        edges. `differences` is missing if there is only one room.
     """
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "methods": {
             name: {
                 **dataclasses.asdict(scores.mean),
                 "worst": dataclasses.asdict(scores.worst),
                 "off_edges": _mean(scores.rooms_off_edges),
-                "kinds": {kind: dataclasses.asdict(one) for kind, one in scores.kinds.items()},
+                "kinds": {kind: dataclasses.asdict(score) for kind, score in scores.kinds.items()},
             }
             for name, scores in methods.items()
         },
         "rooms": {},
     }
     for name, scores in methods.items():
-        for room, one in scores.rooms.items():
-            found["rooms"].setdefault(room, {})[name] = dataclasses.asdict(one)
+        for room, score in scores.rooms.items():
+            result["rooms"].setdefault(room, {})[name] = dataclasses.asdict(score)
     if all(len(scores.rooms) > 1 for scores in methods.values()):
-        between = evaluate.differences(methods, seed=seed)
-        found["differences"] = {
+        differences = evaluate.differences(methods, seed=seed)
+        result["differences"] = {
             later: {
-                earlier: {name: dataclasses.asdict(one) for name, one in by_figure.items()}
-                for earlier, by_figure in of_earlier.items()
+                earlier: {name: dataclasses.asdict(value) for name, value in by_figure.items()}
+                for earlier, by_figure in by_earlier.items()
             }
-            for later, of_earlier in between.items()
+            for later, by_earlier in differences.items()
         }
-    return found
+    return result
 
 
 def _mean(rooms: Mapping[str, Classification]) -> dict[str, float] | None:

@@ -1,4 +1,4 @@
-"""Features sorted into bins: trees are grown on the numbers of the bins, then read in units."""
+"""Binning of features: trees are trained on bin numbers and converted to values."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from numpy.typing import NDArray
 
 from starling.learning.methods.forest import Forest
 
-BINS = 255  # The most that scikit-learn's histograms hold.
+BINS = 255  # Greatest number of bins of scikit-learn's histograms.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bins:
-    """Bins of every feature."""
+    """Bins of all features."""
 
-    upper: tuple[NDArray[np.float32], ...]  # Upper ends, ascending; what is above is the last bin.
+    # Upper ends, ascending; greater values are in the last bin.
+    upper: tuple[NDArray[np.float32], ...]
 
     def numbers(self, values: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Number of the bin that each value falls in, (n, k)."""
+        """Return the bin number of each value, (n, k)."""
         columns = [
             np.searchsorted(upper, column, side="left")
             for upper, column in zip(self.upper, values.T, strict=True)
@@ -28,20 +29,20 @@ class Bins:
         return np.stack(columns, axis=-1).astype(np.uint8)
 
     def in_units(self, forest: Forest) -> Forest:
-        """Turn trees that ask for numbers of bins into trees that ask for the values."""
+        """Convert trees on bin numbers to trees on values."""
         threshold = forest.threshold.copy()
         for feature, upper in enumerate(self.upper):
-            here = forest.feature == feature
-            # At most number i means at most the upper end of bin i.
-            threshold[here] = upper[np.floor(threshold[here]).astype(int)]
+            uses_feature = forest.feature == feature
+            # A bin number of at most i means a value of at most the upper end of bin i.
+            threshold[uses_feature] = upper[np.floor(threshold[uses_feature]).astype(int)]
         return dataclasses.replace(forest, threshold=threshold)
 
 
 def equal_count_bins(values: NDArray[np.float32]) -> Bins:
-    """Cut each feature into at most 255 bins with equally many of the values.
+    """Divide each feature into at most 255 bins with equally many values.
 
-    Not left to scikit-learn, which cuts by weight: rare pixels drawn in plenty would share a few
-    bins, and the search for its weighted quantiles takes longer than the trees.
+    scikit-learn bins by weight: rare pixels drawn at a higher rate would share a few bins, and its
+    weighted quantiles take longer than the trees.
 
     Args:
         values: (n, k) finite.

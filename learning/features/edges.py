@@ -1,4 +1,4 @@
-"""Depth edges along the rows: how far, how high, and on which side a pixel stands."""
+"""Depth edges along rows: distance, height and side of each pixel."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from starling.sim.metrics import EDGE_JUMP_PX
 
 Image = NDArray[np.float32]
 
-FARTHEST_PX = 128.0  # An edge farther away counts as none.
+FARTHEST_PX = 128.0  # Edges farther away count as none [px].
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RowEdges:
-    """The nearest depth edge on one side of each pixel, all (h, w)."""
+    """Nearest depth edge on one side of each pixel, all (h, w)."""
 
-    distance_px: Image  # To the edge, which lies between two pixels: 0.5 beside it; 128 if none.
-    step_px: Image  # Disparity beyond it less before it: > 0 in front of this side, 0 if none.
+    distance_px: Image  # Distance to the edge between two pixels: at least 0.5; 128 if none.
+    # Disparity beyond the edge less that before it: > 0 behind an object, 0 if none.
+    step_px: Image
 
 
 def edges_left(disparity_px: Image) -> RowEdges:
     """Find the nearest depth edge to the left of each pixel.
 
     Neighbours that differ by more than 1 px of disparity have an edge between them, as everywhere
-    (`starling.sim.metrics`); at a slope so steep, the other imager sees nothing of the surface either.
+    (`starling.sim.metrics`). The other imager does not see a surface with such a slope either.
 
     Args:
         disparity_px: (h, w), no NaN.
@@ -36,7 +37,7 @@ def edges_left(disparity_px: Image) -> RowEdges:
 
 
 def edges_right(disparity_px: Image) -> RowEdges:
-    """Find the nearest depth edge to the right of each pixel; as `edges_left`."""
+    """Find the nearest depth edge to the right of each pixel; see `edges_left`."""
     mirrored = edges_left(disparity_px[:, ::-1])
     return RowEdges(mirrored.distance_px[:, ::-1], mirrored.step_px[:, ::-1])
 

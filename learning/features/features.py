@@ -1,4 +1,4 @@
-"""What the trees see of a pixel: geometry that makes active stereo fail, from reference depth."""
+"""Features of a pixel for trees: geometry that makes active stereo fail, from reference depth."""
 
 from __future__ import annotations
 
@@ -23,67 +23,67 @@ from starling.sim.stereo.filled import filled
 
 Image = NDArray[np.float32]
 
-FINE_PX = 3  # Radius of the windows that roughness is taken over.
-COARSE_PX = 10
-WINDOW_PX = 9  # Side of a usual matching window (D400's census).
-GRADIENT_SIGMA_PX = 4.0
-MIDDLE = 0.5  # Where on the baseline a projector is taken to be that nobody placed.
+FINE_PX = 3  # Radius of the small windows for roughness [px].
+COARSE_PX = 10  # Radius of the large windows for roughness [px].
+WINDOW_PX = 9  # Side of a typical matching window (D400's census) [px].
+GRADIENT_SIGMA_PX = 4.0  # Sigma of the smoothing before the gradient of reflectance [px].
+MIDDLE = 0.5  # Default position of the projector on the baseline, 0 = left imager, 1 = right.
 
-# Every feature by its name, which carries the unit, and what it is.
+# Name of each feature, with its unit, and its description.
 GEOMETRY: dict[str, str] = {
     "disparity_px": "reference disparity f b / z",
-    "disparity_fraction_px": "what it is above a whole pixel",
+    "disparity_fraction_px": "fractional part of the disparity",
     "column_px": "column in the left image",
-    "right_column_px": "column in the right image; below 0 it lies outside",
-    "off_axis": "tangent of the ray's angle off the optical axis",
-    "incidence_cosine": "normal against the ray to the left imager; 1 = facing it",
+    "right_column_px": "column in the right image; below 0 lies outside",
+    "off_axis": "tangent of the ray's angle to the optical axis",
+    "incidence_cosine": "cosine between normal and ray to the left imager; 1 = facing it",
     "return_per_m2": "incidence cosine / squared range: light from a white surface",
-    "occluded_px": "how far behind an edge, seen from the right imager",
-    "occlusion_border_px": "distance to what the right imager does not see; > 0 inside",
-    "shadowed_px": "how far behind an edge, seen from the projector",
-    "shadow_border_px": "distance to what the projector does not reach; > 0 inside",
+    "occluded_px": "distance behind the occluding edge, seen from the right imager",
+    "occlusion_border_px": "distance to the region hidden from the right imager; > 0 inside",
+    "shadowed_px": "distance behind the occluding edge, seen from the projector",
+    "shadow_border_px": "distance to the projector's shadow; > 0 inside",
     "edge_left_px": "distance along the row to the next depth edge on the left",
-    "edge_left_step_px": "disparity beyond that edge less on this side; > 0 = we are behind",
-    "edge_right_px": "the same on the right",
-    "edge_right_step_px": "the same on the right",
+    "edge_left_step_px": "disparity beyond that edge less that before it; > 0 = occluded side",
+    "edge_right_px": "distance along the row to the next depth edge on the right",
+    "edge_right_step_px": "disparity beyond that edge less that before it",
     "edge_px": "distance to a depth edge in any direction",
-    "front_px": "how much nearer the nearest surface is in a window of 9 px",
-    "back_px": "how much farther the farthest is",
-    "thickness_px": "side of the smallest square that the thing in front does not hold",
-    "gap_px": "side of the smallest square that the gap between things does not hold",
+    "front_px": "greatest disparity in a window of 9 px less that of the pixel",
+    "back_px": "disparity of the pixel less the least in a window of 9 px",
+    "thickness_px": "side of the smallest square that does not fit into the object in front",
+    "gap_px": "side of the smallest square that does not fit into the gap between objects",
     "unknown_px": "distance to pixels without reference; <= 0 in them",
-    "roughness_fine_px": "what a plane leaves over 7 px",
-    "roughness_coarse_px": "what a plane leaves over 21 px",
-    "bump_fine_px": "disparity above that plane over 7 px: curvature with its sign",
-    "bump_coarse_px": "disparity above that plane over 21 px",
+    "roughness_fine_px": "residual of a plane fit over 7 px",
+    "roughness_coarse_px": "residual of a plane fit over 21 px",
+    "bump_fine_px": "disparity less that of the plane over 7 px: signed curvature",
+    "bump_coarse_px": "disparity less that of the plane over 21 px: signed curvature",
 }
-# And what physics says, as networks see it: `starling.learning.networks.training.channels.physics_images`.
+# Physics adds the channels of `starling.learning.networks.training.channels.physics_images`.
 REFLECTANCE: dict[str, str] = {
-    "reflectance": "near-infrared, 0 to 1, as given",
-    "reflectance_gradient_per_px": "length of its gradient at sigma 4 px",
+    "reflectance": "near-infrared reflectance, 0 to 1",
+    "reflectance_gradient_per_px": "length of its gradient after smoothing by sigma 4 px",
     "expected_return_per_m2": "reflectance x incidence cosine / squared range",
 }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Features:
-    """All features of one view."""
+    """Features of all pixels of one view."""
 
     names: tuple[str, ...]
     values: Image  # (h, w, k), finite everywhere.
 
     def __getitem__(self, name: str) -> Image:
-        """One feature by its name, (h, w).
+        """Return one feature by name, (h, w).
 
         Raises:
-            InputError: if there is none of that name.
+            InputError: if the name is unknown.
         """
         errors.one_of("feature", name, self.names)
         return self.values[..., self.names.index(name)]
 
 
 def names(*, with_reflectance: bool, with_physics: bool = False) -> tuple[str, ...]:
-    """Names in the order of the values."""
+    """Return the names in the order of the values."""
     reflectance = tuple(REFLECTANCE) if with_reflectance else ()
     physics = (*channels.PHYSICS, *channels.REASONS) if with_physics else ()
     return (*GEOMETRY, *reflectance, *physics)
@@ -96,20 +96,20 @@ def features(
     with_physics: bool = False,
     projector_x_m: float | None = None,
 ) -> Features:
-    """Measure every pixel; unknown ones as if they went on from the nearest known.
+    """Compute the features of all pixels. Unknown pixels take the nearest known disparity.
 
     Args:
-        example: only its reference depth, geometry and, where asked for, reflectance count.
-        with_reflectance: adds those of `REFLECTANCE`.
-        with_physics: adds what is simulated.
-        projector_x_m: where the projector is, right of the left imager [m]; None = where the
-            sensor's preset has it, or in the middle of the baseline.
+        example: only reference depth, geometry and, if requested, reflectance and physics are used.
+        with_reflectance: adds the features of `REFLECTANCE`.
+        with_physics: adds the simulation.
+        projector_x_m: position of the projector, right of the left imager [m]; None = that of the
+            sensor's preset, or the middle of the baseline.
 
     Raises:
-        InputError: if nothing is known of the reference, an image is of another size than the
-            geometry says, or reflectance or physics is asked for and there is none.
+        InputError: if no reference depth is known, an image is of another size than the geometry
+            states, or a requested reflectance or simulation is missing.
     """
-    camera, depth_m = Pinhole.of(example.info), example.depth_m
+    camera, depth_m = Pinhole.from_camera(example.info), example.depth_m
     _of_size(example.info, "depth_m", depth_m)
     baseline_m = example.info.baseline_m
     part = _projector_part(example.info) if projector_x_m is None else projector_x_m / baseline_m
@@ -118,7 +118,7 @@ def features(
         if example.reflectance is None:
             raise errors.refuse(
                 "reflectance",
-                "must be given to a method that was asked to use it",
+                "must be given for a method that uses it",
                 f"none for {example.scene}",
                 "Take captures with infrared images, or a method without reflectance.",
             )
@@ -134,14 +134,14 @@ def _of_size(info: CaptureInfo, name: str, image: Image) -> None:
     if image.shape != info.shape:
         raise errors.refuse(
             name,
-            f"must be {info.width}x{info.height} as the geometry says",
+            f"must be {info.width}x{info.height} as the geometry states",
             f"shape {image.shape}",
             "Correct the one that is wrong.",
         )
 
 
 def _projector_part(info: CaptureInfo) -> float:
-    """Where the projector stands on the baseline, 0 = left imager, 1 = right."""
+    """Return the position of the projector on the baseline, 0 = left imager, 1 = right."""
     if info.sensor not in presets.names():
         return MIDDLE
     preset = presets.load(info.sensor)

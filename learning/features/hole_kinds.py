@@ -1,4 +1,4 @@
-"""Holes sorted by their surroundings: where to look for those that a method misses."""
+"""Classification of holes by their surroundings."""
 
 from __future__ import annotations
 
@@ -12,51 +12,51 @@ from starling.sim.geometry.planes import fit_planes, incidence_cosine
 from starling.sim.metrics import depth_edges
 from starling.sim.stereo.filled import filled
 
-# In the order in which they are given: a pixel is of the first kind that fits.
+# A pixel belongs to the first kind that applies, in this order.
 KINDS: dict[str, str] = {
-    "near": "disparity above the 126 px that a D400 searches",
-    "occluded": "hidden from the right imager, by the reference depth",
+    "near": "disparity above the search range of a D400, 126 px",
+    "occluded": "hidden from the right imager, according to the reference depth",
     "edge": "within 9 px of a depth edge",
     "grazing": "seen at more than 70 degrees off the normal",
-    "dark": "smoothed infrared below half its median",
+    "dark": "smoothed infrared image below half its median",
     "far": "disparity below 16 px",
     "other": "none of these",
 }
-_MOST_PX = 126
-_LEAST_PX = 16
-_EDGE_PX = 6  # Beyond the 3 px that `depth_edges` takes on either side.
+_MOST_PX = 126  # Greatest disparity of a D400 [px].
+_LEAST_PX = 16  # Least disparity that is not far [px].
+_EDGE_PX = 6  # Added to the 3 px that `depth_edges` marks on either side [px].
 _GRAZING = float(np.cos(np.radians(70)))
-_DARK = 0.5
-_PLANE_RADIUS_PX = 3
+_DARK = 0.5  # Relative to the median.
+_PLANE_RADIUS_PX = 3  # Radius of the windows for normals [px].
 
 
 def hole_kinds(example: Example) -> dict[str, Mask]:
-    """Sort all pixels into `KINDS`, each (h, w); every pixel is of one kind.
+    """Classify all pixels into `KINDS`, each (h, w); every pixel has exactly one kind.
 
-    Where no infrared is known, nothing is dark.
+    Without an infrared image, no pixel is dark.
 
     Args:
-        example: with a reference that is known somewhere.
+        example: example with some known reference depth.
     """
     disparity = example.info.disparity_px(example.depth_m)
     known = np.isfinite(disparity)
     disparity = filled(disparity, known)
-    around = np.ones((2 * _EDGE_PX + 1,) * 2, np.uint8)
-    edges = cv2.dilate(depth_edges(disparity).astype(np.uint8), around)
+    window = np.ones((2 * _EDGE_PX + 1,) * 2, np.uint8)
+    edges = cv2.dilate(depth_edges(disparity).astype(np.uint8), window)
     planes = fit_planes(disparity, known, _PLANE_RADIUS_PX)
     light = example.reflectance
     fits = {
         "near": disparity > _MOST_PX,
         "occluded": seen_from(disparity, 1.0).hidden,
         "edge": edges.astype(bool),
-        "grazing": incidence_cosine(planes, Pinhole.of(example.info)) < _GRAZING,
+        "grazing": incidence_cosine(planes, Pinhole.from_camera(example.info)) < _GRAZING,
         "dark": np.zeros(known.shape, bool) if light is None else light < _DARK * np.median(light),
         "far": disparity < _LEAST_PX,
         "other": np.ones(known.shape, bool),
     }
-    left = np.ones(known.shape, bool)
+    unclassified = np.ones(known.shape, bool)
     kinds = {}
     for name, mask in fits.items():
-        kinds[name] = mask & left
-        left &= ~mask
+        kinds[name] = mask & unclassified
+        unclassified &= ~mask
     return kinds

@@ -1,4 +1,4 @@
-"""Statistics of holes: how large, how ragged, how long along rows, how often they come and go."""
+"""Statistics of holes: area, perimeter, run length, and flicker."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ Sizes = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Holes:
-    """Holes of one or more images; a hole is a set of no-depth pixels that touch, corners too."""
+    """Holes of one or more images. A hole is an 8-connected set of no-depth pixels."""
 
     share: float  # No-depth pixels over counted pixels.
-    area_px: Sizes  # (n,) pixels of each hole.
-    perimeter_px: Sizes  # (n,) sides of its pixels that face no pixel of it; a square of n: 4 n.
-    run_px: Sizes  # (m,) lengths of the unbroken stretches of no-depth pixels along rows.
+    area_px: Sizes  # (n,) area of each hole.
+    perimeter_px: Sizes  # (n,) number of outer pixel sides; a square of side n has 4 n.
+    run_px: Sizes  # (m,) lengths of the runs of no-depth pixels along rows.
 
     @property
     def area_of_pixel_px(self) -> Sizes:
-        """Area of the hole that each no-depth pixel lies in: large holes weigh by their pixels."""
+        """Area of the hole of each no-depth pixel, so that holes are weighted by area."""
         return np.repeat(self.area_px, self.area_px)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Distance:
-    """How far two samples of sizes are from one distribution; NaN where one of them is empty."""
+    """Distances of two samples from one distribution; NaN where a sample is empty."""
 
-    kolmogorov_smirnov: float  # Largest difference of the cumulative shares, 0 to 1.
-    wasserstein_log: float  # Mean shift of the natural logarithms: 0.7 is a factor of two.
+    kolmogorov_smirnov: float  # Greatest difference of the cumulative distributions, 0 to 1.
+    wasserstein_log: float  # Wasserstein distance of natural logarithms: 0.7 is a factor of two.
 
 
 def measure(ndp: Mask, counted: Mask | None = None) -> Holes:
@@ -44,10 +44,10 @@ def measure(ndp: Mask, counted: Mask | None = None) -> Holes:
 
     Args:
         ndp: (h, w) True where there is no depth.
-        counted: (h, w) pixels that count; what is not counted is no hole. None: all.
+        counted: (h, w) pixels that count; other pixels are not holes. None: all.
 
     Raises:
-        InputError: if the masks differ in shape, or no pixel is counted.
+        InputError: if the masks differ in shape, or no pixel counts.
     """
     if counted is None:
         counted = np.ones_like(ndp)
@@ -56,7 +56,7 @@ def measure(ndp: Mask, counted: Mask | None = None) -> Holes:
             "ndp and counted",
             "must be images of one shape",
             f"{ndp.shape} and {counted.shape}",
-            "Take both from one view.",
+            "Give both of one view.",
         )
     if not counted.any():
         raise errors.refuse("counted", "must hold a pixel", 0, "Is there any reference depth?")
@@ -78,30 +78,30 @@ def measure(ndp: Mask, counted: Mask | None = None) -> Holes:
 
 
 def pool(images: Sequence[Holes]) -> Holes:
-    """Holes of several images as one sample; images count alike in the share.
+    """Pool the holes of several images; each image has the same weight in the share.
 
     Raises:
-        InputError: if there is none.
+        InputError: if there is no image.
     """
     if not images:
         raise errors.refuse("images", "must not be empty", 0, "Measure at least one.")
     return Holes(
-        share=float(np.mean([one.share for one in images])),
-        area_px=np.concatenate([one.area_px for one in images]),
-        perimeter_px=np.concatenate([one.perimeter_px for one in images]),
-        run_px=np.concatenate([one.run_px for one in images]),
+        share=float(np.mean([image.share for image in images])),
+        area_px=np.concatenate([image.area_px for image in images]),
+        perimeter_px=np.concatenate([image.perimeter_px for image in images]),
+        run_px=np.concatenate([image.run_px for image in images]),
     )
 
 
 def flicker_rate(repeats: NDArray[np.bool_], counted: Mask | None = None) -> float:
-    """Share of counted pixels that come or go from one frame to the next, mean over frames.
+    """Share of counted pixels that change from one frame to the next, mean over frames.
 
     Args:
         repeats: (n, h, w) True where there is no depth, frames of a static scene in order.
         counted: (h, w) pixels that count; None: all.
 
     Raises:
-        InputError: if there are fewer than two frames, or no pixel is counted.
+        InputError: if there are fewer than two frames, or no pixel counts.
     """
     if repeats.ndim != 3 or len(repeats) < 2:
         raise errors.refuse(
@@ -113,14 +113,14 @@ def flicker_rate(repeats: NDArray[np.bool_], counted: Mask | None = None) -> flo
     return float(change.mean() if counted is None else change[:, counted].mean())
 
 
-def distance(one: NDArray[np.integer], other: NDArray[np.integer]) -> Distance:
-    """Distance of two samples of sizes >= 1, such as the areas of real and of drawn holes."""
-    if not (one.size and other.size):
+def distance(first: NDArray[np.integer], second: NDArray[np.integer]) -> Distance:
+    """Distance of two samples of sizes >= 1, such as the areas of real and of sampled holes."""
+    if not (first.size and second.size):
         return Distance(kolmogorov_smirnov=float("nan"), wasserstein_log=float("nan"))
-    both = np.concatenate([one, other])
-    one_share = np.searchsorted(np.sort(one), both, side="right") / one.size
-    other_share = np.searchsorted(np.sort(other), both, side="right") / other.size
+    both = np.concatenate([first, second])
+    first_share = np.searchsorted(np.sort(first), both, side="right") / first.size
+    second_share = np.searchsorted(np.sort(second), both, side="right") / second.size
     return Distance(
-        kolmogorov_smirnov=float(np.abs(one_share - other_share).max()),
-        wasserstein_log=float(stats.wasserstein_distance(np.log(one), np.log(other))),
+        kolmogorov_smirnov=float(np.abs(first_share - second_share).max()),
+        wasserstein_log=float(stats.wasserstein_distance(np.log(first), np.log(second))),
     )

@@ -1,4 +1,4 @@
-"""What another place on the baseline does not see of the surfaces in the left view."""
+"""Visibility of the surfaces of the left view from another place on the baseline."""
 
 from __future__ import annotations
 
@@ -13,40 +13,40 @@ from starling.patterns import errors
 
 Image = NDArray[np.float32]
 
-FARTHEST_PX = 64.0  # Distances to a border count up to here.
-_NEARER_PX = 1.0  # What hides a surface is nearer by more than this disparity.
+FARTHEST_PX = 64.0  # Greatest distance to a border [px].
+_NEARER_PX = 1.0  # An occluder is nearer by more than this disparity [px].
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visibility:
-    """What a place sees, all (h, w) in the left view."""
+    """Visibility from one place, all (h, w) in the left view."""
 
     hidden: NDArray[np.bool_]
-    behind_px: Image  # How far behind an edge, seen from there: above 0 past it, 0 in the open.
-    border_px: Image  # Distance to the border of what is hidden: > 0 inside, < 0 outside.
+    behind_px: Image  # Distance behind the occluding edge, seen from that place; 0 if none.
+    border_px: Image  # Distance to the border of the hidden region: > 0 inside, < 0 outside.
 
 
 def seen_from(disparity_px: Image, fraction: float) -> Visibility:
-    """Tell what a place on the baseline sees.
+    """Compute the visibility from a place on the baseline.
 
-    From a place a fraction f of the baseline to the right, pixel u of the left view lies at
-    u - f d. A surface is hidden where a nearer one lies at the same place.
+    From a place at a fraction f of the baseline to the right, pixel u of the left view appears at
+    u - f d. A surface is hidden if a nearer one appears at the same place.
 
     Args:
         disparity_px: (h, w), no NaN.
         fraction: 1 = the right imager; below 0, the place is left of the left imager.
 
     Returns:
-        What is hidden. `behind_px` counts along the row from the edge that hides, in that view's
-        pixels, and goes on behind things so thin that the surface comes out again on their other
-        side: there order along the row is reversed, which matchers dislike.
+        The hidden region. `behind_px` is measured along the row from the occluding edge in pixels
+        of that view. It continues behind objects so thin that the surface reappears on their other
+        side; the order along the row is reversed there, which matchers do not support.
 
     Raises:
         InputError: if `fraction` is not in [-4, 4].
     """
     errors.in_interval("fraction", fraction, -4.0, 4.0)
     disparity_px = np.ascontiguousarray(disparity_px, np.float32)
-    mirrored = fraction < 0  # From the left everything is as in the mirror from the right.
+    mirrored = fraction < 0  # A place on the left is equivalent to one on the right, mirrored.
     if mirrored:
         disparity_px = np.ascontiguousarray(disparity_px[:, ::-1])
     hidden, behind = _rows(disparity_px, abs(float(fraction)), _NEARER_PX)
@@ -56,7 +56,7 @@ def seen_from(disparity_px: Image, fraction: float) -> Visibility:
 
 
 def signed_distance(inside: NDArray[np.bool_]) -> Image:
-    """Distance [px] to the border of a mask, > 0 inside, < 0 outside, within 64 px; (h, w)."""
+    """Distance [px] to the border of a mask, > 0 inside, < 0 outside, clipped at 64 px; (h, w)."""
     mask = np.ascontiguousarray(inside, np.uint8)
     # Half a pixel: the border lies between the last pixel inside and the first outside.
     within = np.asarray(cv2.distanceTransform(mask, cv2.DIST_L2, 5)) - np.float32(0.5)
@@ -71,7 +71,7 @@ def _rows(disparity: Image, fraction: float, nearer: float) -> tuple[NDArray[np.
     hidden = np.zeros((height, width), np.bool_)
     behind = np.zeros((height, width), np.float32)
     for v in range(height):
-        # The nearest surface at each place of the other view; places left of its image count too.
+        # Nearest surface at each place of the other view, including places left of its image.
         reach = int(np.ceil(max(fraction * disparity[v].max(), 0.0))) + 2
         nearest = np.full(width + reach + 2, -np.inf)
         for u in range(width):

@@ -1,1 +1,1 @@
-"""What no-depth pixels do to a robot's task: objects re-aligned by iterative closest points."""
+"""Effect of no-depth pixels on a robot's task: aligning objects by iterative closest points."""

@@ -1,4 +1,4 @@
-"""An object's pose, disturbed and found again by iterative closest points (ICP)."""
+"""Disturbance of an object's pose and its estimation by iterative closest points (ICP)."""
 
 from __future__ import annotations
 
@@ -15,22 +15,20 @@ from starling.learning.icp.cloud import Cloud, Points, Surface
 from starling.learning.icp.objects import Piece
 from starling.patterns import errors
 
-MARGIN_M = 0.1  # The scene reaches this far beyond the object.
-MODEL_POINTS = 1000  # Of an object, drawn from its surface.
-SCENE_POINTS = (
-    5000  # Of the reference within the object's reach; a depth image with holes has less.
-)
-# OpenCV's rejection shortens the list of points at every step and never lengthens it again: with
-# more levels or steps, the few points of the coarsest one run out and some poses fly away.
+MARGIN_M = 0.1  # Margin of scene points around the object [m].
+MODEL_POINTS = 1000  # Points drawn from an object's surface.
+SCENE_POINTS = 5000  # Points of the reference around an object; fewer with holes.
+# OpenCV's outlier rejection removes points at every step and never restores them. With more levels
+# or steps, the coarsest level runs out of points and some poses diverge.
 _STEPS, _TOLERANCE, _REJECTION, _LEVELS = 50, 1e-3, 2.5, 2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Disturbance:
-    """How far an object's first guess is off.
+    """Random error of an object's initial pose.
 
-    Directions and axes are uniform over the sphere, lengths and angles from zero to these. The
-    paper says "slightly" and gives no figures.
+    Directions and axes are uniform over the sphere, lengths and angles from zero to these limits.
+    The paper states "slightly" without numbers.
 
     Raises:
         InputError: if a limit is negative, the length above 1 m or the angle above 180 degrees.
@@ -44,7 +42,7 @@ class Disturbance:
         errors.in_interval("most_deg", self.most_deg, 0.0, 180.0, "Give an angle [deg].")
 
     def draw(self, centre_m: Points, draw: np.random.Generator) -> Points:
-        """Rigid motion (4, 4) that turns about a centre (3,) and then shifts."""
+        """Draw a rigid motion (4, 4): a rotation about a centre (3,), then a translation."""
         shift, axis = (value / np.linalg.norm(value) for value in draw.standard_normal((2, 3)))
         length, angle = draw.random(2) * (self.most_m, math.radians(self.most_deg))
         motion = np.eye(4)
@@ -55,38 +53,38 @@ class Disturbance:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PoseError:
-    """How far a pose is from the true one."""
+    """Error of an estimated pose."""
 
-    position_m: float  # Distance of the object's centre from where it is.
+    position_m: float  # Distance of the object's centre from its true position [m].
     rotation: float  # 1 - |<q1, q2>| of the unit quaternions: 1 - cos(angle / 2).
 
 
 def scene_pixels(piece: Piece, reference: Surface, draw: np.random.Generator) -> Mask:
-    """Choose the pixels around an object that a scene's points are made of.
+    """Draw the pixels around an object from which scene points are made.
 
-    They are chosen in the reference, so that depth images of one view are compared at the same
-    pixels and equal images give equal clouds.
+    They are drawn in the reference, so that all depth images of a view are compared at the same
+    pixels, and equal images give equal clouds.
 
     Args:
         piece: the object.
         reference: the scene without holes.
-        draw: chooses.
+        draw: random generator.
 
     Returns:
-        (h, w), about `SCENE_POINTS` pixels within the object's reach and margin.
+        (h, w), about `SCENE_POINTS` pixels within the object's radius and margin.
     """
     reach = np.linalg.norm(piece.surface.point_m - piece.centre_m, axis=1).max() + MARGIN_M
     away = np.linalg.norm(reference.point_m - piece.centre_m, axis=-1)
-    near = away <= reach  # NaN is not.
+    near = away <= reach  # False for NaN.
     share = SCENE_POINTS / max(np.count_nonzero(near), 1)
     return near & (draw.random(near.shape) < share)
 
 
 def model_points(piece: Piece, draw: np.random.Generator) -> Cloud:
-    """Points of an object in random order.
+    """Return points of an object in random order.
 
-    OpenCV's coarse levels take every k-th point, and its rejection of outliers shortens the list
-    from its end: in image order, that would favour an object's upper side.
+    OpenCV's coarse levels take every k-th point, and its outlier rejection shortens the list from
+    its end. In image order, this would favour an object's upper side.
     """
     order = draw.permutation(len(piece.surface))[:MODEL_POINTS]
     return Cloud(point_m=piece.surface.point_m[order], normal=piece.surface.normal[order])
@@ -98,14 +96,14 @@ def visible_share(piece: Piece, depth_m: Image) -> float:
 
 
 def register(model: Cloud, scene: Cloud) -> NDArray[np.float64]:
-    """Move a model onto a scene by OpenCV's ICP, point to plane, coarse to fine.
+    """Align a model with a scene by OpenCV's ICP, point to plane, coarse to fine.
 
     Args:
-        model: in the scene's frame, where it is guessed to be.
+        model: in the scene's frame at its initial pose.
         scene: with normals.
 
     Returns:
-        `scene_from_model` (4, 4): what the guess must still be moved by.
+        `scene_from_model` (4, 4): the correction of the initial pose.
 
     Source: cv2.ppf_match_3d.ICP (T. Birdal); picky ICP of Zinsser, Schmidt and Niemann, ICIP 2003,
     with the linear step of K.-L. Low, University of North Carolina TR04-004, 2004.
@@ -118,7 +116,7 @@ def register(model: Cloud, scene: Cloud) -> NDArray[np.float64]:
 def pose_error(estimate: Points, centre_m: Points) -> PoseError:
     """Error of an estimated motion (4, 4) of an object that has not moved."""
     w = Rotation.from_matrix(estimate[:3, :3]).as_quat()[3]
-    there = estimate[:3, :3] @ centre_m + estimate[:3, 3]
+    moved_m = estimate[:3, :3] @ centre_m + estimate[:3, 3]
     return PoseError(
-        position_m=float(np.linalg.norm(there - centre_m)), rotation=float(1 - min(abs(w), 1.0))
+        position_m=float(np.linalg.norm(moved_m - centre_m)), rotation=float(1 - min(abs(w), 1.0))
     )

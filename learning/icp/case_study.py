@@ -1,11 +1,11 @@
-"""The case study on captures: objects of every scene, aligned in what each method told of it."""
+"""The ICP case study on captures: alignment of objects in each method's depth."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from starling.learning.evaluation.evaluate import Told
+from starling.learning.evaluation.evaluate import HolePrediction
 from starling.learning.icp import comparison, objects, study
 from starling.learning.icp.alignment import Disturbance
 from starling.learning.icp.objects import Piece
@@ -21,42 +21,42 @@ _SLIGHT = Disturbance()
 
 def case_study(
     captures: CaptureSet,
-    told: Mapping[str, Sequence[Told]],
+    predictions: Mapping[str, Sequence[HolePrediction]],
     *,
     trials: int,
     disturbance: Disturbance = _SLIGHT,
     seed: int = 0,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Outcome]:
-    """Align the objects of scenes in the device's depth and in what methods draw.
+    """Align the objects of scenes in the device's depth and in the depth sampled by methods.
 
     Args:
-        captures: with the device's own depth.
-        told: by method, the same scenes of these captures.
-        trials: first guesses an object.
-        disturbance: how far they are off.
-        seed: of holes and first guesses.
+        captures: captures with the device's own depth.
+        predictions: predictions by method, for the same scenes of these captures.
+        trials: initial poses per object.
+        disturbance: error of the initial poses.
+        seed: seed of holes and initial poses.
         track: wraps the loop over scenes.
 
     Returns:
-        Pose errors by method; the device's are under `REAL`.
+        Pose errors by method; those in the device's depth are under `REAL`.
 
     Raises:
-        InputError: as `study.align`, or if no scene holds an object whose shape tells its pose.
+        InputError: see `study.align`; or if no scene has an object whose shape determines its pose.
     """
     captured = {scene.name: scene for scene in captures.scenes}
     outcomes = []
-    for views in track(list(zip(*told.values(), strict=True)), "align"):
+    for views in track(list(zip(*predictions.values(), strict=True)), "align"):
         example = views[0].example
         scene = captured[example.scene]
         pieces = pieces_of(scene)
         if not pieces:
             continue
         device_m = scene.frame(scene.frames[0]).depth_m
-        assert device_m is not None  # `captured.example` refuses.
+        assert device_m is not None  # Checked by `captured.example`.
         depths = {
             name: drawn_frame.draw(name, view.probability, view.example, seed=seed).depth_m
-            for name, view in zip(told, views, strict=True)
+            for name, view in zip(predictions, views, strict=True)
         }
         outcomes.append(
             study.align(
@@ -75,10 +75,10 @@ def case_study(
 
 
 def check_objects(scenes: Iterable[CapturedScene]) -> None:
-    """Refuse scenes that have nothing to align.
+    """Refuse scenes without objects to align.
 
     Raises:
-        InputError: if none holds an object whose shape tells its pose.
+        InputError: if no scene has an object whose shape determines its pose.
     """
     if not any(map(pieces_of, scenes)):
         raise _nothing_to_align()
@@ -87,14 +87,14 @@ def check_objects(scenes: Iterable[CapturedScene]) -> None:
 def _nothing_to_align() -> InputError:
     return errors.refuse(
         "objects",
-        "must tell their pose by their shape",
-        "none that does",
-        "Show things 0.1 to 0.6 m long.",
+        "must have a shape that determines their pose",
+        "none",
+        "Capture objects 0.1 to 0.6 m long.",
     )
 
 
 def pieces_of(scene: CapturedScene) -> list[Piece]:
-    """Find a scene's objects: those of its label where it has one, else pieces of its surface.
+    """Find a scene's objects: those of its label image if there is one, else convex pieces.
 
     Raises:
         InputError: if it has no reference depth.
@@ -110,22 +110,23 @@ def pieces_of(scene: CapturedScene) -> list[Piece]:
 
 
 def figures(outcomes: Mapping[str, Outcome]) -> dict[str, dict[str, Any]]:
-    """Give Table I of the paper, with what it stands on.
+    """Return Table I of the paper, with the numbers of trials and objects.
 
     Returns:
         By method: |simulated - real| / real [percent] as `position_mean_pct`, `position_var_pct`,
-        `rotation_mean_pct`, `rotation_var_pct`; numbers of `trials`, of `objects` seen in both
-        depths, `hidden` and `shown` in the method's alone.
+        `rotation_mean_pct`, `rotation_var_pct`; numbers of `trials`, of `objects` visible in both
+        depths, and of objects visible only in the real (`hidden`) or only in the method's depth
+        (`shown`).
     """
-    found = {}
+    table = {}
     for name, outcome in outcomes.items():
         if name != REAL:
-            one = comparison.against_real(outcome, outcomes[REAL])
-            found[name] = {
-                **one.difference._asdict(),
-                "trials": one.trials,
-                "objects": one.objects,
-                "hidden": one.hidden,
-                "shown": one.shown,
+            compared = comparison.against_real(outcome, outcomes[REAL])
+            table[name] = {
+                **compared.difference._asdict(),
+                "trials": compared.trials,
+                "objects": compared.objects,
+                "hidden": compared.hidden,
+                "shown": compared.shown,
             }
-    return found
+    return table

@@ -13,8 +13,8 @@ from starling.sim.geometry import planes
 
 Points = NDArray[np.float64]
 
-_STEP_PX = 0.6  # Disparity of one surface differs by no more than this [px],
-_STEEPEST = 0.35  # plus this per pixel in between: an incidence of 77 degrees at 0.7 m.
+_STEP_PX = 0.6  # Greatest disparity step within a surface, without slope [px].
+_STEEPEST = 0.35  # Greatest slope of disparity [px / px]: an incidence of 77 degrees at 0.7 m.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -28,11 +28,11 @@ class Cloud:
         return len(self.point_m)
 
     def rows(self) -> NDArray[np.float32]:
-        """Points and normals side by side (n, 6), as OpenCV's `ppf_match_3d` takes them."""
+        """Points and normals as rows (n, 6), the format of OpenCV's `ppf_match_3d`."""
         return np.hstack([self.point_m, self.normal]).astype(np.float32)
 
     def moved(self, scene_from_cloud: Points) -> Cloud:
-        """The cloud after a rigid motion (4, 4)."""
+        """Return the cloud after a rigid motion (4, 4)."""
         rotation = scene_from_cloud[:3, :3]
         return Cloud(
             point_m=self.point_m @ rotation.T + scene_from_cloud[:3, 3],
@@ -41,7 +41,7 @@ class Cloud:
 
 
 def unproject(depth_m: Image, info: CaptureInfo) -> Points:
-    """Points (h, w, 3) [m] in the left frame of a depth image (h, w); NaN where it is."""
+    """Return points (h, w, 3) [m] of a depth image (h, w) in the left frame, with its NaN."""
     y, x = np.indices(depth_m.shape, np.float64)
     ray = [(x - info.cx_px) / info.fx_px, (y - info.cy_px) / info.fy_px, np.ones_like(x)]
     return np.stack(ray, axis=-1) * np.asarray(depth_m, np.float64)[..., None]
@@ -49,7 +49,7 @@ def unproject(depth_m: Image, info: CaptureInfo) -> Points:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Surface:
-    """What a depth image shows, per pixel; NaN where it has no depth."""
+    """Points and normals by pixel; NaN where there is no depth."""
 
     point_m: NDArray[np.float32]  # (h, w, 3)
     normal: NDArray[np.float32]  # (h, w, 3) unit, towards the imager.
@@ -69,17 +69,17 @@ class Surface:
 
 
 def surface(depth_m: Image, info: CaptureInfo) -> Surface:
-    """Points and normals of a depth image (h, w) [m], NaN where unknown.
+    """Compute points and normals of a depth image (h, w) [m], NaN where unknown.
 
     Raises:
-        InputError: if too little of it is known for a single plane.
+        InputError: if too few pixels are known for a plane.
     """
     disparity = info.disparity_px(depth_m)
     known = np.isfinite(disparity)
     fitted = planes.surface_planes(disparity, known)
     y, x = np.indices(depth_m.shape, np.float32)
     across, down = x - np.float32(info.cx_px), y - np.float32(info.cy_px)
-    # Disparity is f b (n . ray) over the plane's distance: its gradient and value give n.
+    # Disparity is f b (n . ray) over the plane's distance, so its gradient and value determine n.
     ahead = fitted.disparity_px - fitted.across * across - fitted.down * down
     towards = [-info.fx_px * fitted.across, -info.fy_px * fitted.down, -ahead]
     normal = np.stack(towards, axis=-1).astype(np.float32)
@@ -90,6 +90,6 @@ def surface(depth_m: Image, info: CaptureInfo) -> Surface:
     return Surface(point_m=point.astype(np.float32), normal=normal)
 
 
-def one_surface(rise_px: NDArray[np.floating], apart_px: float | Points) -> Mask:
-    """Tell where two pixels lie on one surface, by their disparity's difference and distance."""
-    return np.asarray(np.abs(rise_px) <= _STEP_PX + _STEEPEST * apart_px)
+def same_surface(rise_px: NDArray[np.floating], distance_px: float | Points) -> Mask:
+    """Whether two pixels are on one surface, by difference of disparity and distance in pixels."""
+    return np.asarray(np.abs(rise_px) <= _STEP_PX + _STEEPEST * distance_px)

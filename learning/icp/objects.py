@@ -1,4 +1,4 @@
-"""Objects of a scene, cut from its reference depth: their poses are known because they stay."""
+"""Objects of a scene, segmented in its reference depth. They are static, with known poses."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from starling.learning.icp.cloud import Cloud, Points, Surface
 from starling.patterns import errors
 from starling.sim.captures.info import CaptureInfo
 
-LEFT_BAND_PX = 100  # Columns in which a pair has no depth; no object may reach into them.
-FEWEST_PX = 1500  # An object of fewer pixels says little.
-SMALLEST_M, LARGEST_M = 0.1, 0.6  # Longest side of an object.
-LEAST_INFORMATION = 0.01  # See `information`; scanned balls and bottles have some 0.001.
-_RIM_PX = 2  # A scanner's depth edges are unsure by this much [px].
+LEFT_BAND_PX = 100  # Columns without stereo matches; objects must not extend into them.
+FEWEST_PX = 1500  # Least area of an object [px].
+SMALLEST_M, LARGEST_M = 0.1, 0.6  # Range of an object's longest side [m].
+LEAST_INFORMATION = 0.01  # See `information`; scanned balls and bottles have about 0.001.
+_RIM_PX = 2  # Uncertainty of a scanner's depth edges [px].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Piece:
-    """An object as far as the left imager sees it, in that imager's frame: its pose is identity."""
+    """The visible part of an object in the left imager's frame; its pose is the identity."""
 
     name: str
     scene: str
     room: str
     pixels: Mask  # (h, w) in the left view.
     surface: Cloud
-    centre_m: Points  # (3,) mean of its points: the object's origin.
+    centre_m: Points  # (3,) mean of its points, the object's origin.
     side_m: float  # Longest side of the box along its principal axes.
     information: float
 
     @property
     def observable(self) -> bool:
-        """Whether its shape tells its pose."""
+        """Whether the shape determines the pose."""
         return self.information >= LEAST_INFORMATION
 
 
 def information(surface: Cloud) -> float:
-    """Tell how well point-to-plane alignment determines all six degrees of freedom of a surface.
+    """Measure how well point-to-plane alignment determines the six degrees of freedom of a surface.
 
-    The smallest eigenvalue of the mean of j j', j = (p x n, n), with points p from their mean in
-    units of their root mean square distance (N. Gelfand et al., Geometrically Stable Sampling for
-    the ICP Algorithm, 3DIM 2003). 0 where the surface can slide along itself, as planes,
-    cylinders and balls can; 2/15 for a cube.
+    This is the smallest eigenvalue of the mean of j j', j = (p x n, n), with points p relative to
+    their mean in units of their root mean square distance (N. Gelfand et al., Geometrically Stable
+    Sampling for the ICP Algorithm, 3DIM 2003). It is 0 for surfaces that can slide along
+    themselves, such as planes, cylinders and balls, and 2/15 for a cube.
     """
     if len(surface) < 6:
         return 0.0
@@ -64,21 +64,21 @@ def by_label(
     scene: str,
     room: str,
 ) -> list[Piece]:
-    """Objects of a labelled scene that are as large, and as sure of their pose, as `in_room`.
+    """Return the objects of a labelled scene, with the same limits of size and shape as `in_room`.
 
     Args:
         depth_m: (h, w) reference depth z [m], NaN where unknown.
-        label: (h, w) number of the object that each pixel shows; 0 shows none.
+        label: (h, w) number of each pixel's object; 0 is none.
         info: intrinsics and baseline.
-        scene: for the pieces' names.
-        room: likewise.
+        scene: name of the scene.
+        room: name of the room.
 
     Raises:
-        InputError: if the label is of another shape than the depth.
+        InputError: if label and depth differ in shape.
     """
     if label.shape != depth_m.shape:
         raise errors.refuse(
-            "label", f"must be of shape {depth_m.shape}", label.shape, "Take both from one view."
+            "label", f"must be of shape {depth_m.shape}", label.shape, "Give both of one view."
         )
     return _of_size(cloud.surface(depth_m, info), label, scene, room)
 
@@ -87,13 +87,13 @@ def in_room(depth_m: Image, info: CaptureInfo, *, scene: str, room: str) -> list
     """Find objects in a scanned room.
 
     An object is a convex piece of the surface (`segments`), 0.1 to 0.6 m long, right of the left
-    band, of 1500 pixels or more, whose shape tells its pose (`information` of 0.01 or more).
+    band, of 1500 pixels or more, whose shape determines its pose (`information` of 0.01 or more).
 
     Args:
         depth_m: (h, w) reference depth z [m] of a scanner, NaN where unknown.
         info: intrinsics and baseline.
-        scene: for the pieces' names.
-        room: likewise.
+        scene: name of the scene.
+        room: name of the room.
     """
     shown = cloud.surface(depth_m, info)
     label = segments.convex_pieces(shown, info.disparity_px(depth_m), fewest_px=FEWEST_PX)
@@ -102,7 +102,7 @@ def in_room(depth_m: Image, info: CaptureInfo, *, scene: str, room: str) -> list
 
 
 def _of_size(shown: Surface, label: NDArray[np.integer], scene: str, room: str) -> list[Piece]:
-    found = []
+    pieces = []
     for number in np.unique(label[label > 0]).tolist():
         pixels = label == number
         if np.count_nonzero(pixels) < FEWEST_PX:
@@ -111,8 +111,8 @@ def _of_size(shown: Surface, label: NDArray[np.integer], scene: str, room: str) 
         if piece is None or not SMALLEST_M <= piece.side_m <= LARGEST_M:
             continue
         if piece.observable:
-            found.append(piece)
-    return found
+            pieces.append(piece)
+    return pieces
 
 
 def _piece(shown: Surface, pixels: Mask, name: str, scene: str, room: str) -> Piece | None:
@@ -123,7 +123,7 @@ def _piece(shown: Surface, pixels: Mask, name: str, scene: str, room: str) -> Pi
     centre = surface.point_m.mean(axis=0)
     arm = surface.point_m - centre
     _, axes = np.linalg.eigh(arm.T @ arm)
-    # Bent normals at an unsure rim make a flat sheet look as if it had a shape.
+    # Wrong normals at the uncertain rim would give a flat sheet an apparent shape.
     side = 2 * _RIM_PX + 1
     inner = cv2.erode(pixels.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0)
     core = inner[known].astype(bool)

@@ -1,1 +1,1 @@
-"""The ways to predict no-depth pixels, each behind `starling.learning.method.Method`."""
+"""Methods that predict no-depth pixels, each a `starling.learning.method.Method`."""

@@ -1,4 +1,4 @@
-"""CycleGAN, the seed's second baseline: translation learnt from two heaps that nobody paired.
+"""CycleGAN, the seed paper's second baseline: translation learnt from unpaired sets of images.
 
 Source: Zhu et al., Unpaired image-to-image translation using cycle-consistent adversarial
 networks, ICCV 2017.
@@ -15,7 +15,13 @@ from typing import ClassVar
 from torch import Tensor, nn
 
 from starling.learning.data.example import Example
-from starling.learning.networks.training.learner import Draw, Learner, descend, initialised, sparing
+from starling.learning.networks.training.learner import (
+    Draw,
+    Learner,
+    descend,
+    initialised,
+    mixed_precision,
+)
 from starling.learning.networks.training.samples import Batch
 from starling.learning.networks.training.settings import Settings
 from starling.learning.networks.training.translation import (
@@ -26,57 +32,69 @@ from starling.learning.networks.training.translation import (
     Translator,
     adversary,
     fit_translation,
-    judged,
+    least_squares_loss,
     linear_decay,
     load_translation,
 )
 from starling.sim.console import progress
 
-CYCLE_WEIGHT = 10.0  # Against the discriminators' verdicts (Zhu et al., sec. 4).
-IDENTITY_WEIGHT = 5.0  # Half of it (sec. 5.2).
-_GENERATORS = ("spoil", "mend")  # Reference depth to the device's and back.
-_DISCRIMINATORS = ("of_device", "of_reference")  # Real device depth? Real reference depth?
+CYCLE_WEIGHT = 10.0  # Relative to the discriminators' loss (Zhu et al., sec. 4).
+IDENTITY_WEIGHT = 5.0  # Half of the cycle weight (sec. 5.2).
+_GENERATORS = ("spoil", "mend")  # Reference depth to the device's depth, and back.
+# Is the device depth real? Is the reference depth real?
+_DISCRIMINATORS = ("of_device", "of_reference")
 
 
 class CycleGanLearner(Learner[Batch]):
-    """Two generators, each the other's way back, and a discriminator of either heap."""
+    """Two inverse generators and a discriminator for each set of images."""
 
     def __init__(
-        self, generators: Sequence[nn.Module], discriminators: Sequence[nn.Module], how: Settings
+        self,
+        generators: Sequence[nn.Module],
+        discriminators: Sequence[nn.Module],
+        settings: Settings,
     ) -> None:
         names, networks = (*_GENERATORS, *_DISCRIMINATORS), (*generators, *discriminators)
         optimizers = [adversary(*generators), adversary(*discriminators)]
         super().__init__(dict(zip(names, networks, strict=True)), optimizers)
-        self.settings = how
+        self.settings = settings
 
     def update(self, draw: Draw[Batch], step: int) -> dict[str, float]:
         self.set_rate(linear_decay(step, self.settings))
-        # Drawn apart, so that the two never show the same place on purpose.
-        reference, device = draw("reference").seen, draw("device").target
-        spoil, mend, of_device, of_reference = self.networks.values()
-        with sparing(reference.device):
-            spoilt, mended = spoil(reference), mend(device)
-            fooled = judged(of_device(spoilt), True) + judged(of_reference(mended), True)
-            cycle = _apart(mend(spoilt), reference) + _apart(spoil(mended), device)
-            identity = _apart(spoil(device), device) + _apart(mend(reference), reference)
+        # Independent draws: the crops are not paired.
+        reference, device = draw("reference").inputs, draw("device").target
+        to_device, to_reference, device_critic, reference_critic = self.networks.values()
+        with mixed_precision(reference.device):
+            fake_device, fake_reference = to_device(reference), to_reference(device)
+            fooled = least_squares_loss(device_critic(fake_device), True) + least_squares_loss(
+                reference_critic(fake_reference), True
+            )
+            cycle = _mean_difference(to_reference(fake_device), reference) + _mean_difference(
+                to_device(fake_reference), device
+            )
+            identity = _mean_difference(to_device(device), device) + _mean_difference(
+                to_reference(reference), reference
+            )
         descend(self.optimizers[0], fooled + CYCLE_WEIGHT * cycle + IDENTITY_WEIGHT * identity)
-        with sparing(reference.device):
-            real = judged(of_device(device), True) + judged(of_reference(reference), True)
-            false = judged(of_device(spoilt.detach()), False)
-            false = false + judged(of_reference(mended.detach()), False)
-        told = (real + false) / 2
-        descend(self.optimizers[1], told)
-        losses = {"fooled": fooled, "cycle": cycle, "identity": identity, "told": told}
+        with mixed_precision(reference.device):
+            real = least_squares_loss(device_critic(device), True) + least_squares_loss(
+                reference_critic(reference), True
+            )
+            false = least_squares_loss(device_critic(fake_device.detach()), False)
+            false = false + least_squares_loss(reference_critic(fake_reference.detach()), False)
+        discrimination = (real + false) / 2
+        descend(self.optimizers[1], discrimination)
+        losses = {"fooled": fooled, "cycle": cycle, "identity": identity, "told": discrimination}
         return {name: loss.item() for name, loss in losses.items()}
 
 
-def _apart(made: Tensor, wanted: Tensor) -> Tensor:
-    return (made - wanted).abs().float().mean()
+def _mean_difference(image: Tensor, target: Tensor) -> Tensor:
+    return (image - target).abs().float().mean()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CycleGan:
-    """How it learns."""
+    """CycleGAN with its settings."""
 
     name: ClassVar[str] = "cyclegan"
     settings: Settings = ADVERSARIAL
@@ -89,10 +107,10 @@ class CycleGan:
         seed: int,
         track: progress.Progress = progress.silent,
     ) -> TranslationPredictor:
-        """Learn, or go on with what lies in the folder, and leave the weights there.
+        """Train, or continue from the folder's checkpoint, and save the weights there.
 
         Raises:
-            InputError: as `starling.learning.networks.training.translation.fit_translation`.
+            InputError: see `starling.learning.networks.training.translation.fit_translation`.
         """
         build = partial(PatchDiscriminator, 1)
         generators = [initialised(Translator, seed + number) for number in range(2)]
@@ -102,7 +120,7 @@ class CycleGan:
             CycleGanLearner(generators, discriminators, self.settings),
             "spoil",
             self.settings,
-            sight=DEPTH,
+            inputs=DEPTH,
             name=self.name,
             folder=folder,
             seed=seed,
@@ -110,9 +128,9 @@ class CycleGan:
         )
 
     def load(self, folder: Path) -> TranslationPredictor:
-        """Read what `fit` has left in its folder.
+        """Load the weights that `fit` saved.
 
         Raises:
-            InputError: as `starling.learning.networks.training.weights.load`.
+            InputError: see `starling.learning.networks.training.weights.load`.
         """
         return load_translation(folder, self.name, Translator(), DEPTH)

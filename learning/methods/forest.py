@@ -1,4 +1,4 @@
-"""Boosted regression trees as plain arrays: evaluated, stored and read without their library."""
+"""Boosted regression trees as plain arrays, evaluated, saved and loaded without scikit-learn."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingClassifier
 
-_BLOCK = 512  # Pixels that pass one tree after the other while both stay in the cache.
+_BLOCK = 512  # Pixels that are evaluated tree by tree, so that both stay in the cache.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Forest:
-    """All nodes, tree after tree; children are found by their index in these arrays."""
+    """Nodes of all trees, tree after tree. Children are indices into these arrays."""
 
-    feature: NDArray[np.int32]  # (n,) which is asked; -1 = a leaf.
-    threshold: NDArray[np.float64]  # (n,) at most this goes left.
+    feature: NDArray[np.int32]  # (n,) number of the feature; -1 = a leaf.
+    threshold: NDArray[np.float64]  # (n,) values up to this go left.
     left: NDArray[np.int32]  # (n,)
     right: NDArray[np.int32]  # (n,)
-    value: NDArray[np.float64]  # (n,) what a leaf adds to the logit.
-    root: NDArray[np.int32]  # (trees,) where each tree begins.
-    start: float  # Logit before any tree.
+    value: NDArray[np.float64]  # (n,) contribution of a leaf to the logit.
+    root: NDArray[np.int32]  # (trees,) index of each tree's first node.
+    start: float  # Logit before the first tree.
 
     def logit(self, values: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Sum the trees' answers.
+        """Sum the leaves of all trees.
 
         Args:
             values: (n, k) finite features.
@@ -43,33 +43,33 @@ class Forest:
         return total
 
     def first(self, trees: int) -> Forest:
-        """Only the first trees, as boosting left it then."""
+        """Return the forest of the first trees only."""
         return dataclasses.replace(self, root=self.root[:trees])
 
     def is_sound(self, features: int) -> bool:
-        """Whether all nodes lead on to a leaf and ask for one of so many features.
+        """Return whether all nodes lead to a leaf and use valid features.
 
-        A file may hold anything, and the compiled code looks up what it is told to.
+        A file can hold anything, and the compiled code does not check indices.
         """
         nodes = self.feature, self.threshold, self.left, self.right, self.value
         if any(array.shape != (self.feature.size,) for array in nodes) or self.root.ndim != 1:
             return False
-        own = np.arange(self.feature.size)
+        numbers = np.arange(self.feature.size)
         inner = self.feature >= 0
         children = np.stack([self.left, self.right])[:, inner]
         return bool(
             np.all(self.feature < features)
-            # Children come after their parent, so no way goes round in circles.
-            and np.all((children > own[inner]) & (children < own.size))
-            and np.all((self.root >= 0) & (self.root < own.size))
+            # Children follow their parent, so that there are no cycles.
+            and np.all((children > numbers[inner]) & (children < numbers.size))
+            and np.all((self.root >= 0) & (self.root < numbers.size))
             and np.isfinite([*self.threshold, *self.value, self.start]).all()
         )
 
 
 def forest_of(model: HistGradientBoostingClassifier) -> Forest:
-    """Take the trees out of a fitted two-class model of numeric features.
+    """Extract the trees of a fitted two-class model of numeric features.
 
-    scikit-learn offers no public way to them; a test holds that both answer alike.
+    scikit-learn has no public interface for them; a test compares the predictions.
     """
     trees = [step[0].nodes for step in model._predictors]
     root = np.cumsum([0, *(len(tree) for tree in trees)])[:-1].astype(np.int32)

@@ -1,4 +1,4 @@
-"""What physics misses: a U-Net that corrects the simulator's logit of no depth."""
+"""Hybrid: a U-Net that corrects the simulator's logit of no depth."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _DEFAULTS = Settings()
 
 
 class LogitCorrection(nn.Module):
-    """logit = scale x physics' logit + f(all channels), with scale 1 and f 0 at first.
+    """logit = scale x physics' logit + f(all channels), initially with scale 1 and f = 0.
 
-    A scale below 1 says that the physics is too sure of itself.
+    A scale below 1 corrects overconfident physics.
     """
 
     def __init__(self, inputs: int, logit_channel: int) -> None:
@@ -36,60 +36,60 @@ class LogitCorrection(nn.Module):
         self.scale = nn.Parameter(torch.ones(1))
         self.unet = UNet(inputs)
 
-    def correction(self, seen: Tensor) -> Tensor:
-        """What is added to the physics' logit (b, 1, h, w); exactly 0 before learning."""
-        return (self.scale - 1) * self._logit(seen) + self.unet(seen)
+    def correction(self, inputs: Tensor) -> Tensor:
+        """Return the correction of the physics' logit (b, 1, h, w); exactly 0 before training."""
+        return (self.scale - 1) * self._logit(inputs) + self.unet(inputs)
 
-    def forward(self, seen: Tensor) -> Tensor:
-        return self._logit(seen) + self.correction(seen)
+    def forward(self, inputs: Tensor) -> Tensor:
+        return self._logit(inputs) + self.correction(inputs)
 
-    def _logit(self, seen: Tensor) -> Tensor:
-        return seen[:, self.logit_channel, None] / LOGIT_SCALE
+    def _logit(self, inputs: Tensor) -> Tensor:
+        return inputs[:, self.logit_channel, None] / LOGIT_SCALE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HybridPredictor:
-    """Physics and what corrects it."""
+    """Physics with its trained correction."""
 
     network: LogitCorrection
     with_reflectance: bool
-    shape: tuple[int, int]  # (h, w) learnt from.
+    shape: tuple[int, int]  # (h, w) of the training images.
 
     def probability(self, example: Example) -> Image:
-        """Correct what physics tells, (h, w).
+        """Correct the simulated probability, (h, w).
 
         Raises:
-            InputError: if the example has no physics or another size than was learnt from, nothing
-                is known of its reference, or its reflectance is missing and needed.
+            InputError: if the example has no physics or another size than the training images, no
+                reference depth is known, or its reflectance is required but missing.
         """
         check_same_size(example, self.shape)
-        seen = channels(example, with_reflectance=self.with_reflectance, with_physics=True)
-        correction = inference.apply(self.network.correction, seen)
-        assert example.physics is not None  # `channels` refuses.
+        inputs = channels(example, with_reflectance=self.with_reflectance, with_physics=True)
+        correction = inference.apply(self.network.correction, inputs)
+        assert example.physics is not None  # Checked by `channels`.
         return corrected(physics_probability(example.physics), correction)
 
 
 def corrected(probability: Image, correction: Image) -> Image:
-    """sigmoid(logit(p) + correction), written in odds: p / (p + (1 - p) exp(-correction)).
+    """sigmoid(logit(p) + correction), in terms of odds: p / (p + (1 - p) exp(-correction)).
 
-    Where the correction is 0 it is `probability` bit for bit: in binary arithmetic p + (1 - p)
-    rounds to exactly 1 for every p in [0, 1].
+    A correction of 0 returns `probability` bit for bit: in binary arithmetic p + (1 - p) rounds to
+    exactly 1 for every p in [0, 1].
     """
-    with np.errstate(over="ignore"):  # exp = infinity: the probability is 0.
+    with np.errstate(over="ignore"):  # Where exp is infinite, the probability is 0.
         against = (1 - probability) * np.exp(-correction)
     return (probability / (probability + against)).astype(np.float32)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Hybrid:
-    """What it sees and how it learns."""
+    """Hybrid with its inputs and settings."""
 
-    with_reflectance: bool = False  # The network too sees the smoothed infrared image.
+    with_reflectance: bool = False  # The network also uses the smoothed infrared image.
     settings: Settings = _DEFAULTS
 
     @property
     def name(self) -> str:
-        """What it is called, and its file."""
+        """Name of the method and of its file."""
         return "hybrid_reflectance" if self.with_reflectance else "hybrid"
 
     def fit(
@@ -100,14 +100,15 @@ class Hybrid:
         seed: int,
         track: progress.Progress = progress.silent,
     ) -> HybridPredictor:
-        """Learn, or go on with what lies in the folder, and leave the weights there.
+        """Train, or continue from the folder's checkpoint, and save the weights there.
 
         Raises:
-            InputError: as `starling.learning.networks.training.samples.collect` and `starling.learning.networks.training.loop.train`.
+            InputError: see `starling.learning.networks.training.samples.collect` and
+                `starling.learning.networks.training.loop.train`.
         """
         network = fit_hole_network(
             examples,
-            lambda _share: self.unlearnt(),
+            lambda _share: self.untrained(),
             self.settings,
             name=self.name,
             with_reflectance=self.with_reflectance,
@@ -120,19 +121,19 @@ class Hybrid:
         return HybridPredictor(network, self.with_reflectance, examples[0].info.shape)
 
     def load(self, folder: Path) -> HybridPredictor:
-        """Read what `fit` of the same kind has left in its folder.
+        """Load the weights that `fit` of the same method saved.
 
         Raises:
-            InputError: as `starling.learning.networks.training.weights.load`.
+            InputError: see `starling.learning.networks.training.weights.load`.
         """
-        network = self.unlearnt()
-        shape = weights.load(folder, self.name, network, self._seen)
+        network = self.untrained()
+        shape = weights.load(folder, self.name, network, self._channels)
         return HybridPredictor(network, self.with_reflectance, shape)
 
-    def unlearnt(self) -> LogitCorrection:
-        """The network before learning, which leaves the physics as it is."""
-        return LogitCorrection(len(self._seen), self._seen.index("logit"))
+    def untrained(self) -> LogitCorrection:
+        """Build the untrained network, which does not change physics."""
+        return LogitCorrection(len(self._channels), self._channels.index("logit"))
 
     @property
-    def _seen(self) -> tuple[str, ...]:
+    def _channels(self) -> tuple[str, ...]:
         return names(with_reflectance=self.with_reflectance, with_physics=True)

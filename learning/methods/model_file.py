@@ -1,7 +1,7 @@
-"""What a method has learnt, as plain arrays in one NumPy archive.
+"""Files of trained models: plain arrays in one NumPy archive.
 
-Not a pickle: loading one runs whatever its writer put in, and it binds the file to the version of
-the library that wrote it (scikit-learn user guide, Model persistence). Plain arrays do neither.
+Pickles run arbitrary code when loaded and depend on the version of the library that wrote them
+(scikit-learn user guide, Model persistence). Plain arrays do neither.
 """
 
 from __future__ import annotations
@@ -25,32 +25,32 @@ _DAMAGED = (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.er
 
 
 def path_of(folder: Path, kind: str) -> Path:
-    """Where the model of one kind lies in its folder."""
+    """Return the path of a model in its folder."""
     return folder / f"{kind}.npz"
 
 
 def write(folder: Path, kind: str, version: int, arrays: Arrays) -> Path:
-    """Write a model whole or not at all, in the place of an older one.
+    """Write a model atomically, replacing an older one.
 
     Args:
-        folder: made where it is missing.
-        kind: the method's name.
-        version: of the arrays' meaning: raise it when that changes.
-        arrays: no arrays of Python objects.
+        folder: created if missing.
+        kind: name of the method.
+        version: version of the arrays' meaning; increase it when that changes.
+        arrays: arrays without Python objects.
 
     Raises:
         InputError: if the file cannot be written.
     """
-    held = io.BytesIO()
-    named = {_KIND: np.array(kind), _VERSION: np.array(version), **arrays}
-    np.savez_compressed(held, allow_pickle=False, **named)
+    buffer = io.BytesIO()
+    content = {_KIND: np.array(kind), _VERSION: np.array(version), **arrays}
+    np.savez_compressed(buffer, allow_pickle=False, **content)
     path = path_of(folder, kind)
-    output.write_file(path, held.getvalue(), force=True)
+    output.write_file(path, buffer.getvalue(), force=True)
     return path
 
 
 def read(folder: Path, kind: str, version: int) -> dict[str, NDArray]:
-    """Read a model's arrays.
+    """Read the arrays of a model.
 
     Raises:
         InputError: if there is none, it is damaged, or of another kind or version.
@@ -61,21 +61,21 @@ def read(folder: Path, kind: str, version: int) -> dict[str, NDArray]:
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-        found = str(arrays.pop(_KIND)), int(arrays.pop(_VERSION))
+        got = str(arrays.pop(_KIND)), int(arrays.pop(_VERSION))
     except _DAMAGED as error:
         raise refuse("model", "must be whole", path, "It is damaged: train again.") from error
-    if found != (kind, version):
+    if got != (kind, version):
         raise refuse(
             "model",
             f"must be {kind} of version {version}",
-            f"{found[0]} of version {found[1]} in {path}",
+            f"{got[0]} of version {got[1]} in {path}",
             "Train again with this version.",
         )
     return arrays
 
 
 def take(arrays: dict[str, NDArray], names: tuple[str, ...], folder: Path) -> list[NDArray]:
-    """Take arrays out by name.
+    """Select arrays by name.
 
     Raises:
         InputError: if one is missing.

@@ -28,34 +28,34 @@ _DEFAULTS = Settings()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NetworkPredictor:
-    """A network that gives logits."""
+    """A trained network that predicts logits."""
 
     network: nn.Module
     with_reflectance: bool
-    shape: tuple[int, int]  # (h, w) learnt from.
+    shape: tuple[int, int]  # (h, w) of the training images.
 
     def probability(self, example: Example) -> Image:
         """Run the network, (h, w).
 
         Raises:
-            InputError: if the example has another size than was learnt from, nothing is known of
-                its reference, or its reflectance is missing and needed.
+            InputError: if the example has another size than the training images, no reference depth
+                is known, or its reflectance is required but missing.
         """
         check_same_size(example, self.shape)
-        seen = channels(example, with_reflectance=self.with_reflectance, with_physics=False)
-        return expit(inference.apply(self.network, seen))
+        inputs = channels(example, with_reflectance=self.with_reflectance, with_physics=False)
+        return expit(inference.apply(self.network, inputs))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Network:
-    """What it sees and how it learns."""
+    """Network with its inputs and settings."""
 
-    with_reflectance: bool = False  # Sees the smoothed infrared image as well.
+    with_reflectance: bool = False  # The network also uses the smoothed infrared image.
     settings: Settings = _DEFAULTS
 
     @property
     def name(self) -> str:
-        """What it is called, and its file."""
+        """Name of the method and of its file."""
         return "network_reflectance" if self.with_reflectance else "network"
 
     def fit(
@@ -66,14 +66,15 @@ class Network:
         seed: int,
         track: progress.Progress = progress.silent,
     ) -> NetworkPredictor:
-        """Learn, or go on with what lies in the folder, and leave the weights there.
+        """Train, or continue from the folder's checkpoint, and save the weights there.
 
         Raises:
-            InputError: as `starling.learning.networks.training.samples.collect` and `starling.learning.networks.training.loop.train`.
+            InputError: see `starling.learning.networks.training.samples.collect` and
+                `starling.learning.networks.training.loop.train`.
         """
         network = fit_hole_network(
             examples,
-            self.unlearnt,
+            self.untrained,
             self.settings,
             name=self.name,
             with_reflectance=self.with_reflectance,
@@ -85,21 +86,21 @@ class Network:
         return NetworkPredictor(network, self.with_reflectance, examples[0].info.shape)
 
     def load(self, folder: Path) -> NetworkPredictor:
-        """Read what `fit` of the same kind has left in its folder.
+        """Load the weights that `fit` of the same method saved.
 
         Raises:
-            InputError: as `starling.learning.networks.training.weights.load`.
+            InputError: see `starling.learning.networks.training.weights.load`.
         """
-        network = self.unlearnt()
-        shape = weights.load(folder, self.name, network, self._seen)
+        network = self.untrained()
+        shape = weights.load(folder, self.name, network, self._channels)
         return NetworkPredictor(network, self.with_reflectance, shape)
 
-    def unlearnt(self, share: float = 0.5) -> UNet:
-        """Give every pixel the share of holes at first: that much need not be learnt."""
-        network = UNet(len(self._seen))
+    def untrained(self, share: float = 0.5) -> UNet:
+        """Build the untrained network, which predicts the share of holes at every pixel."""
+        network = UNet(len(self._channels))
         network.start_at(math.log(share / (1 - share)))
         return network
 
     @property
-    def _seen(self) -> tuple[str, ...]:
+    def _channels(self) -> tuple[str, ...]:
         return names(with_reflectance=self.with_reflectance, with_physics=False)

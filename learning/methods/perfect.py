@@ -1,4 +1,4 @@
-"""The perfect camera: no holes. What a simulator without noise says."""
+"""The perfect camera without holes, as predicted by a simulator without noise."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class PerfectPredictor:
 
 @dataclass(frozen=True, slots=True)
 class Perfect:
-    """Nothing to learn: the lower bound that every method must beat."""
+    """The lower bound for every method; there is nothing to train."""
 
     name: ClassVar[str] = "perfect"
 
@@ -36,11 +36,11 @@ class Perfect:
         seed: int,
         track: progress.Progress = progress.silent,
     ) -> PerfectPredictor:
-        """Learn nothing, from anything; writes no file."""
+        """Do nothing; no file is written."""
         del examples, folder, seed, track
         return PerfectPredictor()
 
     def load(self, folder: Path) -> PerfectPredictor:
-        """Take up what was learnt: nothing."""
+        """Return the predictor; no file is read."""
         del folder
         return PerfectPredictor()

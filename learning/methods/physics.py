@@ -1,4 +1,4 @@
-"""The simulator alone: how often it has no depth when noise is drawn again and again."""
+"""The simulator alone: the share of simulated noise draws without depth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from starling.learning.data.learnable import check_learnable, known_holes
 from starling.learning.data.physics_probability import physics_probability
 from starling.learning.methods import model_file
 from starling.learning.methods.recalibration import Recalibration, fit_recalibration
-from starling.learning.networks.training.channels import given_physics
+from starling.learning.networks.training.channels import require_physics
 from starling.sim.console import progress
 
 _VERSION = 1
@@ -22,17 +22,17 @@ _LINE = ("slope", "offset")
 
 @dataclass(frozen=True, slots=True)
 class SimulatedPredictor:
-    """What physics tells, put right where that was learnt."""
+    """Simulated probability, optionally recalibrated."""
 
     recalibration: Recalibration | None = None
 
     def probability(self, example: Example) -> Image:
-        """Smoothed share of the draws without depth, (h, w): `starling.learning.data.physics_probability`.
+        """Estimate the probability (h, w); see `starling.learning.data.physics_probability`.
 
         Raises:
             InputError: if the example has no physics.
         """
-        share = physics_probability(given_physics(example))
+        share = physics_probability(require_physics(example))
         if self.recalibration is None:
             return share
         return self.recalibration(share).astype(np.float32)
@@ -40,13 +40,13 @@ class SimulatedPredictor:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Simulated:
-    """Physics, as it is or with its probabilities put right on the scenes that are learnt from."""
+    """Physics as simulated, or recalibrated on the training scenes."""
 
     recalibrated: bool = False
 
     @property
     def name(self) -> str:
-        """What it is called, and its file."""
+        """Name of the method and of its file."""
         return "physics_recalibrated" if self.recalibrated else "physics"
 
     def fit(
@@ -57,34 +57,34 @@ class Simulated:
         seed: int,
         track: progress.Progress = progress.silent,
     ) -> SimulatedPredictor:
-        """Fit slope and offset of the logit where that was asked for; scenes count alike.
+        """Fit slope and offset of the logit if recalibrated; each scene has the same weight.
 
         Raises:
-            InputError: if nothing can be learnt from the examples (`starling.learning.data.learnable`), or one
-                has no physics.
+            InputError: if the examples cannot be learnt from (`starling.learning.data.learnable`),
+                or one has no physics.
         """
         del seed
         if not self.recalibrated:
             return SimulatedPredictor()
         check_learnable(examples)
-        told, ndp, weight = [], [], []
+        probability, ndp, weight = [], [], []
         for example in track(examples, "physics"):
             holes, counted = known_holes(example)
-            told.append(physics_probability(given_physics(example))[counted])
+            probability.append(physics_probability(require_physics(example))[counted])
             ndp.append(holes[counted])
-            weight.append(np.full(told[-1].size, 1 / told[-1].size))
-        line = fit_recalibration(*map(np.concatenate, (told, ndp, weight)))
+            weight.append(np.full(probability[-1].size, 1 / probability[-1].size))
+        line = fit_recalibration(*map(np.concatenate, (probability, ndp, weight)))
         arrays = {"slope": np.array(line.slope), "offset": np.array(line.offset)}
         model_file.write(folder, self.name, _VERSION, arrays)
         return SimulatedPredictor(line)
 
     def load(self, folder: Path) -> SimulatedPredictor:
-        """Read what `fit` of the same kind has left in its folder.
+        """Load the result of `fit` of the same method.
 
         Raises:
-            InputError: if there should be something, but is not, or is damaged.
+            InputError: if it is required but missing or damaged.
         """
         if not self.recalibrated:
             return SimulatedPredictor()
-        found = model_file.take(model_file.read(folder, self.name, _VERSION), _LINE, folder)
-        return SimulatedPredictor(Recalibration(*map(float, found)))
+        values = model_file.take(model_file.read(folder, self.name, _VERSION), _LINE, folder)
+        return SimulatedPredictor(Recalibration(*map(float, values)))

@@ -1,10 +1,11 @@
-"""pix2pix, the seed's first baseline: paired translation from reference depth to device depth.
+"""pix2pix, the seed paper's first baseline: paired translation from reference to device depth.
 
 Source: Isola et al., Image-to-image translation with conditional adversarial networks, CVPR 2017.
-What is different is what rare holes ask for. The error is squared, not taken absolute: the absolute
-one is least at the median, which where fewer than half of the pixels alike are holes is depth; so
-trained it learnt nothing of a D415's holes, 2 % of the pixels (AUC 0.51). And the generator sees
-what our network sees, and keeps or loses each depth instead of drawing it.
+
+Two changes account for rare holes. The error is squared, not absolute. The absolute error is least
+at the median, which is depth where fewer than half of similar pixels are holes. Trained with it,
+the network learnt none of a D415's holes, 2 % of the pixels (AUC 0.51). The generator also has the
+inputs of our network, and keeps or removes each depth instead of drawing it.
 """
 
 from __future__ import annotations
@@ -28,57 +29,57 @@ from starling.learning.networks.training.learner import (
     descend,
     initialised,
     mean,
+    mixed_precision,
     one_cycle,
-    sparing,
 )
 from starling.learning.networks.training.samples import Batch
 from starling.learning.networks.training.settings import Settings
 from starling.learning.networks.training.translation import (
     PatchDiscriminator,
-    Sight,
     TranslationPredictor,
+    TranslatorInput,
     adversary,
     depth_image,
     fit_translation,
-    judged,
+    least_squares_loss,
     load_translation,
 )
 from starling.learning.networks.unet import UNet
 from starling.sim.console import progress
 
-SQUARE_WEIGHT = 100.0  # Against the discriminator's verdict (Isola et al., sec. 3.3).
+SQUARE_WEIGHT = 100.0  # Relative to the discriminator's loss (Isola et al., sec. 3.3).
 SETTINGS = Settings(steps=1000, batch=4, rate=1e-3)
-_TOLD_RATE = 0.2  # Of the discriminator's learning rate over the generator's.
-_KEPT = 4.0  # Logit of a depth that is kept, before anything is learnt.
+_DISCRIMINATOR_RATE = 0.2  # Learning rate of the discriminator over that of the generator.
+_KEPT = 4.0  # Logit of keeping a depth before training.
 
 
-def _see(example: Example) -> Image:
-    seen = channels.channels(example, with_reflectance=False, with_physics=False)
-    return np.concatenate([depth_image(example), seen])
+def _input_channels(example: Example) -> Image:
+    inputs = channels.channels(example, with_reflectance=False, with_physics=False)
+    return np.concatenate([depth_image(example), inputs])
 
 
 _GEOMETRY = channels.names(with_reflectance=False, with_physics=False)
-SIGHT = Sight(
+INPUTS = TranslatorInput(
     names=("depth", *_GEOMETRY),
     odd=tuple(1 + _GEOMETRY.index(name) for name in channels.ODD),
-    see=_see,
+    see=_input_channels,
 )
 
 
 class Keeper(nn.Module):
-    """Depth image and geometry (b, c, h, w) to a depth image (b, 1, h, w) that has lost some."""
+    """Maps depth image and geometry (b, c, h, w) to a depth image (b, 1, h, w) with holes."""
 
     def __init__(self) -> None:
         super().__init__()
         self.unet = UNet(len(_GEOMETRY))
         self.unet.start_at(_KEPT)
 
-    def forward(self, seen: Tensor) -> Tensor:
-        return seen[:, :1] * torch.sigmoid(self.unet(seen[:, 1:]))
+    def forward(self, inputs: Tensor) -> Tensor:
+        return inputs[:, :1] * torch.sigmoid(self.unet(inputs[:, 1:]))
 
 
 class Pix2PixLearner(Learner[Batch]):
-    """A generator, and a discriminator that sees what it was given and what it made of it."""
+    """A generator, and a discriminator of pairs of its input and output."""
 
     def __init__(self, generator: nn.Module, discriminator: nn.Module, settings: Settings) -> None:
         networks = {"generator": generator, "discriminator": discriminator}
@@ -87,25 +88,31 @@ class Pix2PixLearner(Learner[Batch]):
 
     def update(self, draw: Draw[Batch], step: int) -> dict[str, float]:
         rate = one_cycle(step, self.settings)
-        self.set_rates(rate, _TOLD_RATE * rate)
+        self.set_rates(rate, _DISCRIMINATOR_RATE * rate)
         batch = draw("crops")
-        depth, discriminator = batch.seen[:, :1], self.networks["discriminator"]
-        with sparing(batch.seen.device):
-            made = self.networks["generator"](batch.seen)
-            apart = mean((made - batch.target).float() ** 2, batch.counted)
-            fooled = judged(discriminator(torch.cat([depth, made], 1)), True)
-        descend(self.optimizers[0], SQUARE_WEIGHT * apart + fooled, steepest=STEEPEST)
-        with sparing(batch.seen.device):
-            real = judged(discriminator(torch.cat([depth, batch.target], 1)), True)
-            false = judged(discriminator(torch.cat([depth, made.detach()], 1)), False)
-        told = (real + false) / 2
-        descend(self.optimizers[1], told)
-        return {"square": apart.item(), "fooled": fooled.item(), "told": told.item()}
+        depth, discriminator = batch.inputs[:, :1], self.networks["discriminator"]
+        with mixed_precision(batch.inputs.device):
+            generated = self.networks["generator"](batch.inputs)
+            square_error = mean((generated - batch.target).float() ** 2, batch.counted)
+            fooled = least_squares_loss(discriminator(torch.cat([depth, generated], 1)), True)
+        descend(self.optimizers[0], SQUARE_WEIGHT * square_error + fooled, steepest=STEEPEST)
+        with mixed_precision(batch.inputs.device):
+            real = least_squares_loss(discriminator(torch.cat([depth, batch.target], 1)), True)
+            false = least_squares_loss(
+                discriminator(torch.cat([depth, generated.detach()], 1)), False
+            )
+        discrimination = (real + false) / 2
+        descend(self.optimizers[1], discrimination)
+        return {
+            "square": square_error.item(),
+            "fooled": fooled.item(),
+            "told": discrimination.item(),
+        }
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pix2Pix:
-    """How it learns."""
+    """pix2pix with its settings."""
 
     name: ClassVar[str] = "pix2pix"
     settings: Settings = SETTINGS
@@ -118,10 +125,10 @@ class Pix2Pix:
         seed: int,
         track: progress.Progress = progress.silent,
     ) -> TranslationPredictor:
-        """Learn, or go on with what lies in the folder, and leave the weights there.
+        """Train, or continue from the folder's checkpoint, and save the weights there.
 
         Raises:
-            InputError: as `starling.learning.networks.training.translation.fit_translation`.
+            InputError: see `starling.learning.networks.training.translation.fit_translation`.
         """
         generator = initialised(Keeper, seed)
         discriminator = initialised(partial(PatchDiscriminator, 2), seed)
@@ -130,7 +137,7 @@ class Pix2Pix:
             Pix2PixLearner(generator, discriminator, self.settings),
             "generator",
             self.settings,
-            sight=SIGHT,
+            inputs=INPUTS,
             name=self.name,
             folder=folder,
             seed=seed,
@@ -138,9 +145,9 @@ class Pix2Pix:
         )
 
     def load(self, folder: Path) -> TranslationPredictor:
-        """Read what `fit` has left in its folder.
+        """Load the weights that `fit` saved.
 
         Raises:
-            InputError: as `starling.learning.networks.training.weights.load`.
+            InputError: see `starling.learning.networks.training.weights.load`.
         """
-        return load_translation(folder, self.name, Keeper(), SIGHT)
+        return load_translation(folder, self.name, Keeper(), INPUTS)

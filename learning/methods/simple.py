@@ -1,7 +1,7 @@
-"""The simple rule: the more a surface is seen at a grazing angle, the likelier is a hole.
+"""The simple rule: the more grazing the view of a surface, the more likely a hole.
 
 Source: the "simple NDP prediction scheme" of A Supervised Approach to Predicting Noise in Depth
-Images, sec. IV-B: normals too perpendicular to the view direction have no depth.
+Images, sec. IV-B: surfaces with normals nearly perpendicular to the view have no depth.
 """
 
 from __future__ import annotations
@@ -24,43 +24,43 @@ from starling.sim.geometry.planes import NORMAL_RADIUS_PX, fit_planes, incidence
 from starling.sim.stereo.filled import filled
 
 _VERSION = 1
-_BINS = 180  # Half a degree each.
+_BINS = 180  # Bins of half a degree.
 
 
 def incidence_deg(example: Example) -> Image:
-    """Angle between the normal and the ray to the left imager (h, w) [deg], 0 to 90.
+    """Return the angle between the normal and the ray to the left imager (h, w) [deg], 0 to 90.
 
-    Windows of 7 px reach across depth edges, which so count as grazing, as on the reconstructed
-    meshes of the source, whose surfaces close behind edges. Without that the rule is worse.
+    Windows of 7 px extend across depth edges, which therefore count as grazing. This matches the
+    source, whose reconstructed meshes are closed behind edges. Without it the rule is worse.
 
     Raises:
-        InputError: if nothing is known of the reference.
+        InputError: if no reference depth is known.
     """
     known = np.isfinite(example.depth_m)
     disparity = filled(example.info.disparity_px(example.depth_m), known)
     planes = fit_planes(disparity, known, NORMAL_RADIUS_PX)
-    return np.rad2deg(np.arccos(incidence_cosine(planes, Pinhole.of(example.info))))
+    return np.rad2deg(np.arccos(incidence_cosine(planes, Pinhole.from_camera(example.info))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimplePredictor:
-    """Probability as a rising function of the angle of incidence."""
+    """Probability as an increasing function of the angle of incidence."""
 
     angle_deg: NDArray[np.float64]  # (k,) ascending.
-    share: NDArray[np.float64]  # (k,) probability there, ascending; straight between.
+    share: NDArray[np.float64]  # (k,) probability at the angle, ascending; interpolated linearly.
 
     def probability(self, example: Example) -> Image:
-        """Look up each pixel's angle, (h, w).
+        """Return the probability of each pixel's angle, (h, w).
 
         Raises:
-            InputError: if nothing is known of the reference.
+            InputError: if no reference depth is known.
         """
         return np.interp(incidence_deg(example), self.angle_deg, self.share).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
 class Simple:
-    """Grazing normals, scaled to a probability by isotonic regression; scenes count alike."""
+    """Isotonic regression of the probability on the angle; each scene has the same weight."""
 
     name: ClassVar[str] = "simple"
 
@@ -72,10 +72,10 @@ class Simple:
         seed: int,
         track: progress.Progress = progress.silent,
     ) -> SimplePredictor:
-        """Count holes by angle and make the shares rise; nothing is drawn.
+        """Count holes by angle and fit an increasing share; nothing is random.
 
         Raises:
-            InputError: if nothing can be learnt from the examples (`starling.learning.data.learnable`).
+            InputError: if the examples cannot be learnt from (`starling.learning.data.learnable`).
         """
         del seed
         check_learnable(examples)
@@ -84,22 +84,24 @@ class Simple:
         for example in track(examples, "incidence"):
             ndp, counted = known_holes(example)
             angle = incidence_deg(example)
-            each = 1 / np.count_nonzero(counted)
-            pixels += each * np.histogram(angle[counted], edges)[0]
-            holes += each * np.histogram(angle[counted & ndp], edges)[0]
-        met = pixels > 0
-        share = optimize.isotonic_regression(holes[met] / pixels[met], weights=pixels[met]).x
-        centre = (edges[:-1] + edges[1:])[met] / 2
-        learnt = SimplePredictor(centre, np.asarray(share, np.float64))
-        arrays = {"angle_deg": learnt.angle_deg, "share": learnt.share}
+            weight = 1 / np.count_nonzero(counted)
+            pixels += weight * np.histogram(angle[counted], edges)[0]
+            holes += weight * np.histogram(angle[counted & ndp], edges)[0]
+        occupied = pixels > 0
+        share = optimize.isotonic_regression(
+            holes[occupied] / pixels[occupied], weights=pixels[occupied]
+        ).x
+        centre = (edges[:-1] + edges[1:])[occupied] / 2
+        predictor = SimplePredictor(centre, np.asarray(share, np.float64))
+        arrays = {"angle_deg": predictor.angle_deg, "share": predictor.share}
         model_file.write(folder, self.name, _VERSION, arrays)
-        return learnt
+        return predictor
 
     def load(self, folder: Path) -> SimplePredictor:
-        """Read what `fit` has left in its folder.
+        """Load the result of `fit`.
 
         Raises:
-            InputError: if there is nothing, or it is damaged or of another version.
+            InputError: if there is none, or it is damaged or of another version.
         """
         arrays = model_file.read(folder, self.name, _VERSION)
         return SimplePredictor(*model_file.take(arrays, ("angle_deg", "share"), folder))

@@ -1,6 +1,6 @@
-"""Gradient-boosted trees on a pixel's geometry: the honest cheap rival of networks.
+"""Gradient-boosted trees on the geometry of a pixel, a cheap baseline for networks.
 
-Given what is simulated too, they are a hybrid that learns from very few scenes.
+With the simulation as further features, they are a hybrid that learns from very few scenes.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingClassifier
 
 _VERSION = 1
-_PATIENCE = 20  # Trees that may fail to help before no more are tried.
+_PATIENCE = 20  # Trees without improvement before boosting stops.
 _NODES = ("feature", "threshold", "left", "right", "value", "root")
 _OTHERS = ("start", "recalibration", "names", "projector_x_m")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TreesPredictor:
-    """Trees, and what puts their probabilities right."""
+    """Trees with the recalibration of their probabilities."""
 
     forest: Forest
     recalibration: Recalibration
@@ -47,20 +47,20 @@ class TreesPredictor:
     projector_x_m: float | None
 
     def probability(self, example: Example) -> Image:
-        """Measure the features and ask the trees, (h, w).
+        """Evaluate the trees, (h, w).
 
         Raises:
-            InputError: as `starling.learning.features.features.features`.
+            InputError: see `starling.learning.features.features.features`.
         """
-        seen = features(
+        inputs = features(
             example,
             with_reflectance=self.with_reflectance,
             with_physics=self.with_physics,
             projector_x_m=self.projector_x_m,
         )
-        logit = self.forest.logit(seen.values.reshape(-1, len(seen.names)))
-        told = self.recalibration(expit(logit))
-        return told.reshape(example.depth_m.shape).astype(np.float32)
+        logit = self.forest.logit(inputs.values.reshape(-1, len(inputs.names)))
+        probability = self.recalibration(expit(logit))
+        return probability.reshape(example.depth_m.shape).astype(np.float32)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -71,18 +71,17 @@ class Trees:
     Statistics 29, 2001.
     """
 
-    with_reflectance: bool = False  # Sees the smoothed infrared image as well.
-    with_physics: bool = False  # Sees what is simulated as well.
-    projector_x_m: float | None = (
-        None  # As `starling.learning.features.features.features` takes it.
-    )
-    pixels_per_scene: int = 20_000  # Drawn, at most.
-    rounds: int = 400  # Trees, at most; held-out rooms say how many are best.
-    rounds_of_one_room: int = 100  # Trees where no other room can say.
+    with_reflectance: bool = False  # Also uses the smoothed infrared image.
+    with_physics: bool = False  # Also uses the simulation.
+    # Position of the projector, see `starling.learning.features.features.features`.
+    projector_x_m: float | None = None
+    pixels_per_scene: int = 20_000  # Greatest number of pixels drawn from a scene.
+    rounds: int = 400  # Greatest number of trees; held-out rooms determine the best number.
+    rounds_of_one_room: int = 100  # Number of trees without held-out rooms.
     folds: int = 4  # Groups of rooms, each held out once.
     learning_rate: float = 0.05
-    leaves: int = 15  # Of one tree, at most.
-    pixels_per_leaf: int = 500  # Drawn ones, at least.
+    leaves: int = 15  # Greatest number of leaves of a tree.
+    pixels_per_leaf: int = 500  # Least number of drawn pixels of a leaf.
 
     def __post_init__(self) -> None:
         errors.in_interval("pixels_per_scene", self.pixels_per_scene, 2, 10_000_000)
@@ -95,7 +94,7 @@ class Trees:
 
     @property
     def name(self) -> str:
-        """What it is called, and its file."""
+        """Name of the method and of its file."""
         name = "hybrid_trees" if self.with_physics else "trees"
         return f"{name}_reflectance" if self.with_reflectance else name
 
@@ -107,15 +106,15 @@ class Trees:
         seed: int,
         track: progress.Progress = progress.silent,
     ) -> TreesPredictor:
-        """Learn in one go and leave the trees in the folder, in the place of older ones.
+        """Train, and save the trees to the folder, replacing older ones.
 
-        Groups of rooms are held out in turn: how many trees serve them best, and how far their
-        probabilities are off, is then used for the trees that learn from all rooms. From one room
-        alone neither can be known: a fixed number of trees, told as they are.
+        Groups of rooms are held out in turn. They determine the best number of trees and the
+        recalibration, which are then used for trees trained on all rooms. With one room, neither
+        can be determined: the number of trees is fixed, without recalibration.
 
         Raises:
-            InputError: if nothing can be learnt from the examples (`starling.learning.data.learnable`), or one
-                lacks what the features need.
+            InputError: if the examples cannot be learnt from (`starling.learning.data.learnable`),
+                or one lacks an input of the features.
         """
         check_learnable(examples)
         drawn = join([self._drawn(example, seed) for example in track(examples, "features")])
@@ -124,32 +123,32 @@ class Trees:
         rounds, recalibration = self._held_out(pixels, seed, track)
         model = self._boosted(rounds, seed)
         model.fit(pixels.values, pixels.ndp, sample_weight=pixels.weight)
-        learnt = TreesPredictor(
+        predictor = TreesPredictor(
             forest=bins.in_units(forest_of(model)),
             recalibration=recalibration,
             with_reflectance=self.with_reflectance,
             with_physics=self.with_physics,
             projector_x_m=self.projector_x_m,
         )
-        model_file.write(folder, self.name, _VERSION, _arrays(learnt))
-        return learnt
+        model_file.write(folder, self.name, _VERSION, _arrays(predictor))
+        return predictor
 
     def load(self, folder: Path) -> TreesPredictor:
-        """Read what `fit` of the same kind has left in its folder.
+        """Load the result of `fit` of the same method.
 
         Raises:
-            InputError: if there is nothing, or it is damaged or of another version, or learnt from
-                other features than are measured now.
+            InputError: if there is none, or it is damaged, of another version, or trained on other
+                features.
         """
         arrays = model_file.read(folder, self.name, _VERSION)
         *nodes, start, line, known, place = model_file.take(arrays, (*_NODES, *_OTHERS), folder)
         forest = Forest(*nodes, start=float(start))
         learnt_names = tuple(str(name) for name in known)
-        seen = names(with_reflectance=self.with_reflectance, with_physics=self.with_physics)
-        if learnt_names != seen:
+        inputs = names(with_reflectance=self.with_reflectance, with_physics=self.with_physics)
+        if learnt_names != inputs:
             raise errors.refuse(
                 "trees",
-                "must be learnt from the features that are measured now",
+                "must be trained on the features of this version",
                 f"others in {folder}",
                 "Train again with this version.",
             )
@@ -165,14 +164,14 @@ class Trees:
 
     def _drawn(self, example: Example, seed: int) -> DrawnPixels:
         ndp, counted = known_holes(example)
-        seen = features(
+        inputs = features(
             example,
             with_reflectance=self.with_reflectance,
             with_physics=self.with_physics,
             projector_x_m=self.projector_x_m,
         )
         return draw_pixels(
-            seen.values,
+            inputs.values,
             ndp,
             counted,
             room=example.room,
@@ -183,21 +182,21 @@ class Trees:
     def _held_out(
         self, pixels: DrawnPixels, seed: int, track: progress.Progress
     ) -> tuple[int, Recalibration]:
-        """Number of trees and recalibration that suit rooms which were not learnt from."""
+        """Estimate the best number of trees and the recalibration from held-out rooms."""
         rooms = generator(seed, 0, "learning", "folds").permutation(np.unique(pixels.room))
         best: list[int] = []
         forests: list[tuple[Forest, NDArray[np.bool_]]] = []
         for fold in track(np.array_split(rooms, min(self.folds, len(rooms))), "held-out rooms"):
             out = np.isin(pixels.room, fold)
-            others, held = pixels.where(~out), pixels.where(out)
-            if others.ndp.all() or not others.ndp.any():
-                continue  # These rooms alone teach nothing.
+            train, held = pixels.where(~out), pixels.where(out)
+            if train.ndp.all() or not train.ndp.any():
+                continue  # The remaining rooms have pixels of one kind only.
             model = self._boosted(self.rounds, seed)
             model.set_params(early_stopping=True, n_iter_no_change=_PATIENCE)
             model.fit(
-                others.values,
-                others.ndp,
-                sample_weight=others.weight,
+                train.values,
+                train.ndp,
+                sample_weight=train.weight,
                 X_val=held.values,
                 y_val=held.ndp,
                 sample_weight_val=held.weight,
@@ -208,10 +207,12 @@ class Trees:
         if not forests or pixels.ndp[known].all() or not pixels.ndp[known].any():
             return self.rounds_of_one_room, Recalibration()
         rounds = round(float(np.median(best)))
-        told = np.zeros(len(pixels.ndp))
+        probability = np.zeros(len(pixels.ndp))
         for forest, out in forests:
-            told[out] = expit(forest.first(rounds).logit(pixels.values[out]))
-        return rounds, fit_recalibration(told[known], pixels.ndp[known], pixels.weight[known])
+            probability[out] = expit(forest.first(rounds).logit(pixels.values[out]))
+        return rounds, fit_recalibration(
+            probability[known], pixels.ndp[known], pixels.weight[known]
+        )
 
     def _boosted(self, rounds: int, seed: int) -> HistGradientBoostingClassifier:
         from sklearn.ensemble import HistGradientBoostingClassifier
@@ -227,15 +228,15 @@ class Trees:
         return model.set_params(early_stopping=False)
 
 
-def _arrays(learnt: TreesPredictor) -> dict[str, NDArray]:
-    place = learnt.projector_x_m
-    line = learnt.recalibration
+def _arrays(predictor: TreesPredictor) -> dict[str, NDArray]:
+    place = predictor.projector_x_m
+    line = predictor.recalibration
     return {
-        **{name: getattr(learnt.forest, name) for name in _NODES},
-        "start": np.array(learnt.forest.start),
+        **{name: getattr(predictor.forest, name) for name in _NODES},
+        "start": np.array(predictor.forest.start),
         "recalibration": np.array([line.slope, line.offset]),
         "names": np.array(
-            names(with_reflectance=learnt.with_reflectance, with_physics=learnt.with_physics)
+            names(with_reflectance=predictor.with_reflectance, with_physics=predictor.with_physics)
         ),
         "projector_x_m": np.array(np.nan if place is None else place),
     }

@@ -9,10 +9,10 @@ WIDTHS = (16, 24, 32, 32, 32)  # Channels at 1/2, 1/4, 1/8, 1/16 and 1/32 of the
 
 
 class _Block(nn.Module):
-    """Adds what convolutions of 3x3 find: x + f(x), where f starts at zero.
+    """Residual block of 3x3 convolutions: x + f(x), where f starts at zero.
 
-    Starting as the identity takes the place of normalisation (Zhang et al., Fixup initialization,
-    ICLR 2019), which would see other statistics in whole images than in the crops learnt from.
+    Starting as the identity replaces normalisation (Zhang et al., Fixup initialization, ICLR 2019),
+    whose statistics would differ between whole images and training crops.
     """
 
     def __init__(self, width: int, layers: int) -> None:
@@ -22,19 +22,19 @@ class _Block(nn.Module):
         self.layers = nn.ModuleList(convolutions)
 
     def forward(self, x: Tensor) -> Tensor:
-        found = x
+        residual = x
         for layer in self.layers:
-            found = layer(functional.relu(found))
-        return x + found
+            residual = layer(functional.relu(residual))
+        return x + residual
 
 
 class UNet(nn.Module):
-    """Images (b, c, h, w) to images (b, k, h, w), exactly zero before it has learnt.
+    """Maps images (b, c, h, w) to images (b, k, h, w); exactly zero before training.
 
-    Full resolution is read by a 2x2 stem and written by four channels a cell (sub-pixel
-    convolution: Shi et al., CVPR 2016): every pixel counts, at a quarter of the work. Five
-    levels, because an occlusion is as wide as a disparity step, up to some 100 pixels: a pixel
-    sees 120 and more in every direction.
+    A 2x2 stem reads full resolution, and four channels a cell write it (sub-pixel convolution: Shi
+    et al., CVPR 2016), at a quarter of the cost. An occlusion is as wide as a disparity step, up to
+    about 100 pixels. With five levels, the receptive field reaches at least 120 pixels in every
+    direction.
     """
 
     def __init__(self, inputs: int, outputs: int = 1, widths: tuple[int, ...] = WIDTHS) -> None:
@@ -55,14 +55,14 @@ class UNet(nn.Module):
         _zero(self.head)
 
     def start_at(self, value: float) -> None:
-        """Give every pixel one value before anything is learnt, instead of zero."""
+        """Set the output of every pixel before training, instead of zero."""
         if self.head.bias is not None:
             nn.init.constant_(self.head.bias, value)
 
     def forward(self, x: Tensor) -> Tensor:
         height, width = x.shape[-2:]
-        beyond = (0, -width % self.stride, 0, -height % self.stride)
-        x = self.stem(functional.pad(x, beyond, mode="replicate") if any(beyond) else x)
+        padding = (0, -width % self.stride, 0, -height % self.stride)
+        x = self.stem(functional.pad(x, padding, mode="replicate") if any(padding) else x)
         skipped = []
         for encode, down in zip(self.encode, self.down, strict=False):
             skipped.append(encode(x))
@@ -70,12 +70,12 @@ class UNet(nn.Module):
         x = self.encode[-1](x)
         for up, decode in zip(reversed(self.up), reversed(self.decode), strict=True):
             x = decode(functional.interpolate(up(x), scale_factor=2.0) + skipped.pop())
-        written = functional.pixel_shuffle(self.head(functional.relu(x)), 2)
-        return written[..., :height, :width]
+        output = functional.pixel_shuffle(self.head(functional.relu(x)), 2)
+        return output[..., :height, :width]
 
 
 def parameter_count(network: nn.Module) -> int:
-    """Number of values that are learnt."""
+    """Number of trainable parameters."""
     return sum(parameter.numel() for parameter in network.parameters())
 
 

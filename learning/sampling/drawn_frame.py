@@ -1,4 +1,4 @@
-"""One frame as a method would have it: holes drawn, and the noise of those who simulate."""
+"""Frames with the holes and the noise of a method."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from starling.sim.commands.simulate_captures import scene_seed
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DrawnFrame:
-    """A scene with the holes that one method draws."""
+    """A scene with the holes drawn by one method."""
 
     ndp: Mask  # (h, w)
-    depth_m: Image  # (h, w) the reference with these holes, NaN there.
+    depth_m: Image  # (h, w) reference depth with these holes, NaN there.
 
 
 def draw(method: str, probability: Image, example: Example, *, seed: int) -> DrawnFrame:
-    """Draw a method's holes in a scene.
+    """Draw the holes of a method in a scene.
 
     Args:
-        method: its name. The frames of methods that build on physics have the simulator's errors
-            where they have depth, and holes of its shapes.
-        probability: (h, w) what the method tells.
-        example: the scene, with physics where the method builds on it.
-        seed: of the holes; each scene has its own.
+        method: name of the method. For methods that use physics, the frame has the simulator's
+            depth errors and the shapes of its holes.
+        probability: (h, w) predicted by the method.
+        example: the scene, with physics if the method uses it.
+        seed: seed of the holes; they differ from scene to scene.
     """
     physics = example.physics if method in registry.ON_PHYSICS else None
     ndp = sampling.ndp(

@@ -1,12 +1,12 @@
-"""Perlin's gradient noise with a uniform marginal, still or slowly turning from frame to frame.
+"""Perlin's gradient noise with a uniform marginal, static or slowly changing from frame to frame.
 
 Noise: K. Perlin, An Image Synthesizer, SIGGRAPH 1985, with the fade of fifth degree of Improving
 Noise, SIGGRAPH 2002. Time: K. Perlin and F. Neyret, Flow Noise, SIGGRAPH 2001 sketches: each
-gradient turns at its own speed, so every frame is noise of the same kind, whereas slices of noise
-in three dimensions swell and fade with their distance from the lattice's planes.
+gradient rotates at its own speed, so that the statistics of all frames are equal. Slices of noise
+in three dimensions would change with their distance from the planes of the lattice.
 
-Gradient noise is zero on its lattice. Two lattices half a cell apart fill each other's zeros, and
-what is left of the variance's variation is known in closed form and divided out.
+Gradient noise is zero on its lattice. Two lattices half a cell apart fill each other's zeros. The
+remaining variation of the variance is known in closed form and divided out.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from numpy.typing import NDArray
 from scipy import optimize, sparse, special
 
 from starling.patterns import errors
-from starling.patterns.whole import whole
+from starling.patterns.errors import whole_number
 from starling.sim.randomness import generator
 
-PERSISTENCE = 0.5  # Amplitude of an octave over that of the one twice as coarse (Perlin 1985).
-_HALF_CELL = (0.0, 0.5)  # The two lattices of an octave.
-_LARGEST_T, _STEPS_T = 40.0, 800  # The characteristic function is below 1e-4 from 20 on.
+PERSISTENCE = 0.5  # Amplitude of an octave over that of the next coarser one (Perlin 1985).
+_HALF_CELL = (0.0, 0.5)  # Offsets of the two lattices of an octave.
+_LARGEST_T, _STEPS_T = 40.0, 800  # The characteristic function is below 1e-4 from t = 20 on.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Perlin:
-    """Gradient noise, the same in both directions of the image.
+    """Gradient noise, isotropic in the image.
 
     Args:
         correlation_px: Shift at which the noise's autocorrelation is one half [px].
         correlation_frames: Standard deviation of the autocorrelation in time, which is
             exp(-(t / correlation_frames)^2 / 2) [frames].
-        octaves: Number of noises, each half as coarse and half as strong as the one before.
+        octaves: Number of octaves, each half as coarse and half as strong as the one before.
 
     Raises:
         InputError: if a correlation is not above zero, or `octaves` is not 1 to 8.
@@ -49,7 +49,7 @@ class Perlin:
     def __post_init__(self) -> None:
         errors.positive("correlation_px", self.correlation_px, "Give a length [px].")
         errors.positive("correlation_frames", self.correlation_frames, "Give a time [frames].")
-        whole("octaves", self.octaves, 1, 8)
+        whole_number("octaves", self.octaves, 1, 8)
 
     @property
     def cell_px(self) -> float:
@@ -57,20 +57,20 @@ class Perlin:
         return self.correlation_px / _half_correlation_cells(self.octaves)
 
     def correlation_in_time(self, frames: float) -> float:
-        """Correlation of a pixel's noise with itself some frames later."""
+        """Correlation of a pixel's noise with itself after a number of frames."""
         return math.exp(-((frames / self.correlation_frames) ** 2) / 2)
 
 
 def uniform(
     shape: tuple[int, int], noise: Perlin, *, seed: int, frame: float = 0.0
 ) -> NDArray[np.float32]:
-    """One frame of the noise, its marginal made uniform by its own distribution.
+    """Return one frame of noise with a uniform marginal distribution.
 
     Args:
-        shape: (h, w) of the image; the noise repeats nowhere in it.
-        noise: how coarse and how fast.
-        seed: fixes the noise of all frames of a sequence.
-        frame: when; frames share the noise as far as `noise.correlation_in_time` says.
+        shape: (h, w) of the image; the noise does not repeat in it.
+        noise: correlations in space and time.
+        seed: seed of the noise of all frames of a sequence.
+        frame: time; frames are correlated by `noise.correlation_in_time`.
 
     Returns:
         (h, w) in [0, 1): the share of pixels below p is p, at every place in the image.
@@ -79,22 +79,22 @@ def uniform(
         InputError: if a side is not 1 to 16384 pixels.
     """
     value = standard(shape, noise, seed=seed, frame=frame)
-    at, below = _distribution(noise.octaves)
+    levels, below = _distribution(noise.octaves)
     largest = np.nextafter(np.float32(1), np.float32(0))
-    return np.minimum(np.interp(value, at, below).astype(np.float32), largest)
+    return np.minimum(np.interp(value, levels, below).astype(np.float32), largest)
 
 
 def standard(
     shape: tuple[int, int], noise: Perlin, *, seed: int, frame: float = 0.0
 ) -> NDArray[np.float64]:
-    """Noise as `uniform`, but before its marginal is made so: mean 0 and variance 1 (h, w)."""
-    height = whole("height", shape[0], 1, 16384, "Give the image's shape (h, w).")
-    width = whole("width", shape[1], 1, 16384, "Give the image's shape (h, w).")
+    """Return one frame of noise with mean 0 and variance 1 (h, w); arguments as for `uniform`."""
+    height = whole_number("height", shape[0], 1, 16384, "Give the image's shape (h, w).")
+    width = whole_number("width", shape[1], 1, 16384, "Give the image's shape (h, w).")
     total = np.zeros((height, width))
     for octave, weight in enumerate(_weights(noise.octaves)):
         cell = noise.cell_px / 2**octave
         draw = generator(seed, octave, "learning", "perlin")
-        # A lattice of its own place, so that the octaves' zeros do not fall together.
+        # Each octave has a random offset, so that the zeros of octaves do not coincide.
         start_y, start_x = draw.random(2)
         value, variance = np.zeros_like(total), np.zeros_like(total)
         for shift in _HALF_CELL:
@@ -113,7 +113,7 @@ def standard(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Ramp:
-    """What the lattice's nodes contribute along one axis of `n` pixels.
+    """Contributions of the lattice's nodes along one axis of `n` pixels.
 
     The noise is separable: sum over nodes of g_x m(x) w(y) + g_y w(x) m(y) for gradients g, with
     w the fade of a node's influence and m(x) = x w(x).
@@ -122,7 +122,7 @@ class _Ramp:
     nodes: int
     weight: sparse.csr_array  # (n, nodes)
     moment: sparse.csr_array
-    weight_squared: NDArray[np.float64]  # (n,) summed over nodes.
+    weight_squared: NDArray[np.float64]  # (n,) sum over nodes.
     moment_squared: NDArray[np.float64]
 
     @classmethod
@@ -154,7 +154,7 @@ def _fade(offset: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _weights(octaves: int) -> NDArray[np.float64]:
-    """Amplitudes of unit total power."""
+    """Amplitudes with a total power of one."""
     amplitude = PERSISTENCE ** np.arange(octaves)
     return amplitude / np.linalg.norm(amplitude)
 
@@ -163,8 +163,8 @@ def _weights(octaves: int) -> NDArray[np.float64]:
 def _half_correlation_cells(octaves: int) -> float:
     """Shift along an axis, in coarsest cells, at which the autocorrelation is one half.
 
-    The mean over places of the noise's covariance over its mean variance; what dividing by the
-    local deviation changes is below the tolerance of the test.
+    This is the mean covariance of the noise over its mean variance. The effect of dividing by the
+    local standard deviation is below the tolerance of the test.
     """
     x = np.linspace(-1, 1, 2001)
     w, m = _fade(x), x * _fade(x)
@@ -175,37 +175,37 @@ def _half_correlation_cells(octaves: int) -> float:
 
     def correlation(shift: float) -> float:
         power = _weights(octaves) ** 2
-        one = [
+        covariance = [
             overlap(m, shift * 2**k) * overlap(w, 0) + overlap(w, shift * 2**k) * overlap(m, 0)
             for k in range(octaves)
         ]
-        return float(power @ np.array(one)) / (2 * overlap(m, 0) * overlap(w, 0))
+        return float(power @ np.array(covariance)) / (2 * overlap(m, 0) * overlap(w, 0))
 
-    found = optimize.root_scalar(lambda shift: correlation(shift) - 0.5, bracket=(0, 1))
-    return float(found.root)
+    solution = optimize.root_scalar(lambda shift: correlation(shift) - 0.5, bracket=(0, 1))
+    return float(solution.root)
 
 
 @functools.cache
 def _distribution(octaves: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Values of the noise and the probability to be below each.
+    """Return values of the noise and the probability to be below each.
 
-    A node contributes a cos(angle), whose characteristic function is the Bessel function J0(a t);
-    a sum's is the product, a place's mean is over a cell, and the distribution follows by the
-    inversion of Gil-Pelaez (Biometrika 38, 1951).
+    A node contributes a cos(angle), whose characteristic function is the Bessel function J0(a t).
+    That of a sum is the product. It is averaged over the places in a cell and inverted by
+    Gil-Pelaez (Biometrika 38, 1951).
     """
     t = np.asarray((np.arange(_STEPS_T) + 0.5) * (_LARGEST_T / _STEPS_T), np.float64)
     single = np.concatenate([[1.0], _characteristic(t)])
     transform = np.ones_like(t)
     for weight in _weights(octaves):
         transform *= np.interp(weight * t, np.concatenate([[0.0], t]), single)
-    at = np.linspace(-6, 6, 2401)
-    below = 0.5 + np.sin(np.outer(at, t)) @ (transform / t) * (_LARGEST_T / _STEPS_T) / math.pi
-    return at, np.maximum.accumulate(np.clip(below, 0, 1))
+    levels = np.linspace(-6, 6, 2401)
+    below = 0.5 + np.sin(np.outer(levels, t)) @ (transform / t) * (_LARGEST_T / _STEPS_T) / math.pi
+    return levels, np.maximum.accumulate(np.clip(below, 0, 1))
 
 
 def _characteristic(t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Characteristic function of one octave of unit variance, mean over the places in a cell."""
-    place = (np.arange(8) + 0.5) / 16  # A cell's eighth repeats by symmetry.
+    """Characteristic function of one octave of unit variance, averaged over a cell."""
+    place = (np.arange(8) + 0.5) / 16  # By symmetry, an eighth of a cell is sufficient.
     y, x = (value.ravel() for value in np.meshgrid(place, place))
     amplitudes = []
     for shift in _HALF_CELL:

@@ -1,9 +1,9 @@
-"""From a probability of no depth to the pixels without depth of a frame.
+"""Sampling of no-depth pixels from their probability.
 
 As C. Sweeney, G. Izatt and R. Tedrake, A Supervised Approach to Predicting Noise in Depth Images,
-ICRA 2019, section III-C: pixels above a threshold have no depth in any frame; below it they are
-drawn by correlated noise. Where the scene is simulated, a simulated frame's own holes are kept,
-dropped and added to instead: their shapes are a matcher's, which no noise has.
+ICRA 2019, section III-C: pixels above a threshold have no depth in any frame; below it, correlated
+noise decides. If the scene is simulated, holes of one simulated frame are kept, removed or added to
+instead. Noise does not have the shapes of a matcher's holes.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from starling.learning.sampling.perlin import Perlin
 from starling.patterns import errors
 from starling.sim.captures.info import CaptureInfo
 
-THRESHOLD = 0.5  # The paper's.
+THRESHOLD = 0.5  # Value of the paper.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sampling:
-    """How no-depth pixels are drawn.
+    """Settings of sampling.
 
     Args:
-        noise: how far holes reach in the image and in time.
-        threshold: Pixels above this probability always have no depth, 0 to 1. At 1 everything is
-            drawn and the expected share is the probability everywhere; below 1 the pixels above it
-            have more holes than their probability says, and never flicker.
+        noise: correlation of holes in the image and in time.
+        threshold: Pixels above this probability always have no depth, 0 to 1. At 1 all pixels are
+            sampled, and the expected share equals the probability everywhere. Below 1 the pixels
+            above the threshold have more holes than their probability, and never flicker.
 
     Raises:
-        InputError: if the threshold is outside.
+        InputError: if the threshold is outside 0 to 1.
     """
 
     noise: Perlin
@@ -46,7 +46,7 @@ class Sampling:
         errors.in_interval("threshold", self.threshold, 0.0, 1.0)
 
 
-# Pixels in one window of a matcher, 9 px, are matched by the same light.
+# Pixels within a matching window of 9 px share their light.
 TYPICAL = Sampling(noise=Perlin(correlation_px=9.0, correlation_frames=3.0))
 
 
@@ -58,31 +58,32 @@ def ndp(
     frame: float = 0.0,
     physics: Physics | None = None,
 ) -> Mask:
-    """Draw the no-depth pixels (NDP) of one frame.
+    """Sample the no-depth pixels (NDP) of one frame.
 
     Args:
         probability: (h, w), 0 to 1.
-        sampling: how.
-        seed: fixes all frames of a sequence; another seed is an independent sequence.
-        frame: when; holes of near frames are alike (`flicker`).
-        physics: of the scene. Where the probability is what physics tells, holes are those of its
-            first draw; where it is less some of them go, where it is more others come.
+        sampling: settings.
+        seed: seed of all frames of a sequence; other seeds give independent sequences.
+        frame: time; holes of nearby frames are correlated (`flicker`).
+        physics: simulation of the scene. Where the probability equals that of physics, holes are
+            those of its first draw. Where it is less, some are removed; where it is more, some are
+            added.
 
     Returns:
         (h, w) True where there is no depth.
 
     Raises:
-        InputError: if the probability is no image, not in [0, 1] throughout, or of another size
-            than the physics.
+        InputError: if the probability is not an image in [0, 1], or of another size than the
+            physics.
     """
     if probability.ndim != 2:
         raise errors.refuse(
-            "probability", "must be an image (h, w)", probability.shape, "Give one scene's."
+            "probability", "must be an image (h, w)", probability.shape, "Give that of one scene."
         )
     if not bool(((probability >= 0) & (probability <= 1)).all()):
         low, high = float(np.min(probability)), float(np.max(probability))
         raise errors.refuse(
-            "probability", "must be in [0, 1]", f"{low:g} to {high:g}", "NaN counts as outside."
+            "probability", "must be in [0, 1]", f"{low:g} to {high:g}", "NaN is outside."
         )
     height, width = probability.shape
     draw = perlin.uniform((height, width), sampling.noise, seed=seed, frame=frame)
@@ -92,29 +93,32 @@ def ndp(
 
 
 def _as_drawn(draw: Image, physics: Physics) -> Image:
-    """Uniform noise whose pixels below what physics tells are its first draw's holes.
+    """Return uniform noise that is below the simulated probability at the holes of its first draw.
 
-    Uniform still, as the share of holes among draws is what physics tells.
+    The noise stays uniform, because the share of holes among draws is the simulated probability.
     """
     if draw.shape != physics.one_draw_ndp.shape:
         raise errors.refuse(
-            "probability", "must have the size of the physics", draw.shape, "Take one scene's."
+            "probability",
+            "must have the size of the physics",
+            draw.shape,
+            "Give both of one scene.",
         )
-    told = physics_probability(physics)
-    return np.where(physics.one_draw_ndp, told * draw, told + (1 - told) * draw)
+    simulated = physics_probability(physics)
+    return np.where(physics.one_draw_ndp, simulated * draw, simulated + (1 - simulated) * draw)
 
 
 def depth_image(
     reference_m: Image, ndp: Mask, info: CaptureInfo, *, error_px: Image | None = None
 ) -> Image:
-    """Depth image of a scene with holes, and with a simulator's errors where it has depth.
+    """Return the depth image of a scene with holes, optionally with a simulator's errors.
 
     Args:
         reference_m: (h, w) z [m] without holes, NaN where unknown.
         ndp: (h, w) True where there is no depth.
         info: focal length and baseline.
-        error_px: (h, w) simulated less true disparity [px]; where it is NaN the reference stands.
-            None: no errors.
+        error_px: (h, w) simulated less true disparity [px]; NaN keeps the reference. None: no
+            errors.
 
     Returns:
         (h, w) z [m], NaN where there is no depth.
@@ -122,22 +126,21 @@ def depth_image(
     depth = np.asarray(reference_m, np.float32)
     if error_px is not None:
         disparity = info.disparity_px(depth) + np.nan_to_num(error_px, nan=0.0)
-        # Disparity and depth are each other's inverse: the same function turns it back.
+        # The same function converts depth to disparity and disparity to depth.
         depth = np.where(np.isfinite(error_px), info.disparity_px(disparity), depth)
     return np.where(ndp, np.float32(np.nan), depth).astype(np.float32)
 
 
 def flicker(probability: NDArray[np.floating], sampling: Sampling, frames: float) -> Image:
-    """Probability that a pixel has changed between depth and no depth some frames later.
+    """Probability that a pixel changes between depth and no depth within a number of frames.
 
-    In closed form for normal noise, which gradient noise nearly is: 2 (p - P(both below)), with
-    the orthant probability of two normal values of correlation rho. Measured rates are
-    within 12 % of it.
+    Closed form for normal noise, an approximation of gradient noise: 2 (p - P(both below)), with
+    the orthant probability of two normal values of correlation rho. Measured rates are within 12 %.
 
     Args:
         probability: any shape, 0 to 1.
-        sampling: how frames are drawn.
-        frames: how much later.
+        sampling: settings.
+        frames: number of frames between the two times.
     """
     rho = sampling.noise.correlation_in_time(frames)
     p = np.clip(np.asarray(probability, np.float64), 1e-12, 1 - 1e-12)

@@ -1,4 +1,4 @@
-"""Lattice patterns: emitter clusters replicated over rotated grids, as in the D415."""
+"""Lattice patterns: emitter clusters repeated over rotated grids, as in the D415."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ import math
 import numpy as np
 
 from starling.patterns.dots import check_count, check_width, relative_powers
-from starling.patterns.errors import in_interval
+from starling.patterns.errors import in_interval, seeded_generator, whole_number
 from starling.patterns.field import Field, directions_from_cosines
 from starling.patterns.pattern import Pattern
-from starling.patterns.whole import generator, whole
 
 
 def lattice(
@@ -31,16 +30,16 @@ def lattice(
     seed: int = 0,
     stream: int = 0,
 ) -> Pattern:
-    """A cluster of emitters repeated over a square grid, once per projector unit.
+    """Generate a cluster of emitters repeated over a square grid, once per projector unit.
 
-    The grid is even in direction cosines, as a diffractive element makes it. Two units twisted
-    against each other beat: rosettes of concentric rings, `pitch / (2 sin(twist / 2))` apart,
-    dots coinciding (bright) in their middle. That is what a D415 shows; its maker names two
-    Heptagon units. Real units also sit some millimetres apart, so that their beat drifts with
-    depth; one image cannot hold that: project `units=1` patterns of two streams from two places.
+    The grid is even in direction cosines, as a diffractive element makes it. Two units rotated
+    against each other form a moire of rosettes, `pitch / (2 sin(twist / 2))` apart, with
+    coinciding dots in their centres. A D415 shows this; its maker names two Heptagon units. Real
+    units sit some millimetres apart, so their moire drifts with depth. One image cannot show the
+    drift: project `units=1` patterns of two streams from two positions instead.
 
-    At the defaults, seed 0: 9547 dots, 3.7 per square degree (4.0 on the axis), of which 3.3
-    are separate at their own width, and about 2.9 behind an imager's blur.
+    The defaults with seed 0 give 9547 dots, 3.7 per square degree (4.0 on the axis). At their own
+    width 3.3 per square degree are separate, behind an imager's blur about 2.9.
 
     Args:
         fov_x_deg: Full horizontal field [deg]. Source: D400 datasheet, D415 projector 67 x 41.
@@ -51,34 +50,36 @@ def lattice(
         twist_deg: Angle from each unit to the next. Measured on one D415.
         pitch_mrad: Grid pitch in direction cosine x 1000. Measured on one D415.
         emitters: Emitters in a cluster, 1 to 64; the lattice of a D415 needs one.
-        cluster_mrad: Side of the square the cluster's emitters are scattered over [mrad].
-        jitter_mrad: Standard deviation of every dot's own displacement [mrad].
+        cluster_mrad: Side of the square that holds the cluster's emitters [mrad].
+        jitter_mrad: Standard deviation of each dot's random displacement [mrad].
         fwhm_mrad: Spot width [mrad]. Measured 3.8 in the images, less an assumed 1.7 px of
             imager blur at a focal length of 896 px.
         power_spread: Standard deviation / mean of the dots' powers. Assumed.
         background: Share of light not in dots. Measured with the projector on and off on one
             D415 scene (fifth percentile over mean 0.31), the scene's indirect light included.
         seed: Fixes cluster, grid offsets, jitter and powers.
-        stream: Which of a seed's independent draws these are, 0 to 15. Two lattices of one draw
-            have one offset from the axis, so that a rosette's middle would stand there always.
+        stream: Number of the seed's independent random stream, 0 to 15. Two lattices of one stream
+            would share their offset and always coincide on the axis.
 
     Raises:
         InputError: if a parameter is out of range.
     """
     field = Field(fov_x_deg, fov_y_deg)
     check_width(fwhm_mrad, field.shape(width_px), field)
-    units = whole("units", units, 1, 4, "Give the number of projector units.")
-    emitters = whole("emitters", emitters, 1, 64, "Give the number of emitters in a cluster.")
-    stream = whole("stream", stream, 0, 15, "Give the number of one of a seed's draws.")
+    units = whole_number("units", units, 1, 4, "Give the number of projector units.")
+    emitters = whole_number(
+        "emitters", emitters, 1, 64, "Give the number of emitters in a cluster."
+    )
+    stream = whole_number("stream", stream, 0, 15, "Give the number of one of a seed's draws.")
     in_interval("pitch_mrad", pitch_mrad, 2.0, 200.0, "Give the grid pitch in mrad.")
     in_interval("cluster_mrad", cluster_mrad, 0.0, 200.0, "Give the cluster's side in mrad.")
     in_interval("jitter_mrad", jitter_mrad, 0.0, 50.0, "Give a standard deviation in mrad.")
     in_interval("rotation_deg", rotation_deg, -360.0, 360.0)
     in_interval("twist_deg", twist_deg, -90.0, 90.0)
-    # At most: a step in direction cosine is the wider an angle the further off the axis.
+    # Upper bound: off the axis, a step in direction cosine spans a larger angle.
     cells = math.ceil(math.radians(1) ** 2 * field.solid_angle_deg2 / (pitch_mrad * 1e-3) ** 2)
     check_count(cells * units * emitters, "Raise pitch_mrad, or lower units or emitters.")
-    rng = generator(seed).spawn(stream)[-1] if stream else generator(seed)
+    rng = seeded_generator(seed).spawn(stream)[-1] if stream else seeded_generator(seed)
     x, y = [], []
     for unit in range(units):
         angle = math.radians(rotation_deg + unit * twist_deg)
@@ -93,7 +94,7 @@ def lattice(
     x, y = np.concatenate(x), np.concatenate(y)
     inside = field.holds(x, y)
     x, y = x[inside], y[inside]
-    return Pattern.of_dots(
+    return Pattern.from_dots(
         x,
         y,
         relative_powers(len(x), power_spread, rng),
@@ -119,7 +120,7 @@ def _grid(
 
 
 def _cluster(emitters: int, side: float, rng: np.random.Generator) -> np.ndarray:
-    """Emitter offsets (emitters, 2) of mean zero, scattered as far apart as a few draws allow."""
+    """Draw emitter offsets (emitters, 2) of mean zero by best-candidate sampling."""
     points = np.empty((0, 2))
     for _ in range(emitters):
         candidates = (rng.random((32, 2)) - 0.5) * side

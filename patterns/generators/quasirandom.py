@@ -1,4 +1,4 @@
-"""Quasi-random dots: random, but never closer than a minimum distance, as in the D435."""
+"""Quasi-random dots: random with a minimum distance, as in the D435."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ import math
 import numpy as np
 
 from starling.patterns.dots import check_width, relative_powers
-from starling.patterns.errors import in_interval
+from starling.patterns.errors import in_interval, seeded_generator
 from starling.patterns.field import Field, unit_vectors
 from starling.patterns.generators.uniform import dot_count
 from starling.patterns.pattern import Pattern
-from starling.patterns.whole import generator
 
 WIDEST_DISTANCE = 0.78  # Random sequential packing of discs jams near 0.83.
 
@@ -28,12 +27,13 @@ def quasirandom(
     background: float = 0.3,
     seed: int = 0,
 ) -> Pattern:
-    """Blue-noise dots: uniform over the solid angle with a minimum distance, the D435's look.
+    """Generate blue-noise dots, uniform over the solid angle with a minimum distance.
 
-    Sources disagree. Density: 0.55 per square degree measured in D435 images (the default, 2733
-    dots), against about 5000 spots named by the maker (dev.intelrealsense.com/docs/projectors),
-    which is 1.0 over 90 x 63 deg and 1.15 over 86 x 57. Field: 90 x 63 deg (D400 datasheet) or
-    86 x 57 (FRAMOS D435e manual, p. 8). The D455 is assumed to have the D435's projector.
+    The defaults imitate the D435. Sources disagree. Density: 0.55 per square degree measured in
+    D435 images (the default, 2733 dots). The maker names about 5000 spots
+    (dev.intelrealsense.com/docs/projectors): 1.0 per square degree over 90 x 63 deg, 1.15 over
+    86 x 57. Field: 90 x 63 deg (D400 datasheet) or 86 x 57 (FRAMOS D435e manual, p. 8). The D455
+    is assumed to have the D435's projector.
 
     Args:
         fov_x_deg: Full horizontal field [deg].
@@ -55,9 +55,9 @@ def quasirandom(
     check_width(fwhm_mrad, field.shape(width_px), field)
     in_interval("min_distance", min_distance, 0.0, WIDEST_DISTANCE, "Lower it: no room is left.")
     n = dot_count(field, dots_per_deg2)
-    rng = generator(seed)
+    rng = seeded_generator(seed)
     x, y = _spaced(n, min_distance * math.radians(dots_per_deg2**-0.5), field, rng)
-    return Pattern.of_dots(
+    return Pattern.from_dots(
         x,
         y,
         relative_powers(n, power_spread, rng),
@@ -72,7 +72,7 @@ def quasirandom(
 def _spaced(
     n: int, angle: float, field: Field, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`n` directions no two nearer than `angle` [rad]: dart throwing, whole volleys at a time."""
+    """Draw `n` directions at least `angle` [rad] apart, by dart throwing in batches."""
     from scipy.spatial import KDTree  # Heavy, like all of scipy: not at import.
 
     chord = 2 * math.sin(angle / 2)
@@ -84,13 +84,13 @@ def _spaced(
             gap, _ = KDTree(unit_vectors(x, y)).query(points, distance_upper_bound=chord)
             free = ~np.isfinite(gap)
             new_x, new_y, points = new_x[free], new_y[free], points[free]
-        keep = _first_come(points, chord)
+        keep = _spaced_subset(points, chord)
         x, y = np.concatenate([x, new_x[keep]]), np.concatenate([y, new_y[keep]])
     return x[:n], y[:n]
 
 
-def _first_come(points: np.ndarray, chord: float) -> np.ndarray:
-    """Which of the points (m, 3) stay when each one bars all later ones nearer than `chord`."""
+def _spaced_subset(points: np.ndarray, chord: float) -> np.ndarray:
+    """Mask of points (m, 3) left after each kept point removes later ones within `chord`."""
     from scipy.spatial import KDTree
 
     keep = np.ones(len(points), dtype=bool)

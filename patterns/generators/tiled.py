@@ -1,4 +1,4 @@
-"""Tiled speckle: one random sub-pattern repeated over the field, as in the first Kinect."""
+"""Tiled patterns: one random sub-pattern repeated over the field, as in the first Kinect."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ import math
 import numpy as np
 
 from starling.patterns.dots import check_count, check_width, relative_powers
-from starling.patterns.errors import in_interval
+from starling.patterns.errors import in_interval, seeded_generator, whole_number
 from starling.patterns.field import Field, directions_from_cosines
 from starling.patterns.pattern import Pattern
-from starling.patterns.whole import generator, whole
 
 
 def tiled(
@@ -30,18 +29,20 @@ def tiled(
     background: float = 0.2,
     seed: int = 0,
 ) -> Pattern:
-    """A tile of lit and dark grid sites, repeated tiles_x by tiles_y, a bright dot in each middle.
+    """Generate a tile of lit and dark grid sites, repeated tiles_x by tiles_y times.
 
-    Lit sites never touch, corners included. The grid is even in direction cosines, so it shows
-    the pincushion that photographs of the Kinect's pattern show. Tiles share positions and dot
-    powers, each with its own brightness. The light is near 830 nm (Hacking the Kinect, ch. 2).
+    Lit sites never touch, corners included. The middle of each tile has a bright dot. The grid
+    is even in direction cosines, which gives the pincushion seen in photographs of the Kinect's
+    pattern. Tiles share positions and dot powers, but not brightness. The light is near 830 nm
+    (Hacking the Kinect, ch. 2).
 
-    Sources: 3 x 3 sub-patterns of 211 x 165 spots on an orthogonal grid, spots lit or dark, a
-    central spot much brighter, tiles of different brightness, pincushion (A. Reichinger, "Kinect
-    pattern uncovered", 2011). Field 57 x 43 deg: the infrared camera's; a projector beside it has
-    to reach further (docs/decisions/0015-structured-light.md). Assumed: lit_share, centre_gain,
-    tile_spread, fwhm_mrad (2 px of the 1280-px-wide imager), power_spread, background, the no-touch
-    rule. No site is copied from the device.
+    Source: A. Reichinger, "Kinect pattern uncovered", 2011. It describes 3 x 3 sub-patterns of 211
+    x 165 spots on an orthogonal grid, lit or dark. The central spot is much brighter. Tiles differ
+    in brightness, and the grid has pincushion distortion. The field of 57 x 43 deg is the infrared
+    camera's. A projector next to the camera needs a wider field
+    (docs/decisions/0015-structured-light.md). Assumed: lit_share, centre_gain, tile_spread,
+    fwhm_mrad (2 px of the 1280-px-wide imager), power_spread, background, and the no-touch rule. No
+    site is copied from the device.
 
     Args:
         fov_x_deg: Full horizontal field [deg], filled by the tiles along the middle row.
@@ -52,7 +53,7 @@ def tiled(
         sites_x: Grid sites per tile along x, 8 to 1024.
         sites_y: Grid sites per tile along y.
         lit_share: Share of sites that are lit, in [0.001, 0.15].
-        centre_gain: Power of a tile's middle dot over a common one, in [1, 100].
+        centre_gain: Power of a tile's middle dot over an ordinary dot's, in [1, 100].
         tile_spread: Standard deviation / mean of the tiles' brightness.
         fwhm_mrad: Spot width [mrad].
         power_spread: Standard deviation / mean of dot powers within a tile.
@@ -64,14 +65,20 @@ def tiled(
     """
     field = Field(fov_x_deg, fov_y_deg)
     check_width(fwhm_mrad, field.shape(width_px), field)
-    tiles_x, tiles_y = whole("tiles_x", tiles_x, 1, 9), whole("tiles_y", tiles_y, 1, 9)
-    sites_x, sites_y = whole("sites_x", sites_x, 8, 1024), whole("sites_y", sites_y, 8, 1024)
+    tiles_x, tiles_y = (
+        whole_number("tiles_x", tiles_x, 1, 9),
+        whole_number("tiles_y", tiles_y, 1, 9),
+    )
+    sites_x, sites_y = (
+        whole_number("sites_x", sites_x, 8, 1024),
+        whole_number("sites_y", sites_y, 8, 1024),
+    )
     in_interval("lit_share", lit_share, 0.001, 0.15, "Lit sites must not touch.")
     in_interval("centre_gain", centre_gain, 1.0, 100.0)
     in_interval("tile_spread", tile_spread, 0.0, 1.0)
     sites = tiles_x * tiles_y * sites_x * sites_y
     check_count(math.ceil(sites * lit_share), "Lower lit_share, tiles or sites.")
-    rng = generator(seed)
+    rng = seeded_generator(seed)
     row, column = _lit_sites(sites_y, sites_x, lit_share, rng)
     power = relative_powers(len(row), power_spread, rng)
     power[0] = centre_gain  # _lit_sites puts the middle first.
@@ -86,7 +93,7 @@ def tiled(
     powers = (brightness[:, None] * power[None]).ravel()
     keep = 1 - a * a - b * b > 1e-3  # The same test as in directions_from_cosines.
     x, y = directions_from_cosines(a, b)
-    return Pattern.of_dots(
+    return Pattern.from_dots(
         x,
         y,
         powers[keep],
@@ -101,7 +108,7 @@ def tiled(
 def _lit_sites(
     rows: int, columns: int, share: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of lit sites, the middle one first; none touch, across the seam either."""
+    """Rows and columns of lit sites, the middle first; none touch, also across tile borders."""
     wanted = max(1, round(share * rows * columns))
     free = np.ones((rows, columns), dtype=bool)
     middle = (rows // 2) * columns + columns // 2

@@ -1,14 +1,13 @@
-"""Uniform random dots: the plainest pattern, and the yardstick for the others."""
+"""Uniform random dots: the simplest pattern, a reference for the other generators."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from starling.patterns.dots import check_count, check_width, relative_powers
-from starling.patterns.errors import in_interval
+from starling.patterns.errors import in_interval, seeded_generator
 from starling.patterns.field import Field
 from starling.patterns.pattern import Pattern
-from starling.patterns.whole import generator
 
 
 def uniform(
@@ -22,10 +21,10 @@ def uniform(
     background: float = 0.3,
     seed: int = 0,
 ) -> Pattern:
-    """Dots at independent directions, uniform over the solid angle.
+    """Generate dots at independent directions, uniform over the solid angle.
 
-    Neighbours overlap freely: with the defaults about a sixth of the emitted dots melt into
-    others. The defaults are the quasi-random pattern's, to compare with; no device is imitated.
+    Dots may overlap: with the defaults about a sixth of the emitted dots merge with others. The
+    defaults equal the quasi-random pattern's, for comparison. No device is imitated.
 
     Args:
         fov_x_deg: Full horizontal field [deg].
@@ -43,9 +42,9 @@ def uniform(
     field = Field(fov_x_deg, fov_y_deg)
     check_width(fwhm_mrad, field.shape(width_px), field)
     n = dot_count(field, dots_per_deg2)
-    rng = generator(seed)
+    rng = seeded_generator(seed)
     x, y = field.uniform_directions(n, rng)
-    return Pattern.of_dots(
+    return Pattern.from_dots(
         x,
         y,
         relative_powers(n, power_spread, rng),
@@ -58,10 +57,10 @@ def uniform(
 
 
 def dot_count(field: Field, dots_per_deg2: float) -> int:
-    """Whole dots in the field at a density per square degree of solid angle.
+    """Number of dots in the field for a density per square degree of solid angle.
 
     Raises:
-        InputError: if the density is out of range, or makes no dot or more than 200 000.
+        InputError: if the density is out of range, or gives 0 or more than 200 000 dots.
     """
     in_interval("dots_per_deg2", dots_per_deg2, 1e-4, 1e4, "Give dots per square degree.")
     n = int(np.rint(dots_per_deg2 * field.solid_angle_deg2))

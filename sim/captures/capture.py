@@ -1,4 +1,4 @@
-"""Capture sets: infrared pairs, depth and truth of real and simulated sensors, in one shape."""
+"""Capture sets: infrared pairs, depth and reference depth of real and simulated sensors."""
 
 from __future__ import annotations
 
@@ -26,33 +26,33 @@ _NUMBER = re.compile(r"0|[1-9][0-9]{0,8}")
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Frame:
-    """One reading of a sensor; every image (h, w) in the left infrared view, None if absent."""
+    """One frame of a sensor; every image is (h, w) in the left infrared view, None if absent."""
 
     number: int
     ir_left: GreyImage | None = None
-    ir_right: GreyImage | None = None  # Absent alone: a structured-light sensor.
+    ir_right: GreyImage | None = None  # None for a structured-light sensor.
     ir_left_off: GreyImage | None = None  # Projector off.
     ir_right_off: GreyImage | None = None
     depth_m: NDArray[np.float32] | None = None  # z [m], NaN = no depth.
-    record: dict[str, Any] = field(default_factory=dict)  # `frame.json`, {} where there is none.
+    record: dict[str, Any] = field(default_factory=dict)  # `frame.json`, {} without the file.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CapturedScene:
-    """One static scene of a set; images are read when asked for."""
+    """One static scene of a set; images are read on demand."""
 
     name: str
-    room: str  # Scenes of one room share it; a scene without the file is its own room.
+    room: str  # Shared by scenes of one room; without the file `room`, the scene's own name.
     path: Path
     info: CaptureInfo
-    frames: tuple[int, ...]  # Numbers of the frames there are, ascending.
+    frames: tuple[int, ...]  # Numbers of the existing frames, ascending.
 
     def frame(self, number: int) -> Frame:
         """Read one frame.
 
         Raises:
-            InputError: if there is no such frame, an image is damaged or of another kind or size
-                than it must be, or nothing is in it.
+            InputError: if the frame does not exist or is empty, or an image is damaged or has a
+                wrong type or size.
         """
         if number not in self.frames:
             known = ", ".join(map(str, self.frames))
@@ -74,8 +74,10 @@ class CapturedScene:
         return Frame(number=number, depth_m=depth_m, record=_record(folder), **images)
 
     def fullest(self) -> Frame:
-        """Read the first frame that holds an infrared pair and depth; where none does, the first
-        with a pair, then the first with an infrared image, then the first.
+        """Read the first frame with an infrared pair and depth.
+
+        If there is none, read the first with a pair, then the first with an infrared image, then
+        the first.
 
         Raises:
             InputError: as `frame`.
@@ -88,15 +90,15 @@ class CapturedScene:
         return self.frame(self.frames[0])
 
     def record(self, number: int) -> dict[str, Any]:
-        """Read what `frame.json` tells of one frame, {} where there is none; no image is read.
+        """Read `frame.json` of one frame without its images; {} without the file.
 
         Raises:
-            InputError: if it is no JSON object.
+            InputError: if the file is no JSON object.
         """
         return _record(self.path / str(number))
 
     def truth_m(self) -> NDArray[np.float32] | None:
-        """Read the reference depth z [m] (h, w), NaN where unknown; None where there is none.
+        """Read the reference depth z [m] (h, w), NaN where unknown; None without the file.
 
         Raises:
             InputError: as `frame`.
@@ -104,7 +106,7 @@ class CapturedScene:
         return self._depth(self.path, "truth")
 
     def label(self) -> GreyImage | None:
-        """Read the number of the object that each pixel shows (h, w); None where nobody says so.
+        """Read the object number of each pixel (h, w); None without the file.
 
         Raises:
             InputError: as `frame`.
@@ -112,9 +114,9 @@ class CapturedScene:
         return self._image(self.path, "label")
 
     def known(self) -> SceneFile | None:
-        """Read which geometry it is, and from where it is seen; None where nobody says so.
+        """Read the known geometry and the left imager's pose; None without the file.
 
-        `starling.sim.scene.captured.known_geometry.load` makes a scene to simulate of it.
+        `starling.sim.scene.captured.known_geometry.load` turns it into a scene to simulate.
 
         Raises:
             InputError: as `starling.sim.scene.scene_file.read`.
@@ -153,17 +155,17 @@ class CapturedScene:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CaptureSet:
-    """A folder of captures of one device; of several where scenes have cameras of their own."""
+    """A folder of captures of one device, or of several if scenes have a `camera.toml`."""
 
     path: Path
-    info: CaptureInfo  # Of the set; a scene's own may be another.
+    info: CaptureInfo  # Camera of the set; a scene's own camera may differ.
     scenes: tuple[CapturedScene, ...]  # Sorted by name.
 
     def refuse_mixed(self) -> None:
-        """Refuse scenes whose cameras are not the set's.
+        """Refuse sets in which a scene's camera differs from the set's.
 
         Raises:
-            InputError: naming the first such scene.
+            InputError: with the first such scene.
         """
         for scene in self.scenes:
             if scene.info != self.info:
@@ -176,7 +178,7 @@ class CaptureSet:
 
 
 def is_capture(path: Path | str) -> bool:
-    """Tell whether a path is a capture set or one scene folder in a set."""
+    """Return whether a path is a capture set or a scene folder in a set."""
     path = Path(os.path.abspath(path))
     return path.is_dir() and any((p / capture_info.FILE).is_file() for p in (path, path.parent))
 
@@ -185,10 +187,10 @@ def open_set(path: Path | str) -> CaptureSet:
     """Open a capture set, or one scene folder in it as a set of that scene alone.
 
     Only the text files are read; images are read by `CapturedScene.frame` and `truth_m`. A scene
-    folder with a `camera.toml`, of the same keys as `capture.toml`, is of another camera.
+    with its own `camera.toml`, with the keys of `capture.toml`, has another camera.
 
     Raises:
-        InputError: if the folder is missing or no capture set, `capture.toml` is refused, or a
+        InputError: if the folder is missing or no capture set, `capture.toml` is invalid, or a
             scene holds no frame.
 
     Example:
@@ -198,9 +200,12 @@ def open_set(path: Path | str) -> CaptureSet:
     """
     path = Path(os.path.abspath(path))
     if not path.is_dir():
-        what = "is a file" if path.exists() else "does not exist"
+        problem = "is a file" if path.exists() else "does not exist"
         raise errors.refuse(
-            "captures", "must be a folder", path, f"It {what}: give a capture set or a scene in it."
+            "captures",
+            "must be a folder",
+            path,
+            f"It {problem}: give a capture set or a scene in it.",
         )
     if (path / capture_info.FILE).is_file():
         info = capture_info.read(path / capture_info.FILE)
@@ -232,8 +237,8 @@ def _scene(path: Path, info: CaptureInfo) -> CapturedScene:
         raise errors.refuse(
             "scene", "must hold a frame folder", path, "Name it 0: SCENE/0/ir_left.png and so on."
         )
-    own = path / capture_info.OWN
-    info = capture_info.read(own) if os.path.lexists(own) else info
+    camera_file = path / capture_info.OWN
+    info = capture_info.read(camera_file) if os.path.lexists(camera_file) else info
     room = path / "room"
     name = _text(room).strip() if os.path.lexists(room) else path.name
     return CapturedScene(
@@ -275,7 +280,7 @@ def _record(folder: Path) -> dict[str, Any]:
 
 
 def _check_pair(folder: Path, left: GreyImage | None, right: GreyImage | None, name: str) -> None:
-    """Sizes are held by `capture.toml`; what is left is a missing left and unequal depths."""
+    """Refuse a pair without left image or with unequal bit depths; sizes are checked on reading."""
     if right is not None and left is None:
         raise errors.refuse(
             f"{name} pair", "must have its left image", folder, "Is the folder complete?"

@@ -1,9 +1,8 @@
-"""One frame's layers, truth and depth as one multi-part OpenEXR file, and back.
+"""One frame's layers, ground truth and depth in one multi-part OpenEXR file.
 
-Radiance, depth and disparity are stored as float (32 bits) and come back bit for bit. The normal
-is stored as half: 11 bits of mantissa are 0.03 deg, finer than any mesh here; a normal that was
-rounded to half before comes back bit for bit. Codes and masks are uint32, the one whole number
-OpenEXR knows.
+Radiance, depth and disparity are stored as 32-bit float, without loss. Normals are stored as half:
+11 bits of mantissa resolve 0.03 deg, finer than any mesh here. Normals already rounded to half are
+preserved exactly. Codes and masks are uint32, the only integer type of OpenEXR.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from starling.patterns import errors
 from starling.sim.captures import exr_structure
 from starling.sim.reason import Reason
-from starling.sim.render.layers import Layers, Truth, View
+from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.stereo.depth import DepthMap
 
 _VIEW: dict[str, tuple[type[np.generic], str]] = {
@@ -57,7 +56,7 @@ def write(path: Path, layers: Layers, depth: DepthMap) -> None:
     """Write the file.
 
     Raises:
-        OSError: if it cannot be written whole; the library itself is silent when a disk fills.
+        OSError: if the file is incomplete. The library itself may not report a full disk.
     """
     import OpenEXR
 
@@ -89,10 +88,10 @@ def write(path: Path, layers: Layers, depth: DepthMap) -> None:
 
 
 def read(path: Path) -> tuple[Layers, DepthMap]:
-    """Read what `write` wrote.
+    """Read a file that `write` wrote.
 
     Raises:
-        InputError: if the file is missing, no OpenEXR, cut short, damaged, or lacks a part or
+        InputError: if the file is missing, no OpenEXR file, truncated, damaged, or lacks a part or
             channel.
     """
     import OpenEXR
@@ -101,7 +100,7 @@ def read(path: Path) -> tuple[Layers, DepthMap]:
         data = path.read_bytes()
     except OSError as error:
         raise errors.refuse("EXR file", "must be readable", path, f"{error.strerror}.") from error
-    try:  # Before the library sees it, which prints and skips what it cannot read.
+    try:  # Check first: the library only prints a message and skips what it cannot read.
         exr_structure.check(data)
     except exr_structure.DamagedError as error:
         raise errors.refuse(
@@ -109,14 +108,14 @@ def read(path: Path) -> tuple[Layers, DepthMap]:
         ) from error
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            found = {
+            parts = {
                 part.name(): {name: channel.pixels for name, channel in part.channels.items()}
                 for part in file.parts  # The file's own dicts are emptied when it closes.
             }
     except (RuntimeError, ValueError, TypeError) as error:
         raise errors.refuse("EXR file", "must be readable", path, f"{error}.") from error
-    needed = [part for part in _LAYOUT if part != "right" or part in found]
-    arrays = {part: _channels(path, part, found.get(part)) for part in needed}
+    needed = [part for part in _LAYOUT if part != "right" or part in parts]
+    arrays = {part: _channels(path, part, parts.get(part)) for part in needed}
     _check_sizes(path, arrays)
     return _layers(arrays), _depth(arrays["depth"])
 
@@ -142,9 +141,9 @@ def _arrays(layers: Layers, depth: DepthMap) -> dict[str, dict[str, NDArray[Any]
     }
 
 
-def _channels(path: Path, part: str, found: dict[str, Any] | None) -> dict[str, NDArray[Any]]:
-    """Take the channels of one part; whatever else is in it is left alone."""
-    if found is None:
+def _channels(path: Path, part: str, channels: dict[str, Any] | None) -> dict[str, NDArray[Any]]:
+    """Return the known channels of one part; other channels are ignored."""
+    if channels is None:
         raise errors.refuse(
             "EXR file",
             f"must have the parts {', '.join(_LAYOUT)}",
@@ -153,12 +152,12 @@ def _channels(path: Path, part: str, found: dict[str, Any] | None) -> dict[str, 
         )
     taken = {}
     for name, (kind, _) in _LAYOUT[part].items():
-        pixels = found.get(name)
+        pixels = channels.get(name)
         if pixels is None or pixels.dtype != kind or pixels.ndim != 2:
             raise errors.refuse(
                 "EXR file",
                 f"must have the channel {name} of {np.dtype(kind).name} in part {part}",
-                f"{path} with {', '.join(found)}",
+                f"{path} with {', '.join(channels)}",
                 "Is it a frame.exr that starling wrote?",
             )
         taken[name] = pixels
@@ -179,8 +178,8 @@ def _check_sizes(path: Path, arrays: dict[str, dict[str, NDArray[Any]]]) -> None
 def _layers(arrays: dict[str, dict[str, NDArray[Any]]]) -> Layers:
     truth = arrays["truth"]
     return Layers(
-        left=View(**arrays["left"]),
-        right=View(**arrays["right"]) if "right" in arrays else None,
+        left=ViewLayers(**arrays["left"]),
+        right=ViewLayers(**arrays["right"]) if "right" in arrays else None,
         truth=Truth(
             depth_m=truth["depth_m"],
             normal=np.stack([truth[name] for name in _NORMAL], axis=-1).astype(np.float32),

@@ -1,7 +1,7 @@
-"""Is a multi-part, ZIP-compressed scan-line OpenEXR file whole?
+"""Structure check of multi-part, ZIP-compressed scan-line OpenEXR files.
 
-The OpenEXR library reports a cut or damaged file only in part: it prints, leaves the part out and
-goes on, and when a disk fills while writing it may say nothing at all. This walks the file.
+The OpenEXR library does not report all truncated or damaged files: it prints a message, omits the
+part and continues. It may also miss a full disk while writing. `check` therefore walks the file.
 Layout: https://openexr.com/en/latest/OpenEXRFileLayout.html
 """
 
@@ -14,13 +14,13 @@ from dataclasses import dataclass
 _MAGIC = b"\x76\x2f\x31\x01"
 _MULTIPART = 1 << 12
 _ZIP = 3
-_LINES = 16  # Scan lines in a chunk of ZIP compression.
-_BYTES = {0: 4, 1: 2, 2: 4}  # Of the pixel types uint, half, float.
-_WIDEST = 16384
+_LINES = 16  # Scan lines per chunk of ZIP compression.
+_BYTES = {0: 4, 1: 2, 2: 4}  # Bytes of the pixel types uint, half and float.
+_WIDEST = 16384  # Largest accepted width and height [px].
 
 
 class DamagedError(Exception):
-    """The file is not whole; the message says in what."""
+    """The file is incomplete or damaged; the message names the defect."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -39,19 +39,19 @@ def check(data: bytes, *, pixels: bool = True) -> None:
     """Walk a file from its headers to the last chunk.
 
     Args:
-        data: the file.
-        pixels: also unpack every chunk, which finds damage inside (about 0.2 s a frame).
+        data: content of the file.
+        pixels: also decompress every chunk, which finds damaged pixels (about 0.2 s a frame).
 
     Raises:
-        DamagedError: if anything is missing or does not add up.
+        DamagedError: if data is missing or inconsistent.
     """
     if not data.startswith(_MAGIC):
         raise DamagedError("an empty file" if not data else "no OpenEXR file")
     try:
         if not struct.unpack_from("<I", data, 4)[0] & _MULTIPART:
             raise DamagedError("a file of a single part")
-        parts, at = _headers(data)
-        _chunks(data, parts, at, pixels=pixels)
+        parts, position = _headers(data)
+        _chunks(data, parts, position, pixels=pixels)
     except (struct.error, ValueError, KeyError, IndexError, OverflowError) as error:
         raise DamagedError("cut short or damaged") from error
     except zlib.error as error:
@@ -59,38 +59,38 @@ def check(data: bytes, *, pixels: bool = True) -> None:
 
 
 def _headers(data: bytes) -> tuple[list[_Part], int]:
-    """Read every part's header; the list ends with an empty one."""
-    parts, at = [], 8
-    while data[at] != 0:
-        attributes, at = _attributes(data, at)
+    """Read every part's header; an empty header ends the list."""
+    parts, position = [], 8
+    while data[position] != 0:
+        attributes, position = _attributes(data, position)
         parts.append(_part(attributes))
-    return parts, at + 1
+    return parts, position + 1
 
 
-def _attributes(data: bytes, at: int) -> tuple[dict[str, bytes], int]:
+def _attributes(data: bytes, position: int) -> tuple[dict[str, bytes], int]:
     attributes = {}
-    while data[at] != 0:
-        name, at = _string(data, at)
-        _, at = _string(data, at)  # The type, which the name implies.
-        (size,) = struct.unpack_from("<I", data, at)
-        at += 4
-        attributes[name] = data[at : at + size]
-        at += size
-    return attributes, at + 1
+    while data[position] != 0:
+        name, position = _string(data, position)
+        _, position = _string(data, position)  # The type; the name implies it.
+        (size,) = struct.unpack_from("<I", data, position)
+        position += 4
+        attributes[name] = data[position : position + size]
+        position += size
+    return attributes, position + 1
 
 
 def _part(attributes: dict[str, bytes]) -> _Part:
     left, top, right, bottom = struct.unpack("<4i", attributes["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
     (chunks,) = struct.unpack("<i", attributes["chunkCount"])
-    channels, at, size = attributes["channels"], 0, 0
-    while channels[at] != 0:
-        _, at = _string(channels, at)
-        kind, _, x_step, y_step = struct.unpack_from("<i4sii", channels, at)
+    channels, position, size = attributes["channels"], 0, 0
+    while channels[position] != 0:
+        _, position = _string(channels, position)
+        kind, _, x_step, y_step = struct.unpack_from("<i4sii", channels, position)
         if (x_step, y_step) != (1, 1):
             raise DamagedError("subsampled channels")
         size += _BYTES[kind]
-        at += 16
+        position += 16
     part = _Part(width=width, height=height, top=top, bytes_per_pixel=size)
     if not (0 < width <= _WIDEST and 0 < height <= _WIDEST):
         raise DamagedError(f"a size of {width}x{height}")
@@ -101,15 +101,15 @@ def _part(attributes: dict[str, bytes]) -> _Part:
     return part
 
 
-def _string(data: bytes, at: int) -> tuple[str, int]:
-    end = data.index(b"\0", at)
-    return data[at:end].decode("ascii"), end + 1
+def _string(data: bytes, position: int) -> tuple[str, int]:
+    end = data.index(b"\0", position)
+    return data[position:end].decode("ascii"), end + 1
 
 
-def _chunks(data: bytes, parts: list[_Part], at: int, *, pixels: bool) -> None:
+def _chunks(data: bytes, parts: list[_Part], position: int, *, pixels: bool) -> None:
     for number, part in enumerate(parts):
-        offsets = struct.unpack_from(f"<{part.chunks}Q", data, at)
-        at += 8 * part.chunks
+        offsets = struct.unpack_from(f"<{part.chunks}Q", data, position)
+        position += 8 * part.chunks
         for index, offset in enumerate(offsets):
             owner, line, packed = struct.unpack_from("<iii", data, offset)
             start = offset + 12
@@ -121,7 +121,7 @@ def _chunks(data: bytes, parts: list[_Part], at: int, *, pixels: bool) -> None:
             size = lines * part.width * part.bytes_per_pixel
             if packed > size:
                 raise DamagedError("a chunk that is too long")
-            if pixels and packed < size:  # What does not shrink is stored as it is.
+            if pixels and packed < size:  # Incompressible chunks are stored uncompressed.
                 _check_inflates(data[start : start + packed], size)
 
 

@@ -1,4 +1,4 @@
-"""What `capture.toml` says of a capture set: which device, its geometry, where it comes from."""
+"""`capture.toml` of a capture set: device, geometry and origin."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import disparity_from_depth
 
 FILE = "capture.toml"
-OWN = "camera.toml"  # The same of one scene alone, in its folder.
+OWN = "camera.toml"  # Same keys, for a single scene; it stands in the scene's folder.
 _Row = tuple[float, float, float, float]
 
-
-_SAME_LENGTH = 0.02  # Of focal lengths and baseline: more than calibrations of one unit differ by.
-_SAME_CENTRE = 0.005  # Of the principal point, over the image's width.
+# Largest relative difference of focal lengths and baseline between calibrations of one device.
+_SAME_LENGTH = 0.02
+_SAME_CENTRE = 0.005  # Largest difference of the principal points, relative to the width.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CaptureInfo:
     """Geometry and origin of a capture set; the rectified pair shares one pinhole."""
 
-    sensor: str  # The device, as its preset is called: `d415`.
+    sensor: str  # Name of the device's preset: `d415`.
     width: int  # [px]
     height: int  # [px]
     fx_px: float
@@ -44,16 +44,16 @@ class CaptureInfo:
     source: str
     licence: str
     notes: str
-    preset: str | None = None  # The device's own settings by name: `High Accuracy`.
-    projector: str | None = None  # What is known of it: `on`, its power, its pattern.
+    preset: str | None = None  # Name of the device's own settings: `High Accuracy`.
+    projector: str | None = None  # State of the projector: `on`, its power, its pattern.
     black_level_dn: float | None = None  # Pedestal of the infrared images [DN].
     distortion: tuple[float, float, float, float, float] | None = None  # k1 k2 p1 p2 k3 (OpenCV)
     colour: Pinhole | None = None
-    colour_from_left: tuple[_Row, _Row, _Row, _Row] | None = None  # Rigid, metres.
-    extra: Mapping[str, Any] = field(default_factory=dict)  # Keys unknown here, kept as they are.
+    colour_from_left: tuple[_Row, _Row, _Row, _Row] | None = None  # Rigid transform [m].
+    extra: Mapping[str, Any] = field(default_factory=dict)  # Other keys, preserved as they are.
 
     def __post_init__(self) -> None:
-        Pinhole.of(self)  # Refuses what cannot be.
+        Pinhole.from_camera(self)  # Validates the intrinsics.
         errors.positive(
             "baseline_m", self.baseline_m, "The left imager comes first: give the distance [m]."
         )
@@ -74,11 +74,11 @@ class CaptureInfo:
         return self.fx_px * self.baseline_m
 
     def disparity_px(self, depth_m: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Disparity [px] that depth [m] in the left view means, any shape; NaN where unknown."""
+        """Convert depth [m] in the left view to disparity [px], any shape; NaN where unknown."""
         return disparity_from_depth(depth_m, focal_px=self.fx_px, baseline_m=self.baseline_m)
 
     def are_of(self, sensor: Sensor) -> bool:
-        """Whether a sensor may be the very camera: of one size, and of nearly one geometry."""
+        """Return whether a sensor can be this camera: equal size and nearly equal geometry."""
         centre = max(abs(self.cx_px - sensor.cx_px), abs(self.cy_px - sensor.cy_px))
         lengths = ("fx_px", "fy_px", "baseline_m")
         ratios = [getattr(sensor, name) / getattr(self, name) for name in lengths]
@@ -89,10 +89,10 @@ class CaptureInfo:
         )
 
     def geometry_into(self, sensor: Sensor) -> Sensor:
-        """Give a sensor the image size, intrinsics and baseline of these captures."""
-        changes: dict[str, Any] = dataclasses.asdict(Pinhole.of(self))
+        """Return a sensor with the image size, intrinsics and baseline of these captures."""
+        changes: dict[str, Any] = dataclasses.asdict(Pinhole.from_camera(self))
         changes["baseline_m"] = self.baseline_m
-        if sensor.kind == "structured_light":  # Its projector stands at the baseline's end.
+        if sensor.kind == "structured_light":  # Its projector is at the end of the baseline.
             place = (self.baseline_m, 0.0, 0.0)
             changes["projector"] = dataclasses.replace(sensor.projector, position_m=place)
         return dataclasses.replace(sensor, **changes)
@@ -102,14 +102,14 @@ def read(path: Path) -> CaptureInfo:
     """Read `capture.toml`.
 
     Raises:
-        InputError: if it is missing or no TOML, lacks a key (intrinsics!), or holds a value that
-            cannot be. Keys unknown here are kept in `extra`.
+        InputError: if the file is missing or no TOML, lacks a required key, or has an invalid
+            value. Unknown keys are preserved in `extra`.
     """
     return toml_file.read(path, from_table)
 
 
 def from_table(table: Mapping[str, Any]) -> CaptureInfo:
-    """Build the info from the file's table; unknown keys go to `extra`."""
+    """Build the info from a table; unknown keys go to `extra`."""
     known = {item.name for item in dataclasses.fields(CaptureInfo)} - {"extra"}
     info = structure.from_table(
         CaptureInfo, {key: value for key, value in table.items() if key in known}
@@ -119,7 +119,7 @@ def from_table(table: Mapping[str, Any]) -> CaptureInfo:
 
 
 def dumps(info: CaptureInfo) -> str:
-    """Write the info as TOML text that `read` reads back equal."""
+    """Format the info as TOML text that `read` reads without loss."""
     table = structure.to_table(info)
     extra = table.pop("extra", {})
     return tomli_w.dumps({**table, **extra})

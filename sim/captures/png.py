@@ -1,4 +1,4 @@
-"""PNG images of capture sets: grey of 8 or 16 bits, and the colour camera's."""
+"""PNG images of capture sets: grey with 8 or 16 bits, and colour."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ GreyImage = NDArray[np.uint8] | NDArray[np.uint16]
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOUR_TYPES = {0: "grey", 2: "colour", 3: "palette", 4: "grey with alpha", 6: "colour with alpha"}
-_WIDEST = 16384  # Beyond every imager: a header that says more is damaged.
+_WIDEST = 16384  # Larger sizes in a header indicate a damaged file [px].
 
 
 def read(path: Path, name: str) -> GreyImage:
-    """Read a grey PNG as it is, without any conversion.
+    """Read a grey PNG without any conversion.
 
     Args:
         path: the file.
-        name: what the image is, for messages: `ir_left`.
+        name: name of the image in error messages: `ir_left`.
 
     Returns:
         (h, w) uint8 or uint16.
 
     Raises:
-        InputError: if the file is missing, no PNG, cut short, damaged, of zero size, colour, or
-            of another depth than 8 or 16 bits.
+        InputError: if the file is missing, no PNG, truncated, damaged, empty, in colour, or has
+            neither 8 nor 16 bits.
     """
     try:
         data = path.read_bytes()
@@ -50,7 +50,7 @@ def read(path: Path, name: str) -> GreyImage:
 
 
 def encode(image: GreyImage) -> bytes:
-    """Write (h, w) uint8 or uint16 as the bytes of a PNG."""
+    """Encode (h, w) uint8 or uint16 as PNG bytes."""
     if image.ndim != 2 or image.size == 0 or image.dtype not in (np.uint8, np.uint16):
         raise errors.refuse(
             "image",
@@ -62,7 +62,7 @@ def encode(image: GreyImage) -> bytes:
 
 
 def encode_colour(image: NDArray[np.uint8]) -> bytes:
-    """Write (h, w, 3) red, green, blue as the bytes of a PNG."""
+    """Encode (h, w, 3) red, green, blue as PNG bytes."""
     if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.uint8:
         raise errors.refuse(
             "colour image",
@@ -74,29 +74,29 @@ def encode_colour(image: NDArray[np.uint8]) -> bytes:
 
 
 def _checked_bits(data: bytes, path: Path, name: str) -> int:
-    """Check the file's structure, since decoders pad what is cut short; return its bit depth."""
+    """Check the file's structure, because decoders pad truncated files; return the bit depth."""
     if not data:
         raise errors.refuse(name, "must be a PNG file", f"{path}, an empty file", "Copy it again.")
     if not data.startswith(_SIGNATURE):
         raise errors.refuse(name, "must be a PNG file", path, "Convert it losslessly to PNG.")
     header, pixels = b"", b""
-    at, kind = len(_SIGNATURE), b""
+    position, kind = len(_SIGNATURE), b""
     while kind != b"IEND":
-        if at + 12 > len(data):
+        if position + 12 > len(data):
             raise _damaged(path, name, "a file cut short")
-        (length,) = struct.unpack_from(">I", data, at)
-        kind = data[at + 4 : at + 8]
-        end = at + 12 + length
+        (length,) = struct.unpack_from(">I", data, position)
+        kind = data[position + 4 : position + 8]
+        end = position + 12 + length
         if end > len(data):
             raise _damaged(path, name, "a file cut short")
         (checksum,) = struct.unpack_from(">I", data, end - 4)
-        if zlib.crc32(data[at + 4 : end - 4]) != checksum:
+        if zlib.crc32(data[position + 4 : end - 4]) != checksum:
             raise _damaged(path, name, "a wrong checksum")
         if kind == b"IHDR":
-            header = data[at + 8 : end - 4]
+            header = data[position + 8 : end - 4]
         if kind == b"IDAT":
-            pixels += data[at + 8 : end - 4]
-        at = end
+            pixels += data[position + 8 : end - 4]
+        position = end
     if len(header) != 13:
         raise _damaged(path, name, "no image header")
     width, height, bits, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
@@ -131,7 +131,7 @@ def _check_kind(path: Path, name: str, width: int, height: int, bits: int, colou
         )
 
 
-def _damaged(path: Path, name: str, what: str) -> errors.InputError:
+def _damaged(path: Path, name: str, defect: str) -> errors.InputError:
     return errors.refuse(
-        name, "must be a whole PNG file", f"{path}, {what}", "Copy it again from the source."
+        name, "must be a whole PNG file", f"{path}, {defect}", "Copy it again from the source."
     )

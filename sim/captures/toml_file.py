@@ -1,4 +1,4 @@
-"""TOML files that users write: read, or refused with the file's name."""
+"""Reading of TOML files, with the file's name in error messages."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ T = TypeVar("T")
 
 
 def read(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
-    """Read a TOML file and build what it says.
+    """Read a TOML file and build an object from its table.
 
     Args:
-        path: the file; its name is that of what is refused.
-        build: makes the result of the file's table.
+        path: the file; error messages start with its name.
+        build: builds the result from the table.
 
     Raises:
-        InputError: if the file is missing or no TOML, or as `build`, with the path before.
+        InputError: if the file is missing or no TOML; also as `build`, with the path in front.
     """
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Writing capture sets, in the one shape that `starling.sim.captures.capture` reads."""
+"""Writing of capture sets, in the layout that `starling.sim.captures.capture` reads."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import DepthMap, to_code
 
-_versions = functools.cache(record.versions)  # Milliseconds, and frames are many.
+_versions = functools.cache(record.versions)  # It takes milliseconds and is needed per frame.
 
 
 def info_of(sensor: Sensor, *, source: str, licence: str, notes: str) -> CaptureInfo:
-    """Describe what a sensor will write as a capture set's `capture.toml`."""
+    """Describe a sensor for the `capture.toml` of its capture set."""
     return CaptureInfo(
         sensor=sensor.name,
         width=sensor.width,
@@ -50,13 +50,13 @@ def info_of(sensor: Sensor, *, source: str, licence: str, notes: str) -> Capture
 
 
 def _colour(sensor: Sensor) -> dict[str, Any]:
-    """The colour camera's intrinsics and place, where there is one."""
+    """Return the colour camera's intrinsics and pose; empty without a colour camera."""
     if sensor.colour is None:
         return {}
     pose = frames.pose(sensor.colour.position_m, sensor.colour.rotation_deg)
     rows = tuple(tuple(map(float, row)) for row in np.linalg.inv(pose))
     return {
-        "colour": Pinhole.of(sensor.colour),
+        "colour": Pinhole.from_camera(sensor.colour),
         "colour_from_left": rows,
     }
 
@@ -71,16 +71,16 @@ def write_set(
     figures: Mapping[str, Any],
     renderer: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write what belongs to the set as a whole: device, sensor and how it was made.
+    """Write the files of the set as a whole: device, sensor and record.
 
     Args:
-        folder: where to.
-        info: goes to `capture.toml`.
-        sensor: goes to `sensor.toml`, as it was used.
-        verb: the command that made the set.
-        arguments: the command's arguments, the seed among them.
-        figures: what the verb measured.
-        renderer: what rendered (see `starling.sim.render.backend.renderer`), where something was rendered.
+        folder: output folder.
+        info: written to `capture.toml`.
+        sensor: written to `sensor.toml`, as it was used.
+        verb: the command that writes the set.
+        arguments: the command's arguments, including the seed.
+        figures: figures that the command measured.
+        renderer: renderer (see `starling.sim.render.backend.renderer`); None without rendering.
     """
     folder.write(capture_info.FILE, capture_info.dumps(info))
     folder.write("sensor.toml", presets.dumps(sensor))
@@ -107,15 +107,15 @@ def write_scene(
     depth_unit_m: float,
     known: SceneFile | None = None,
 ) -> None:
-    """Write what belongs to a scene: its room, its reference depth and its known geometry.
+    """Write the files of a scene: room, reference depth and known geometry.
 
     Args:
-        folder: where to.
-        scene: the scene's folder.
-        room: scenes of one room share it.
-        truth_m: reference depth z (h, w) [m], NaN = none; goes to `truth.png` as 16-bit code.
+        folder: output folder.
+        scene: name of the scene's folder.
+        room: name of the room; scenes of one room share it.
+        truth_m: reference depth z (h, w) [m], NaN = none; written to `truth.png` as 16-bit code.
         depth_unit_m: step of the code [m].
-        known: goes to `scene.toml`.
+        known: known geometry, written to `scene.toml`.
     """
     folder.write(f"{scene}/room", room + "\n")
     if known is not None:
@@ -138,37 +138,37 @@ def write_frame(
     layers: Layers | None = None,
     facts: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write one frame: depth, and where given the infrared pair, the layers and the facts.
+    """Write one frame: depth, and optionally infrared pair, colour, layers and further facts.
 
     Args:
-        folder: where to.
-        scene: the scene's folder.
-        number: the frame's.
-        depth: goes to `depth.png` as 16-bit code, its reasons to `frame.json` as counts.
+        folder: output folder.
+        scene: name of the scene's folder.
+        number: number of the frame.
+        depth: written to `depth.png` as 16-bit code; counts of reasons go to `frame.json`.
         depth_unit_m: step of the code [m].
-        infrared: left and right, (h, w); no right one with structured light.
-        registered_m: depth in the colour camera's image, goes to `depth_colour.png` as code.
-        colour: (h, w, 3) red, green, blue, goes to `rgb.png`.
-        reasons: of every pixel, go to `reason.png` as codes of `starling.sim.reason`.
-        layers: with `depth` go to `frame.exr`.
-        facts: more keys of `frame.json`: exposure_s, gain, seed ...
+        infrared: left and right image (h, w); right is None with structured light.
+        registered_m: depth in the colour camera's image, written to `depth_colour.png` as code.
+        colour: (h, w, 3) red, green, blue, written to `rgb.png`.
+        reasons: write every pixel's code of `starling.sim.reason` to `reason.png`.
+        layers: written to `frame.exr`, together with `depth`.
+        facts: further keys of `frame.json`: exposure_s, gain, seed ...
     """
-    at = f"{scene}/{number}"
+    place = f"{scene}/{number}"
     if infrared is not None:
-        folder.write(f"{at}/ir_left.png", png.encode(infrared[0]))
+        folder.write(f"{place}/ir_left.png", png.encode(infrared[0]))
         if infrared[1] is not None:
-            folder.write(f"{at}/ir_right.png", png.encode(infrared[1]))
-    folder.write(f"{at}/depth.png", png.encode(to_code(depth.depth_m, depth_unit_m)))
+            folder.write(f"{place}/ir_right.png", png.encode(infrared[1]))
+    folder.write(f"{place}/depth.png", png.encode(to_code(depth.depth_m, depth_unit_m)))
     if registered_m is not None:
-        folder.write(f"{at}/depth_colour.png", png.encode(to_code(registered_m, depth_unit_m)))
+        folder.write(f"{place}/depth_colour.png", png.encode(to_code(registered_m, depth_unit_m)))
     if colour is not None:
-        folder.write(f"{at}/rgb.png", png.encode_colour(colour))
+        folder.write(f"{place}/rgb.png", png.encode_colour(colour))
     if reasons:
-        folder.write(f"{at}/reason.png", png.encode(depth.reason.astype(np.uint8)))
+        folder.write(f"{place}/reason.png", png.encode(depth.reason.astype(np.uint8)))
     if layers is not None:
-        folder.write_by(f"{at}/frame.exr", lambda path: exr.write(path, layers, depth))
+        folder.write_by(f"{place}/frame.exr", lambda path: exr.write(path, layers, depth))
     folder.write(
-        f"{at}/frame.json",
+        f"{place}/frame.json",
         record.dumps({**(facts or {}), "reasons": reason_counts(depth), "versions": _versions()}),
     )
 

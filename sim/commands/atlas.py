@@ -1,4 +1,4 @@
-"""The atlas: what every effect of the table looks like, one page and one picture each."""
+"""`starling atlas`: one page and one picture for every effect of the table."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.sim import effects, metrics
+from starling.sim.arrays import Image
 from starling.sim.commands import atlas_page
 from starling.sim.console import progress, record
 from starling.sim.console.output import RECORD, OutputFolder
@@ -23,7 +24,6 @@ from starling.sim.imaging.imager import Infrared
 from starling.sim.plotting import panels, sheet
 from starling.sim.plotting.sheet import Panel
 from starling.sim.render import backend
-from starling.sim.render.layers import Image
 from starling.sim.scene import sources
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
@@ -31,33 +31,33 @@ from starling.sim.simulate import Shot, refuse_impossible, sequence
 from starling.sim.stereo.depth import disparity_from_depth, from_code, to_code
 
 SCENE = "tabletop"
-# Effects that do nothing unless something else does, and what they are drawn with.
+# Effects that are visible only together with others, and the settings that show them.
 SHOWN_WITH: dict[str, dict[str, Value]] = {
     "rolling_shutter": {"motion": 1.0},
     "black_level": {"quantisation": 8.0},
     "blooming": {"projector_power": 2.0},
     "dropped_bits": {"quantisation": 8},
 }
-_FRAMES = 6  # Where a filter over time is on: enough for it to settle.
-_CROP = (0.42, 0.40, 0.36)  # Left, top and size of the part shown of the infrared, of the image's.
-_DPI = 65
+_FRAMES = 6  # Frames with the temporal filter on: enough for it to settle.
+_CROP = (0.42, 0.40, 0.36)  # Left, top and size of the infrared crop, relative to the image.
+_DPI = 65  # Resolution of the pictures [dots per inch].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Drawing:
-    """What one effect is drawn from."""
+    """The cameras that one effect is drawn with."""
 
     row: Effect
     without: tuple[Sensor, Scene]
-    affected: Mapping[Value, tuple[Sensor, Scene]]  # By value; that which changes most is drawn.
+    affected: Mapping[Value, tuple[Sensor, Scene]]  # By value; the largest change is drawn.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Seen:
-    """A reading and what is measured on it."""
+class _Measured:
+    """A simulated shot and its figures."""
 
     shot: Shot
-    truth_m: Image  # What the errors are against.
+    truth_m: Image  # Reference depth of the errors [m].
     error_px: Image
     figures: dict[str, float]
 
@@ -70,46 +70,46 @@ def atlas(
     force: bool = False,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Draw effects, each beside the same camera without it.
+    """Draw effects, each next to the same camera without the effect.
 
-    Effects up to the imager are shown on the ideal camera; what matcher and post-processing do
-    shows only on noisy images, so theirs are shown on the sensor as it is.
+    Effects up to the imager are drawn with the ideal camera. Effects of matcher and
+    post-processing show only on noisy images, so they are drawn with the sensor as it is.
 
     Args:
-        out: folder to make.
-        sensor: whose geometry, pattern and matcher are used.
-        names: effects to draw; all where empty.
-        force: replace an atlas made before.
+        out: folder to create.
+        sensor: supplies geometry, pattern and matcher.
+        names: effects to draw; empty draws all.
+        force: replace an earlier atlas.
         track: wraps the loop over effects.
 
     Returns:
         `{"out", "files", "seconds", "effects": {NAME: {"value", "without", "with"}}}`.
 
     Raises:
-        InputError: unknown effect, one that the sensor cannot show, or a folder that cannot be
-            written; nothing is rendered before.
+        InputError: if an effect is unknown, the sensor cannot show it, or the folder cannot be
+            written; raised before any rendering.
     """
     started = time.perf_counter()
     rows = [effects.named(name) for name in dict.fromkeys(names)] or list(effects.table())
     scene = sources.load(SCENE, sensor)
     ideal = setting.ideal(sensor, scene)
-    # A table lit by nothing but the projector has shadows without a trace of light.
+    # Ambient light stays on: with the projector alone, shadows would be black.
     ideal = ideal[0], setting.on_scene(ideal[1], {"ambient": scene.ambient.irradiance_w_m2})
     drawings = [_drawing(row, ideal, (sensor, scene)) for row in rows]
-    plain: dict[int, _Seen] = {}  # By the camera's `id`: most are drawn beside one of two.
+    plain: dict[int, _Measured] = {}  # By the camera's `id`; most effects share one of two.
     figures: dict[str, Any] = {}
     with OutputFolder(out, force=force) as folder:
         for drawing in track(drawings, "atlas"):
             row, base = drawing.row, drawing.without
             if id(base) not in plain:
-                plain[id(base)] = _seen(*base)
+                plain[id(base)] = _measure(*base)
             without = plain[id(base)]
-            # Errors are against where things stand without the effect.
-            seen = {
-                value: _seen(*camera, truth_m=without.truth_m)
+            # The reference depth is that of the scene without the effect.
+            shots = {
+                value: _measure(*camera, truth_m=without.truth_m)
                 for value, camera in drawing.affected.items()
             }
-            value, affected = max(seen.items(), key=lambda item: _changed(without, item[1]))
+            value, affected = max(shots.items(), key=lambda item: _changed(without, item[1]))
             folder.write(f"{row.name}.jpg", _picture(row, value, without, affected))
             measured = {"without": without.figures, "with": affected.figures}
             folder.write(f"{row.name}.md", atlas_page.page(row, value, measured))
@@ -136,9 +136,9 @@ def atlas(
     }
 
 
-def _drawing(row: Effect, ideal: tuple[Sensor, Scene], given: tuple[Sensor, Scene]) -> _Drawing:
-    """Choose the camera and the values that a row is drawn with."""
-    base = given if row.stage in (Stage.MATCHER, Stage.POST) else ideal
+def _drawing(row: Effect, ideal: tuple[Sensor, Scene], preset: tuple[Sensor, Scene]) -> _Drawing:
+    """Choose the camera and the values for drawing a row."""
+    base = preset if row.stage in (Stage.MATCHER, Stage.POST) else ideal
     if row.name in SHOWN_WITH:
         base = setting.apply(*base, SHOWN_WITH[row.name])
     affected = {value: setting.apply(*base, {row.name: value}) for value in far_ends(row, *base)}
@@ -148,9 +148,10 @@ def _drawing(row: Effect, ideal: tuple[Sensor, Scene], given: tuple[Sensor, Scen
 
 
 def far_ends(row: Effect, sensor: Sensor, scene: Scene) -> list[Value]:
-    """Values of a row's first parameter that are far from where it stands.
+    """Return values of a row's first parameter that are far from its current value.
 
-    Both ends of its range where it stands between them; of choices the first and the last.
+    These are both ends of its range, or the far end if the value is at an end. For choices they
+    are the first and the last.
     """
     parameter = row.parameters[0]
     base = setting.value(parameter, sensor, scene)
@@ -159,14 +160,14 @@ def far_ends(row: Effect, sensor: Sensor, scene: Scene) -> list[Value]:
     low, high = parameter.low, parameter.high
     assert low is not None and high is not None  # A number has a range.
     if not isinstance(base, float):
-        return [high]  # A sensor without the field: refused where it is set.
+        return [high]  # The sensor lacks the field; setting it raises the error.
     if low < base < high:
         return [low, high]
     return [low if base >= high else high]
 
 
-def _changed(without: _Seen, affected: _Seen) -> float:
-    """Share of pixels whose disparity error is another, or there in one alone."""
+def _changed(without: _Measured, affected: _Measured) -> float:
+    """Share of pixels whose disparity error changes, appears or disappears."""
     same = np.isclose(without.error_px, affected.error_px, rtol=0, atol=0.01, equal_nan=True)
     return float(1 - same.mean())
 
@@ -175,24 +176,24 @@ def _frames(sensor: Sensor) -> int:
     return _FRAMES if sensor.post.temporal_alpha < 1 else 1
 
 
-def _seen(sensor: Sensor, scene: Scene, *, truth_m: Image | None = None) -> _Seen:
-    """Simulate, and measure against a truth, its own where none is given."""
+def _measure(sensor: Sensor, scene: Scene, *, truth_m: Image | None = None) -> _Measured:
+    """Simulate and measure against a reference depth, by default the simulated scene's own."""
     *_, shot = sequence(scene, sensor, frames=_frames(sensor))
     if truth_m is None:
         truth_m = shot.layers.truth.depth_m
     truth = disparity_from_depth(truth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
-    # As it is written: in steps of the depth unit.
+    # Depth as it is written, in steps of the depth unit.
     unit = sensor.post.depth_unit_m
-    found = disparity_from_depth(
+    disparity_px = disparity_from_depth(
         from_code(to_code(shot.depth.depth_m, unit), unit),
         focal_px=sensor.fx_px,
         baseline_m=sensor.baseline_m,
     )
-    scored = metrics.disparity_figures(found, truth, metrics.scored_pixels(truth))
-    return _Seen(
+    scored = metrics.disparity_figures(disparity_px, truth, metrics.scored_pixels(truth))
+    return _Measured(
         shot=shot,
         truth_m=truth_m,
-        error_px=found - truth,
+        error_px=disparity_px - truth,
         figures={
             "mean level [share of full scale]": float(shot.ir_left.mean()) / sensor.left.ceiling_dn,
             "dot contrast": dot_contrast(_bytes(shot.ir_left, sensor), 0.0),
@@ -205,38 +206,38 @@ def _seen(sensor: Sensor, scene: Scene, *, truth_m: Image | None = None) -> _See
 
 
 def _bytes(infrared: Infrared, sensor: Sensor) -> NDArray[np.uint8]:
-    """Bring an image to 8 bits, on which dot contrast is defined."""
+    """Scale an image to 8 bits; dot contrast is defined on 8 bits."""
     return np.rint(infrared * (255 / sensor.left.ceiling_dn)).astype(np.uint8)
 
 
-def _picture(row: Effect, value: Value, without: _Seen, affected: _Seen) -> bytes:
-    """Draw infrared, disparity error and holes, without the effect on the left, with it right."""
+def _picture(row: Effect, value: Value, without: _Measured, affected: _Measured) -> bytes:
+    """Draw infrared, disparity error and holes: left without, right with the effect."""
     titles = ("without", f"{row.name} = {written(value)}")
     rows = [_top(without, affected, titles)]
     rows.append(
         [
             Panel(
-                draw=partial(panels.error, error_px=seen.error_px, title="disparity error"),
+                draw=partial(panels.error, error_px=measured.error_px, title="disparity error"),
                 below_in=panels.BAR_IN,
             )
-            for seen in (without, affected)
+            for measured in (without, affected)
         ]
     )
     rows.append(
         [
             Panel(
-                draw=partial(panels.reasons, reason=seen.shot.depth.reason, title="holes"),
-                below_in=panels.legend_in(seen.shot.depth.reason),
+                draw=partial(panels.reasons, reason=measured.shot.depth.reason, title="holes"),
+                below_in=panels.legend_in(measured.shot.depth.reason),
             )
-            for seen in (without, affected)
+            for measured in (without, affected)
         ]
     )
     shape = without.shot.depth.valid.shape
     return sheet.draw(rows, shape, dpi=_DPI, kind="jpeg")
 
 
-def _top(without: _Seen, affected: _Seen, titles: tuple[str, str]) -> list[Panel]:
-    """Draw part of the infrared; where depth was registered, that beside the depth it is of."""
+def _top(without: _Measured, affected: _Measured, titles: tuple[str, str]) -> list[Panel]:
+    """Draw the infrared crop; with registered depth, draw depth before and after registration."""
     registered = affected.shot.registered_m
     if registered is not None:
         depths = (without.shot.depth.depth_m, registered)
@@ -248,7 +249,7 @@ def _top(without: _Seen, affected: _Seen, titles: tuple[str, str]) -> list[Panel
             )
             for depth, title in zip(depths, titles, strict=True)
         ]
-    cut = [_cropped(seen.shot.ir_left) for seen in (without, affected)]
+    cut = [_cropped(measured.shot.ir_left) for measured in (without, affected)]
     limits = panels.infrared_limits(cut[0])
     return [
         Panel(draw=partial(panels.infrared, image=image, limits=limits, title=title))
@@ -257,7 +258,7 @@ def _top(without: _Seen, affected: _Seen, titles: tuple[str, str]) -> list[Panel
 
 
 def _cropped(infrared: Infrared) -> Infrared:
-    """Cut out the part in which dots can be told apart."""
+    """Cut out a part in which single dots are visible."""
     left, top, size = _CROP
     height, width = infrared.shape
     rows = slice(int(top * height), int((top + size) * height))

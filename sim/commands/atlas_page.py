@@ -1,4 +1,4 @@
-"""The atlas's pages as text, from the effect table alone, and the figures of one drawing."""
+"""Markdown pages of the atlas, from the effect table and the figures of one drawing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _STAGES = {
 
 
 def index(rows: Sequence[Effect]) -> str:
-    """Write the page that lists all others, by stage."""
+    """Write the index page, which lists all effects by stage."""
     lines = [
         "# Effect atlas",
         "",
@@ -37,8 +37,10 @@ def index(rows: Sequence[Effect]) -> str:
 
 
 def text(row: Effect) -> str:
-    """Write what the table says of one effect."""
-    alike = ", ".join(f"[{_words(name)}]({name}.md)" for name in row.confused_with) or "nothing"
+    """Write one effect's row of the table as Markdown."""
+    confusable = (
+        ", ".join(f"[{_words(name)}]({name}.md)" for name in row.confused_with) or "nothing"
+    )
     again = row.rerender or "no; the layers stay"
     return "\n".join(
         [
@@ -50,7 +52,7 @@ def text(row: Effect) -> str:
             "",
             f"**What gives it away.** {row.shows}",
             "",
-            f"**What it is confused with.** {alike}.",
+            f"**What it is confused with.** {confusable}.",
             "",
             f"**Law.** {row.law}",
             "",
@@ -67,11 +69,11 @@ def text(row: Effect) -> str:
 
 
 def page(row: Effect, value: Value, figures: Mapping[str, Mapping[str, float]]) -> str:
-    """Write one effect's page: the table's text and what was measured on the picture.
+    """Write one effect's page: the table's text and the figures of the picture.
 
     Args:
-        row: of the table.
-        value: its first parameter's, as drawn.
+        row: row of the effect table.
+        value: drawn value of its first parameter.
         figures: `{"without": {NAME: number}, "with": {NAME: number}}`.
     """
     lines = [

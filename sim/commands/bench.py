@@ -1,4 +1,4 @@
-"""How fast the pipeline is, beside the bare calls it cannot do without, measured in one run."""
+"""`starling bench`: time the pipeline and its baseline of bare library calls in one run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from starling.sim.effects import setting as setting
 from starling.sim.geometry import frames
 from starling.sim.render import backend, direct, emission, plugin_scene
 from starling.sim.render.layers import Layers
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import presets
@@ -37,23 +37,23 @@ _SEARCH_PX = 128
 def bench(
     *, repeats: int = 5, samples: int = 16, track: progress.Progress = progress.silent
 ) -> dict[str, Any]:
-    """Time the whole pipeline on `clutter` at 1280x720 and its floor, turn by turn.
+    """Time the pipeline on `clutter` at 1280x720 and its baseline, alternating in each round.
 
-    The floor is two bare `mi.render` calls with as many primary and shadow rays as the pipeline
-    casts for its light, and one bare `StereoSGBM.compute` (3WAY, block 5, 128 disparities).
+    The baseline is two bare `mi.render` calls and one bare `StereoSGBM.compute` (3WAY, block 5,
+    128 disparities). The renders cast as many primary and shadow rays as the pipeline.
 
     Args:
         repeats: rounds; medians are reported.
-        samples: paths a coarse pixel for the rate with indirect light.
-        track: wraps the loop over rounds, the first of which compiles and does not count.
+        samples: paths per coarse pixel for the time with indirect light.
+        track: wraps the loop over rounds. The first round compiles and is not counted.
 
     Returns:
-        Medians [s], their ratios to the floor, stage times [ms] and peak memory [GiB].
+        Medians [s], their ratios to the baseline, stage times [ms] and peak memory [GiB].
     """
     sensor = _sensor()
     scene = scenes.clutter()
-    stage = Stage(scene)
-    bounced = Stage(_with_interreflection(scene))
+    stage = MitsubaScene(scene)
+    bounced = MitsubaScene(_with_interreflection(scene))
     shot = simulate.simulate(stage, sensor)
     layers = shot.layers
     exact = dataclasses.replace(sensor, matcher=named("d4xx"))
@@ -103,13 +103,13 @@ def _with_interreflection(scene: Scene) -> Scene:
 
 
 def _effects(layers: Layers, scene: Scene, sensor: Sensor) -> Callable[[], None]:
-    """Each call is one capture of the infrared pair and its post-processing, without matching."""
+    """Return a job: one capture of the infrared pair and its post-processing, without matching."""
     shot = simulate.expose(layers, scene, sensor)
     seed = 0
 
     def run() -> None:
         nonlocal seed
-        seed += 1  # What is drawn once a capture is drawn anew.
+        seed += 1  # Avoids cached random fields, which are drawn once per capture.
         simulate.infrared(layers, scene, sensor, seed=seed)
         depth = chain.process(shot.depth, sensor, causes={}, past=shot.depth.history)
         if sensor.post.registered:
@@ -119,7 +119,7 @@ def _effects(layers: Layers, scene: Scene, sensor: Sensor) -> Callable[[], None]
 
 
 def _all_on(scene: Scene, sensor: Sensor) -> tuple[Scene, Sensor]:
-    """Move every effect that needs no new render and is no matcher's to the middle of its range."""
+    """Set all effects but the matcher's and those that need a new render to mid-range values."""
     settings: dict[str, Value] = {}
     for row in effects.table():
         first = row.parameters[0]
@@ -136,7 +136,7 @@ def _all_on(scene: Scene, sensor: Sensor) -> tuple[Scene, Sensor]:
 def peak_gib() -> float:
     """Peak resident memory of this process [GiB].
 
-    Linux hands `ru_maxrss` on to programs that a process starts; `VmHWM` begins anew.
+    On Linux a process inherits `ru_maxrss` from its parent; `VmHWM` is its own.
     """
     status = Path("/proc/self/status")
     if status.exists():
@@ -147,7 +147,7 @@ def peak_gib() -> float:
 
 
 def _sensor() -> Sensor:
-    """The D435 preset at 1280x720 with the quick matcher."""
+    """Return the D435 preset at 1280x720 with the fast matcher."""
     preset = presets.load("d435")
     width, height = _SIZE
     scale = width / preset.width
@@ -163,7 +163,7 @@ def _sensor() -> Sensor:
     )
 
 
-def _floor(stage: Stage, sensor: Sensor) -> Callable[[Any, Any], None]:
+def _floor(stage: MitsubaScene, sensor: Sensor) -> Callable[[Any, Any], None]:
     mi = backend.mitsuba()
     lit = plugin_scene.lit(stage, sensor, emission.irradiance_at_unit_distance(sensor.projector))
     left = stage.scene.world_from_left
@@ -184,9 +184,9 @@ def _floor(stage: Stage, sensor: Sensor) -> Callable[[Any, Any], None]:
 
 
 def _moving(sensor: Sensor) -> Callable[[], Any]:
-    """Each call is the next frame of a sensor that moves through one scene."""
+    """Return a job: the next frame of a sensor that moves through one scene."""
     scene = scenes.clutter()
-    stage = Stage(scene)
+    stage = MitsubaScene(scene)
     step = 0
 
     def run() -> Any:

@@ -1,4 +1,4 @@
-"""How far simulated captures are from real ones: the figures of `starling compare`."""
+"""Figures of `starling compare`: the difference between simulated and real captures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from starling.sim.imaging.dot_contrast import dot_contrast
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Reading:
-    """The first frame of a scene and what belongs to it."""
+    """The first frame of a scene, with its reference depth."""
 
     scene: CapturedScene
     frame: Frame
@@ -42,26 +42,26 @@ def compare(
 ) -> dict[str, Any]:
     """Compare the first frames of the scenes that both sets hold.
 
-    The figures, where a set holds what they need:
+    The figures, if a set holds the necessary data:
 
-    - `ndp_rate`: share of no-depth pixels (NDP), at columns >= 128 and, where the real set has
-      a reference, on pixels where that is known.
-    - `ndp_iou`: intersection over union of the simulated NDP mask with the real one, on the same
-      pixels; 1 is what the real one has with itself.
-    - `nmad_px`: 1.4826 x median absolute deviation of the disparity error, each against its own
-      truth, at columns >= 128 and more than 2 px from depth edges.
-    - `dot_contrast`: see `starling.sim.imaging.dot_contrast.dot_contrast`, left image.
-    - `mean_dn`: mean of the left image, black level included.
+    - `ndp_rate`: share of no-depth pixels (NDP) at columns >= 128. If the real set has reference
+      depth, only pixels with known reference count.
+    - `ndp_iou`: intersection over union of the simulated and the real NDP mask, on the same
+      pixels. The real mask has 1 with itself.
+    - `nmad_px`: 1.4826 x median absolute deviation of the disparity error, each set against its
+      reference, at columns >= 128 and more than 2 px from depth edges.
+    - `dot_contrast`: `starling.sim.imaging.dot_contrast.dot_contrast` of the left image.
+    - `mean_dn`: mean of the left image, black level included [DN].
 
     Args:
         real: captures of a device.
-        sim: captures of the same scenes, simulated, with the same image size.
+        sim: simulated captures of the same scenes, with the same image size.
         track: wraps the loop over scenes.
 
     Returns:
         `{"metrics": {NAME: {"real", "sim", "gap"}}, "scenes": {SCENE: {NAME: {...}}},
-        "only_real": [...], "only_sim": [...]}`; gap = sim - real; `metrics` holds medians over
-        the scenes and their difference. A figure that cannot be had is NaN.
+        "only_real": [...], "only_sim": [...]}`; gap = sim - real. `metrics` holds medians over
+        the scenes and their difference. Figures without data are NaN.
 
     Raises:
         InputError: if no scene is in both sets, image sizes differ, or an image is refused.
@@ -80,7 +80,7 @@ def compare(
 def pair_scenes(
     real: CaptureSet, sim: CaptureSet
 ) -> tuple[tuple[CapturedScene, CapturedScene], ...]:
-    """Pair scenes of one name; of two sets of a single scene each, those two.
+    """Pair scenes by name; two sets with a single scene each are paired regardless of names.
 
     Raises:
         InputError: if no scene is in both sets.
@@ -142,7 +142,7 @@ def _side_by_side(real: float, sim: float) -> dict[str, float]:
 
 
 def _reached(reading: _Reading) -> NDArray[np.bool_]:
-    """Mask (h, w) of the pixels whose NDP count: all with a search range where truth is unknown."""
+    """Mask (h, w) of pixels within the search range and, if a reference exists, known there."""
     truth = reading.truth_px
     return metrics.reached_pixels(np.zeros(reading.scene.info.shape) if truth is None else truth)
 
@@ -160,11 +160,15 @@ def _ndp_iou(a: _Reading, b: _Reading, reached: NDArray[np.bool_]) -> float:
 
 
 def _nmad_px(reading: _Reading) -> float:
-    found, true = reading.disparity_px, reading.truth_px
-    if found is None or true is None:
+    disparity_px, truth_px = reading.disparity_px, reading.truth_px
+    if disparity_px is None or truth_px is None:
         return math.nan
-    scored = metrics.scored_pixels(true)
-    return metrics.disparity_figures(found, true, scored).nmad_px if scored.any() else math.nan
+    scored = metrics.scored_pixels(truth_px)
+    return (
+        metrics.disparity_figures(disparity_px, truth_px, scored).nmad_px
+        if scored.any()
+        else math.nan
+    )
 
 
 def _contrast(reading: _Reading) -> float:

@@ -1,4 +1,4 @@
-"""Verbs of data sets (see `starling.sim.commands.verbs`)."""
+"""Command-line verbs for data sets: generate, verify, export, fuse."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ def generate(
     shard_frames: int = 64,
     common: Shared = Common(),
 ) -> None:
-    """Make a data set of many captures from a plan; a run that was stopped goes on where it was.
+    """Generate a data set of many captures from a plan. An interrupted run can be resumed.
 
     Example: starling generate plan.toml --out out/set --layout shards
 
     Args:
-        plan: TOML file: scenes, sensors with ranges, poses, frames, seed (see the tutorial).
-        out: folder of the set, new or begun by the same plan.
-        workers: processes; 0 takes one for each core.
-        ray: address of a Ray cluster (HOST:PORT, or local) that makes it instead.
-        layout: a folder each view, or tar archives in WebDataset's layout.
-        shard_frames: frames of an archive, and of what a worker makes at a time.
+        plan: TOML file: scenes, sensors with ranges, poses, frames and seed (see the tutorial).
+        out: Folder of the data set: a new one, or one that the same plan started.
+        workers: Worker processes. 0 uses one per core.
+        ray: Address of a Ray cluster (HOST:PORT, or local) that replaces the worker processes.
+        layout: `folders` writes one folder per view.
+            `shards` writes tar archives in the WebDataset layout.
+        shard_frames: Frames per archive, and frames that a worker generates per task.
     """
     from starling.sim.console import progress
     from starling.sim.datasets import generate as generation
@@ -50,15 +51,15 @@ def generate(
 
 
 def verify(captures: Positional[Path], *, sample: int = 8, common: Shared = Common()) -> None:
-    """Check a data set: every checksum, and whether views made again come out the same.
+    """Check a data set: verify every checksum, and regenerate a random sample of views.
 
-    Exits with 1 if a frame is missing, there twice, or differs.
+    The exit code is 1 if a frame is missing, duplicated or different.
 
     Example: starling verify out/set --sample 20
 
     Args:
-        captures: folder of a finished set.
-        sample: views that are made again, by lot.
+        captures: Folder of a finished data set.
+        sample: Number of randomly chosen views to regenerate. 0 regenerates none.
     """
     import sys
 
@@ -81,17 +82,18 @@ def export(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Write captures in another program's layout: TUM's RGB-D benchmark, BOP, or a ROS 2 bag.
+    """Convert captures to the layout of the TUM RGB-D benchmark, of BOP, or to a ROS 2 bag.
 
     Example: starling export out/set --layout bop --meshes meshes --out out/bop
 
     Args:
-        captures: capture set, or one scene in it.
-        layout: tum: depth, infrared and trajectory by time; bop: images, masks and poses of the
-            objects that were dropped; ros2: a bag as a RealSense node records it, in OUT/bag.
-        out: folder to make.
-        meshes: folder that holds the objects' meshes, for bop.
-        force: replace a folder that starling wrote before.
+        captures: Capture set, or one scene of it.
+        layout: `tum` writes time-stamped depth, infrared and a trajectory.
+            `bop` writes images, masks and poses of the dropped objects.
+            `ros2` writes a bag in OUT/bag, with the topics of a RealSense node.
+        out: Folder to create.
+        meshes: Folder with the meshes of the objects (`bop` only).
+        force: Replace a folder that starling wrote earlier.
     """
     from starling.sim.captures.exchange import export as exporting
 
@@ -113,24 +115,26 @@ def fuse(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Fuse RGB-D streams to surfaces; their depth at each pose is the frames' reference depth.
+    """Fuse RGB-D streams into surfaces, and render reference depth for each frame from them.
 
     Example: starling fuse log1 log2 --layout labelfusion --camera "528 528 320 240 640 480"
     --out out/fused
 
     Args:
-        streams: folders, each of one static room; all of one camera.
-        layout: tum: TUM's RGB-D benchmark; labelfusion: LabelFusion's logs.
-        out: folder of the capture set, which train and evaluate take.
-        camera: of the depth images, fx fy cx cy width height [px]; else what the streams tell.
-        sensor: the device by its preset, for its baseline.
-        voxel: edge of a voxel [m].
-        band: distance from a surface at which its field ends [m], wider than the depth's noise;
-            30 mm, or four voxels where that is more.
-        far: depth beyond this is not fused [m].
-        every: take one frame of so many.
-        least: frames that must have seen a place; more leave less that is wrong, and less.
-        force: replace a folder that starling wrote before.
+        streams: Folders of the streams. Each shows one static room; all are of one camera.
+        layout: `tum` reads the layout of the TUM RGB-D benchmark, `labelfusion` a LabelFusion log.
+        out: Folder to create: a capture set for `starling train` and `starling evaluate`.
+        camera: Intrinsics of the depth images, "fx fy cx cy width height" [px].
+            By default they are read from the streams.
+        sensor: Preset of the device. It supplies the name and the baseline.
+        voxel: Edge length of a voxel [m].
+        band: Truncation distance of the signed distance field [m], larger than the depth noise.
+            By default 30 mm or four voxels, whichever is larger.
+        far: Depth beyond this distance is not fused [m].
+        every: Use one frame out of this many.
+        least: Frames that must observe a voxel.
+            Higher values remove more false surface, and more true surface.
+        force: Replace a folder that starling wrote earlier.
     """
     from starling.sim.captures.fusion.fuse import fuse as fusing
     from starling.sim.captures.fusion.fused import Fusion

@@ -1,4 +1,4 @@
-"""The work of `starling match`: our matcher on a capture's own infrared pair, held to account."""
+"""`starling match`: run our matcher on captured infrared pairs and measure its depth."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo import depth
 from starling.sim.stereo import measurement as measurement
 
-_Map = NDArray[np.float32]  # (h, w), NaN = none.
+_Map = NDArray[np.float32]  # (h, w), NaN = no value.
 
 
 def match_captures(
@@ -30,30 +30,30 @@ def match_captures(
     *,
     out: Path | None = None,
     force: bool = False,
-    asked: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Match the first frame of every scene and measure the outcome.
+    """Match the first frame of every scene and compare the disparities.
 
     Args:
         captures: a capture set or one scene in it, with infrared pairs.
-        sensor: with the captures' geometry; its matcher and range are used.
-        out: folder to make: our depth as a capture set. None writes nothing.
-        force: replace a folder made before.
-        asked: more arguments for the record, as they were typed: sensor, edits.
+        sensor: sensor with the captures' geometry; its matcher and range are used.
+        out: folder to create for our depth, as a capture set. None writes no files.
+        force: replace an earlier folder.
+        options: further command-line options to record, as typed.
         track: wraps the loop over scenes.
 
     Returns:
-        `{"scenes": {NAME: {"ours": F, "device": F, "agreement": F}}, "median": {...}}`, F as
-        `starling.sim.metrics.disparity_figures` defines it; ours and the device's against the truth,
-        agreement is ours against the device's, and it alone has `ndp_iou`. What cannot be had
-        (no truth, no device depth) is None.
+        `{"scenes": {NAME: {"ours": F, "device": F, "agreement": F}}, "median": {...}}`, with F
+        the figures of `starling.sim.metrics.disparity_figures`. `ours` and `device` compare with
+        the reference depth, `agreement` compares ours with the device. Only `agreement` has
+        `ndp_iou`. Figures without reference or device depth are None.
 
     Raises:
         InputError: captures that cannot be read or have no infrared pair, or a folder that
             cannot be written or is the captures' own.
     """
-    refuse_single_frame(sensor.post, 1)  # Of each scene only the first frame is matched.
+    refuse_single_frame(sensor.post, 1)  # Only the first frame of each scene is matched.
     opened = capture.open_set(captures)
     scenes = opened.scenes
     figures: dict[str, Any] = {}
@@ -64,16 +64,16 @@ def match_captures(
     refuse_own_input(out, opened.path)
     with OutputFolder(out, force=force) as folder:
         for scene in track(scenes, "match"):
-            found = _match(scene, sensor)
-            figures[scene.name] = _figures(scene, found)
-            _write(folder, scene, found)
+            depth_map = _match(scene, sensor)
+            figures[scene.name] = _figures(scene, depth_map)
+            _write(folder, scene, depth_map)
         result = {"scenes": figures, "median": _medians(figures)}
         writer.write_set(
             folder,
             dataclasses.replace(scenes[0].info, notes=f"depth by starling match {captures}"),
             sensor,
             verb="match",
-            arguments={"captures": captures, **(asked or {})},
+            arguments={"captures": captures, **(options or {})},
             figures=result,
         )
     return {**result, "out": str(folder.path)}
@@ -92,7 +92,7 @@ def _match(scene: CapturedScene, sensor: Sensor) -> depth.DepthMap:
 
 
 def _figures(scene: CapturedScene, ours: depth.DepthMap) -> dict[str, dict[str, float | None]]:
-    """Measure one scene; without truth, the device's own map says where its edges are."""
+    """Measure one scene; without reference depth the device's map locates depth edges."""
     device = _disparity(scene, scene.frame(scene.frames[0]).depth_m)
     truth = _disparity(scene, scene.truth_m())
     known = device if truth is None else truth
@@ -105,15 +105,15 @@ def _figures(scene: CapturedScene, ours: depth.DepthMap) -> dict[str, dict[str, 
 
 
 def _compare(
-    found: _Map | None,
+    disparity_px: _Map | None,
     reference: _Map | None,
     known: _Map | None,
     *,
     holes_where: NDArray[np.bool_] | None = None,
 ) -> dict[str, float | None]:
-    """One F: all None where a map is missing or no pixel counts."""
+    """Return the figures F of one comparison; all None if a map or scored pixels are missing."""
     nothing = dict.fromkeys(field.name for field in dataclasses.fields(metrics.DisparityFigures))
-    if found is None or reference is None or known is None:
+    if disparity_px is None or reference is None or known is None:
         return nothing
     scored = metrics.scored_pixels(known)
     if not scored.any():
@@ -121,7 +121,7 @@ def _compare(
     holes = None if holes_where is None else reference
     return dataclasses.asdict(
         metrics.disparity_figures(
-            found, reference, scored, holes_of_px=holes, holes_where=holes_where
+            disparity_px, reference, scored, holes_of_px=holes, holes_where=holes_where
         )
     )
 
@@ -131,7 +131,7 @@ def _disparity(scene: CapturedScene, depth_m: _Map | None) -> _Map | None:
 
 
 def _medians(figures: dict[str, Any]) -> dict[str, dict[str, float | None]]:
-    """Median of every figure over the scenes that have it."""
+    """Return the median of every figure over the scenes that have it."""
     scenes = list(figures.values())
     return {
         group: {name: _median([scene[group][name] for scene in scenes]) for name in row}
@@ -144,8 +144,8 @@ def _median(values: list[float | None]) -> float | None:
     return float(np.median(known)) if known else None
 
 
-def _write(folder: OutputFolder, scene: CapturedScene, found: depth.DepthMap) -> None:
-    """Write our depth in the captures' own unit; the infrared images stay where they are."""
+def _write(folder: OutputFolder, scene: CapturedScene, depth_map: depth.DepthMap) -> None:
+    """Write our depth in the captures' depth unit; infrared images are not copied."""
     from starling.sim.scene.captured import known_geometry as known
 
     unit = scene.info.depth_unit_m
@@ -155,6 +155,6 @@ def _write(folder: OutputFolder, scene: CapturedScene, found: depth.DepthMap) ->
         room=scene.room,
         truth_m=scene.truth_m(),
         depth_unit_m=unit,
-        known=known.carried(scene, folder.path / scene.name),
+        known=known.for_folder(scene, folder.path / scene.name),
     )
-    writer.write_frame(folder, scene.name, 0, depth=found, depth_unit_m=unit)
+    writer.write_frame(folder, scene.name, 0, depth=depth_map, depth_unit_m=unit)

@@ -1,4 +1,4 @@
-"""The work of `starling show`: a picture of every scene of a capture set, or of two sets."""
+"""`starling show`: draw every scene of a capture set, or of two sets."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ def show_captures(
     force: bool = False,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Draw captures into one PNG file, or several scenes into a folder of them.
+    """Draw one scene into a PNG file, or several scenes into a folder of PNG files.
 
     Args:
         captures: a capture set or one scene in it.
         out: `NAME.png` for one scene, a folder for several.
-        against: a second one, drawn beside the first scene by scene: the simulated one.
+        against: second set, usually simulated, drawn next to the first scene by scene.
         frame: number of the frame.
-        force: replace what was drawn before.
+        force: replace earlier pictures.
         track: wraps the loop over scenes.
 
     Returns:
         `{"out", "files"}`.
 
     Raises:
-        InputError: captures that cannot be read, sets without a common scene, or a place that
-            cannot be written, lies in the captures or is no PNG.
+        InputError: if captures cannot be read, or the sets have no scene in common. Also if the
+            output path cannot be written, lies in the captures or is no PNG.
     """
-    if out.suffix.lower() in _OTHER_PICTURES:  # Would become a folder of that name.
+    if out.suffix.lower() in _OTHER_PICTURES:  # It would become a folder of that name.
         raise errors.refuse(
             "out", "must be NAME.png or a folder", out, "Pictures are written as PNG."
         )
@@ -60,12 +60,14 @@ def show_captures(
             raise errors.refuse(
                 "out", f"must be a folder for {len(pairs)} scenes", out, "Or name one scene."
             )
-        scene, other = pairs[0]
-        output.write_file(out, capture_picture.picture(scene, frame, against=other), force=force)
+        scene, partner = pairs[0]
+        output.write_file(out, capture_picture.picture(scene, frame, against=partner), force=force)
         return {"out": str(out), "files": 1}
     with output.OutputFolder(out, force=force) as folder:
-        for scene, other in track(pairs, "show"):
-            folder.write(f"{scene.name}.png", capture_picture.picture(scene, frame, against=other))
+        for scene, partner in track(pairs, "show"):
+            folder.write(
+                f"{scene.name}.png", capture_picture.picture(scene, frame, against=partner)
+            )
         folder.write(
             output.RECORD,
             record.dumps(

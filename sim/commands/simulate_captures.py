@@ -1,4 +1,4 @@
-"""The work of `starling simulate`: scenes and a sensor in, a capture set on disk out."""
+"""`starling simulate`: simulate scenes with a sensor and write a capture set."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from starling.sim.effects import setting as setting
 from starling.sim.render import backend
 from starling.sim.sensor.sensor import Sensor
 
-_SAMPLES = 16  # Paths a coarse pixel where none are asked for.
+_SAMPLES = 16  # Default number of paths per coarse pixel for indirect light.
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
     from starling.sim.geometry.frames import Pose
@@ -36,7 +36,7 @@ if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Plan:
-    """How every scene is simulated."""
+    """Settings of the simulation that all scenes share."""
 
     sensor: Sensor
     frames: int
@@ -49,10 +49,10 @@ class _Plan:
 class _Task:
     """One scene to simulate."""
 
-    text: str  # What `starling.sim.scene.sources.load` takes.
+    text: str  # Specifier for `starling.sim.scene.sources.load`.
     name: str
     room: str
-    captured: bool  # Its geometry comes from captures.
+    captured: bool  # Whether its geometry comes from captures.
 
 
 class _Reading(NamedTuple):
@@ -61,8 +61,8 @@ class _Reading(NamedTuple):
     task: _Task
     number: int
     shot: Shot
-    rgb: NDArray[np.uint8] | None  # The colour camera's picture; the scene keeps still.
-    samples: int  # Paths a coarse pixel of indirect light; 0 without any.
+    rgb: NDArray[np.uint8] | None  # Colour picture, the same for all frames of a scene.
+    samples: int  # Paths per coarse pixel for indirect light; 0 without indirect light.
     world_from_left: Pose
 
 
@@ -76,37 +76,38 @@ def simulate_captures(
     samples: int = 0,
     effects: Mapping[str, Value] | None = None,
     force: bool = False,
-    asked: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Simulate one scene or every scene of a capture set and write a capture set.
+    """Simulate one scene or every scene of a capture set, and write a capture set.
 
-    A sensor with the geometry of captured scenes (see `starling.sim.sensor.resolve`) makes
-    images that can be compared with the real ones pixel by pixel.
+    If the sensor has the geometry of captured scenes (see `starling.sim.sensor.resolve`), the
+    simulated and the real images can be compared pixel by pixel.
 
-    What the user knows of a scene's geometry goes to `scene.toml`: the builtin name, or the path
-    to the mesh or Mitsuba XML (see `starling.sim.scene.captured.known_geometry.describe`), and the left imager's pose. That
-    is the nominal model: effects on the scene (errors of the model, motion, other surfaces) are
-    not in it, they show in `truth.png` and the images. Scenes that come from captures have none.
+    `scene.toml` holds the nominal geometry: the builtin name, or the path to the mesh or Mitsuba
+    XML, and the left imager's pose (see `starling.sim.scene.captured.known_geometry.describe`).
+    Effects on the scene (model errors, motion, other surfaces) change `truth.png` and the images,
+    not `scene.toml`. Scenes from captures have no `scene.toml`.
 
     Args:
         scene: a capture set, one scene in it, a builtin name, a mesh or a Mitsuba XML.
-        sensor: what sees it.
-        out: folder to make.
-        frames: readings of each scene, with noise of their own.
-        seed: of the whole set; each scene's own follows from it (see `scene_seed`).
-        samples: paths a coarse pixel of indirect light; given, it switches interreflection on.
-            0 takes 16 for scenes that have it.
-        effects: what to set on the sensor and on every scene (see `starling.sim.effects.setting.apply`).
-        force: replace a set made before.
-        asked: more arguments for the record, as they were typed: sensor, edits.
+        sensor: camera to simulate.
+        out: folder to create.
+        frames: frames per scene, each with independent noise.
+        seed: seed of the whole set; each scene's seed is derived from it (see `scene_seed`).
+        samples: paths per coarse pixel for indirect light; a value above 0 switches interreflection
+            on. 0 uses 16 for scenes that have interreflection.
+        effects: effects to set on the sensor and on every scene (see
+            `starling.sim.effects.setting.apply`).
+        force: replace an earlier set.
+        options: further command-line options to record, as typed.
         track: wraps the loop over frames.
 
     Returns:
         `{"out", "files", "seconds", "scenes": {NAME: {"ndp_rate", "mean_dn", ...}}}`.
 
     Raises:
-        InputError: whatever is wrong with the scene, the sensor or the folder; nothing is left.
+        InputError: if the scene, the sensor or the folder is invalid; no partial output remains.
     """
     from starling.sim.simulate import refuse_impossible
 
@@ -142,7 +143,7 @@ def simulate_captures(
             info,
             plan.sensor,
             verb="simulate",
-            arguments={**arguments, **(asked or {})},
+            arguments={**arguments, **(options or {})},
             figures=figures,
             renderer=backend.renderer(),
         )
@@ -155,22 +156,22 @@ def simulate_captures(
 
 
 def scene_seed(seed: int, name: str) -> int:
-    """Seed of one scene of a set: equal noise in two scenes would be no noise to average.
+    """Return the seed of one scene of a set, so that noise is independent between scenes.
 
-    It is below 2^53, so that every reader of JSON reads it right.
+    It is below 2^53, so that every JSON reader represents it exactly.
     """
     words = np.random.SeedSequence([seed, zlib.crc32(name.encode())])
     return int(words.generate_state(1, np.uint64)[0] >> np.uint64(11))
 
 
 def _refuse_samples_of_nothing(plan: _Plan) -> None:
-    """Refuse paths of indirect light where an effect switches it off."""
-    for asked, value in plan.effects.items():
-        effect, _ = setting.parameter_of(asked)
+    """Refuse `samples` above 0 if an effect switches interreflection off."""
+    for name, value in plan.effects.items():
+        effect, _ = setting.parameter_of(name)
         if plan.samples and effect.name == "interreflection" and value == 0:
             raise errors.refuse(
                 "samples",
-                f"must be 0 where effect {asked} is 0",
+                f"must be 0 where effect {name} is 0",
                 plan.samples,
                 "Drop one of them.",
             )
@@ -184,7 +185,7 @@ def _refuse_own_input(out: Path, scene: str) -> None:
 
 
 def _tasks(scene: str) -> tuple[list[_Task], str, str]:
-    """List the scenes to simulate, and the licence and notes of what comes out."""
+    """List the scenes to simulate; return them with the licence and notes of the output."""
     if capture.is_capture(scene):
         real = capture.open_set(scene)
         tasks = [
@@ -193,7 +194,8 @@ def _tasks(scene: str) -> tuple[list[_Task], str, str]:
         notes = "simulated; geometry and reflectance come from the captures named in source"
         return tasks, f"derived from captures under: {real.info.licence}", notes
     path = Path(scene)
-    name = path.stem if path.exists() else scene.replace(":", "-")  # A file, or a builtin name.
+    # A builtin name such as wall:2 becomes the folder name wall-2.
+    name = path.stem if path.exists() else scene.replace(":", "-")
     task = _Task(text=scene, name=name, room=name, captured=False)
     return [task], "as the scene's", "simulated"
 
@@ -203,7 +205,7 @@ def _write_scenes(
     shots: Iterator[_Reading],
     plan: _Plan,
 ) -> dict[str, Any]:
-    """Write every shot as it comes, a scene's truth with its first; return the scenes' figures."""
+    """Write every shot, and the reference depth with a scene's first; return figures by scene."""
     rates: dict[str, list[float]] = defaultdict(list)
     levels: dict[str, list[float]] = defaultdict(list)
     figures: dict[str, Any] = {}
@@ -243,7 +245,7 @@ def _known(task: _Task, world_from_left: Pose, folder: Path) -> SceneFile | None
 
 
 def _shots(tasks: list[_Task], plan: _Plan, track: progress.Progress) -> Iterator[_Reading]:
-    """Give every frame of every scene; a scene is rendered once and read out `frames` times."""
+    """Yield every frame of every scene; each scene is rendered once, read out `frames` times."""
     from starling.sim.simulate import sequence
 
     shots: Iterator[Shot] = iter(())
@@ -271,14 +273,14 @@ def _scene(text: str, plan: _Plan) -> Scene:
 
 
 def indirectly_lit(scene: Scene, samples: int) -> Scene:
-    """A scene with interreflection, where paths are asked for and it has none."""
+    """Switch interreflection on if `samples` is above 0 and the scene has none."""
     if not samples or scene.interreflection:
         return scene
     return dataclasses.replace(scene, interreflection=1.0)
 
 
 def facts(shot: Shot, sensor: Sensor) -> dict[str, Any]:
-    """What `frame.json` says of how a reading was exposed."""
+    """Return the exposure entries of `frame.json`."""
     return {
         "exposure_s": shot.exposure_s,
         "gain": shot.gain,
@@ -288,7 +290,7 @@ def facts(shot: Shot, sensor: Sensor) -> dict[str, Any]:
 
 
 def rgb(scene: Scene, sensor: Sensor) -> NDArray[np.uint8] | None:
-    """What the sensor's colour camera sees of a scene."""
+    """Render the picture of the sensor's colour camera; None without a colour camera."""
     if sensor.colour is None:
         return None
     from starling.sim.imaging import colour_picture

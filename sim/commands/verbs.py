@@ -1,4 +1,7 @@
-"""Verbs of simulating: arguments in, one call, the result said; heavy imports inside verbs."""
+"""Command-line verbs of the simulator: parse arguments, make one call, print the result.
+
+Heavy imports stand inside the verbs, so that `--help` is quick.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from starling.sim.console.flags import Common, DevicePreset, Edits, Effects, Sha
 
 
 def doctor(*, common: Shared = Common()) -> None:
-    """Say what this machine can do: Mitsuba variant, LLVM, GPU, versions.
+    """Report what this machine supports: Mitsuba variant, LLVM, GPU, package versions.
 
     Example: starling doctor
     """
@@ -28,13 +31,13 @@ def sensors(
     *,
     common: Shared = Common(),
 ) -> None:
-    """List the sensor presets, or show one with the source of every number.
+    """List the sensor presets, or show one preset with the source of every number.
 
     Example: starling sensors show d435
 
     Args:
-        action: `list` all presets or `show` one.
-        name: the preset to show.
+        action: `list` all presets, or `show` one.
+        name: Preset to show.
     """
     from starling.sim.sensor import presets as presets
     from starling.sim.sensor import structure
@@ -55,14 +58,15 @@ def effects(
     sensor: str = "d435",
     common: Shared = Common(),
 ) -> None:
-    """List what separates a real camera from an ideal one, or show one effect of the table.
+    """List the effects that separate a real camera from an ideal one, or show one of them.
 
     Example: starling effects show lens_blur --sensor d415
 
     Args:
-        action: `list` all effects or `show` one.
-        name: the effect to show.
-        sensor: preset or sensor file whose own value is neutral where there is no ideal.
+        action: `list` all effects, or `show` one.
+        name: Effect to show.
+        sensor: Preset or sensor file (.toml).
+            It supplies the neutral value of parameters that have no ideal value.
     """
     from starling.sim.effects import listing
     from starling.sim.sensor import presets as presets
@@ -88,21 +92,21 @@ def simulate(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Simulate what a depth camera sees of a scene; writes a capture set.
+    """Simulate infrared images and depth of a scene, and write them as a capture set.
 
     Example: starling simulate clutter --sensor d435 --out out/clutter --set projector.power_w=0.2
 
     Args:
-        scene: builtin scene (wall, staircase, tabletop, clutter, room), mesh (PLY, OBJ, GLB),
-            Mitsuba XML, capture set or one scene in it.
-        sensor: preset (see `starling sensors`) or sensor file (.toml).
-        out: folder to make.
-        frames: readings of each scene, each with noise of its own.
-        seed: equal seeds give equal bits on one machine.
-        samples: paths a coarse pixel of indirect light; 0 takes 16 where the scene or an effect
-            has interreflection, and leaves indirect light out elsewhere.
-        emitter: switch the projector on or off.
-        force: replace a folder that starling wrote before.
+        scene: Builtin scene (wall, staircase, tabletop, clutter, room), or a path:
+            mesh (PLY, OBJ, GLB), Mitsuba XML, capture set, or one scene of a capture set.
+        sensor: Preset (see `starling sensors`) or sensor file (.toml).
+        out: Folder to create.
+        frames: Frames per scene. Each frame has independent noise.
+        seed: Seed of the noise. Equal seeds give bit-identical output on one machine.
+        samples: Paths per coarse pixel for indirect light.
+            0 uses 16 if the scene or an effect has interreflection, and none otherwise.
+        emitter: Switch the projector on or off. By default it is as in the sensor.
+        force: Replace a folder that starling wrote earlier.
     """
     from starling.sim.commands import simulate_captures
     from starling.sim.console import progress
@@ -128,7 +132,7 @@ def simulate(
             samples=samples,
             effects=setting.parse(effect),
             force=force,
-            asked={
+            options={
                 "sensor": sensor,
                 "device_preset": device_preset,
                 "emitter": emitter,
@@ -150,16 +154,16 @@ def match(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Match a capture's own infrared pair; compare with the device's depth and the truth.
+    """Match captured infrared pairs; compare with the device's depth and the reference depth.
 
     Example: starling match out/mine --sensor d415 --setting fast
 
     Args:
-        captures: capture set or one scene in it.
-        sensor: preset (see `starling sensors`) or sensor file (.toml) whose matcher is used.
-        setting: stock setting of the matcher, instead of the sensor's: `fast` or `d4xx`.
-        out: folder to write depth to.
-        force: replace a folder that starling wrote before.
+        captures: Capture set, or one scene of it.
+        sensor: Preset (see `starling sensors`) or sensor file (.toml) whose matcher is used.
+        setting: Matcher setting that replaces the sensor's own: `fast` or `d4xx`.
+        out: Folder to create for the computed depth. Without it no files are written.
+        force: Replace a folder that starling wrote earlier.
     """
     from starling.sim.commands import match_captures
     from starling.sim.console import progress
@@ -179,7 +183,7 @@ def match(
             camera,
             out=out,
             force=force,
-            asked={
+            options={
                 "sensor": sensor,
                 "setting": setting,
                 "device_preset": device_preset,
@@ -199,16 +203,16 @@ def show(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Draw captures: infrared, depth, why depth is missing, error against truth.
+    """Draw captures: infrared, depth, reasons for missing depth, error against the reference.
 
     Example: starling show out/check out/check-simulated --out out/check.png
 
     Args:
-        captures: capture set or one scene in it.
-        against: a second one, drawn beside the first.
-        out: NAME.png for one scene, a folder for several.
-        frame: number of the frame.
-        force: replace what was drawn before.
+        captures: Capture set, or one scene of it.
+        against: Second capture set, or one scene of it, drawn next to the first.
+        out: NAME.png for one scene, or a folder for several.
+        frame: Number of the frame to draw.
+        force: Replace pictures that starling wrote earlier.
     """
     from starling.sim.commands import show_captures
     from starling.sim.console import progress
@@ -228,22 +232,24 @@ def atlas(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Draw what each effect of the table does: infrared, disparity error and holes; a page each.
+    """Draw what each effect changes, one page per effect: infrared, disparity error, holes.
 
     Example: starling atlas lens_blur laser_speckle --out out/atlas
 
     Args:
-        names: effects to draw; all where none is named.
-        out: folder to make.
-        sensor: preset or sensor file to draw with.
-        force: replace an atlas that starling drew before.
+        names: Effects to draw. By default all are drawn.
+        out: Folder to create.
+        sensor: Preset or sensor file (.toml) to draw with.
+        force: Replace an atlas that starling wrote earlier.
     """
     from starling.sim.commands import atlas as drawing
     from starling.sim.console import progress
     from starling.sim.sensor import resolve as asked_sensor
 
     with progress.on_stderr() as track:
-        result = drawing.atlas(out, asked_sensor.load(sensor), names=names, force=force, track=track)
+        result = drawing.atlas(
+            out, asked_sensor.load(sensor), names=names, force=force, track=track
+        )
     shell.say(result, json=common.json)
 
 
@@ -262,21 +268,22 @@ def sweep(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Design a camera: depth noise beside its law and holes against distance, by parameters.
+    """Compare camera designs: depth noise, its theoretical law, and holes against distance.
 
     Example: starling sweep --sensor d435 --baseline-m 0.02 0.1 --out out/sweep
 
     Args:
-        sensor: stereo preset or sensor file that the cameras depart from, one axis at a time.
-        out: folder to make: sweep.png, sweep.csv, sweep.json.
-        baseline_m: baselines [m]. Where no axis is named, all are swept.
-        focal_px: focal lengths [px] at the same image size.
-        projector_x_m: places of the projector, right of the left imager [m].
-        dot_density: dots in a solid angle over the pattern's own.
-        distance_m: what the cameras look at [m]; 0.4 to 6 where none is given.
-        full: all combinations of the values.
-        seed: of the noise.
-        force: replace a folder that starling wrote before.
+        sensor: Base camera: stereo preset or sensor file (.toml).
+            Each further camera differs from it in one axis.
+        out: Folder to create for sweep.png, sweep.csv and sweep.json.
+        baseline_m: Baselines [m]. If no axis is given, all axes are swept with default values.
+        focal_px: Focal lengths [px] at the same image size.
+        projector_x_m: Projector positions to the right of the left imager [m].
+        dot_density: Dots per solid angle, relative to the base camera's pattern.
+        distance_m: Distances of the scene [m]. By default eight from 0.4 to 6.
+        full: Simulate all combinations of the values instead of one axis at a time.
+        seed: Seed of the noise.
+        force: Replace a folder that starling wrote earlier.
     """
     from starling.sim.commands.sweep import sweep as sweeping
     from starling.sim.console import progress
@@ -294,14 +301,14 @@ def sweep(
             full=full,
             seed=seed,
             force=force,
-            asked={"sensor": sensor, "set": edits},
+            options={"sensor": sensor, "set": edits},
             track=track,
         )
     shell.say(result, json=common.json)
 
 
 def bench(*, common: Shared = Common()) -> None:
-    """Time the whole pipeline against the bare floor: two renders and one matcher call.
+    """Time the pipeline against its baseline: two bare renders and one bare matcher call.
 
     Example: starling bench --json
     """

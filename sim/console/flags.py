@@ -1,4 +1,4 @@
-"""Flags that several verbs of the command line share."""
+"""Command-line flags that several verbs share."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class Common:
     """Flags of every verb."""
 
     json: bool = False
-    """Print the result alone, as JSON."""
+    """Print the result as JSON."""
     debug: bool = False
-    """Show the traceback of a refusal."""
+    """Show the traceback if the command fails."""
 
 
 Shared = OmitArgPrefixes[Common]
@@ -24,7 +24,7 @@ Edits = Annotated[
     arg(
         name="set",
         metavar="PATH=VALUE",
-        help="Change one field of the sensor, e.g. projector.power_w=0.2; `imager.` means both "
+        help="Set one field of the sensor, e.g. projector.power_w=0.2. `imager.` sets both "
         "imagers. May be repeated.",
     ),
 ]
@@ -32,8 +32,8 @@ DevicePreset = Annotated[
     str | None,
     arg(
         metavar="NAME|FILE.json",
-        help="Put a RealSense under a preset of its maker (default, high_accuracy, high_density, "
-        "medium_density, hand) or under the controls its viewer exported.",
+        help="Apply a RealSense visual preset (default, high_accuracy, high_density, "
+        "medium_density, hand), or the controls in a JSON file exported by the RealSense Viewer.",
     ),
 ]
 Effects = Annotated[
@@ -41,6 +41,6 @@ Effects = Annotated[
     arg(
         name="effect",
         metavar="NAME[.PARAM]=VALUE",
-        help="Set one effect of the table, e.g. lens_blur=0.8. May be repeated.",
+        help="Set one effect (see `starling effects`), e.g. lens_blur=0.8. May be repeated.",
     ),
 ]

@@ -1,4 +1,4 @@
-"""Output that appears whole or not at all: written under a temporary name, then renamed."""
+"""Atomic output: files and folders are written under a temporary name and then renamed."""
 
 from __future__ import annotations
 
@@ -14,28 +14,26 @@ from typing import Protocol
 
 from starling.patterns import errors
 
-RECORD = (
-    "starling.json"  # What every verb leaves in its folder; --force replaces only such folders.
-)
+RECORD = "starling.json"  # Every output folder holds it; --force replaces only such folders.
 
 
 class Folder(Protocol):
-    """What takes files by name."""
+    """Anything that stores files by name."""
 
     def write(self, name: str, data: bytes | str) -> None:
-        """Take one file; text is UTF-8."""
+        """Store one file; text is encoded as UTF-8."""
         ...
 
     def write_by(self, name: str, writer: Callable[[Path], object]) -> None:
-        """Take what `writer` writes at the path it is given."""
+        """Store the file that `writer` writes at the path passed to it."""
         ...
 
 
 class OutputFolder:
-    """A folder that a verb fills and that appears under its name when the `with` block ends.
+    """An output folder that appears under its final name when the `with` block ends.
 
-    On any exception inside the block, a keyboard interrupt included, nothing is left behind and
-    what stood there before still stands.
+    After any exception inside the block, a keyboard interrupt included, no files remain and an
+    earlier folder of that name is unchanged.
 
     Example:
         >>> with OutputFolder(Path("out")) as folder:  # doctest: +SKIP
@@ -45,22 +43,22 @@ class OutputFolder:
     def __init__(self, path: Path | str, *, force: bool = False) -> None:
         self.path = _resolved(path)
         self._force = force
-        self._partial = _hidden_beside(self.path, "partial")
+        self._partial = _temporary_name(self.path, "partial")
         self._made_parents: list[Path] = []
 
     def __enter__(self) -> OutputFolder:
-        """Refuse what cannot be written, before any work is done.
+        """Create the temporary folder; refuse an unusable path before any work is done.
 
         Raises:
-            InputError: if the folder holds something and may not be replaced, is a file, or
-                cannot be made.
+            InputError: if the folder is not empty and may not be replaced, is a file, or cannot
+                be created.
         """
         _refuse_occupied(self.path, force=self._force)
         try:
             with refused(self.path):
                 self._made_parents = _missing_parents(self.path)
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-                self.path.exists()  # A name that is too long shows only now that parents exist.
+                self.path.exists()  # Fails for a name that is too long, once the parents exist.
                 self._partial.mkdir()
         except BaseException:
             self._remove_traces()
@@ -69,11 +67,11 @@ class OutputFolder:
 
     @property
     def partial(self) -> Path:
-        """Where the folder's files stand until the `with` block ends."""
+        """Temporary folder that holds the files until the `with` block ends."""
         return self._partial
 
     def write(self, name: str, data: bytes | str) -> None:
-        """Write one file, making the folders on its way.
+        """Write one file, and create its parent folders.
 
         Args:
             name: path inside the folder, with forward slashes.
@@ -86,7 +84,7 @@ class OutputFolder:
         self.write_by(name, lambda path: path.write_bytes(content))
 
     def write_by(self, name: str, writer: Callable[[Path], object]) -> None:
-        """Let `writer` write one file at the path it is given; refuses as `write` does."""
+        """Call `writer` with the path of one file to write; raises as `write`."""
         path = self._partial / name
         with refused(self.path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -98,7 +96,7 @@ class OutputFolder:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Put the folder in its place, or remove every trace of it after an exception."""
+        """Rename the folder to its final name, or remove it after an exception."""
         try:
             if kind is None:
                 with refused(self.path):
@@ -113,22 +111,22 @@ class OutputFolder:
 
 
 def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
-    """Write one file whole or not at all.
+    """Write one file atomically.
 
     Raises:
         InputError: if it exists and `force` is not given, or cannot be written.
     """
     path = _resolved(path)
     refuse_taken(path, force=force)
-    partial = _hidden_beside(path, "partial")
+    partial = _temporary_name(path, "partial")
     with refused(path):
         made_parents = _missing_parents(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             partial.write_bytes(data)
             with partial.open("rb+") as file:
-                os.fsync(file.fileno())  # On the disk before it has its name.
-            refuse_taken(path, force=force)  # Somebody may have come first.
+                os.fsync(file.fileno())  # The data reaches the disk before the rename does.
+            refuse_taken(path, force=force)  # Another process may have created it meanwhile.
             os.replace(partial, path)
         except BaseException:
             with _ignored():
@@ -138,11 +136,11 @@ def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
 
 
 def refuse_own_input(out: Path | str, source: Path | str) -> None:
-    """Refuse a place whose replacing would destroy what it is made from.
+    """Refuse an output path that would overwrite the verb's own input.
 
     Args:
-        out: where a verb will write.
-        source: the captures, or the scene file, that the verb reads.
+        out: path to write.
+        source: captures, or scene file, that the verb reads.
 
     Raises:
         InputError: if `out` is, contains or lies in `source`, symbolic links resolved.
@@ -151,27 +149,27 @@ def refuse_own_input(out: Path | str, source: Path | str) -> None:
     if place == origin or place in origin.parents or origin in place.parents:
         raise errors.refuse(
             "out",
-            "must lie apart from what it is made from",
+            "must lie outside its input",
             f"{out} for {source}",
             "Choose another place.",
         )
 
 
 def _resolved(path: Path | str) -> Path:
-    """Follow symbolic links, so that what they point to is replaced and not they."""
+    """Follow symbolic links, so that their target is replaced and the links stay."""
     path = Path(os.path.realpath(path))
     if not path.name:
         raise errors.refuse("out", "must have a name", path, "Choose a place inside it.")
     return path
 
 
-def _hidden_beside(path: Path, suffix: str) -> Path:
-    """Name something for a while; part of the name is enough, and never too long."""
+def _temporary_name(path: Path, suffix: str) -> Path:
+    """Temporary name in the same folder; the name is cut so that it is never too long."""
     return path.with_name(f".{path.name[:32]}.{uuid.uuid4().hex[:8]}.{suffix}")
 
 
 def _missing_parents(path: Path) -> list[Path]:
-    """List the folders above that would have to be made, the lowest first."""
+    """List the parent folders that do not exist, the lowest first."""
     return [parent for parent in path.parents if not parent.exists()]
 
 
@@ -182,7 +180,7 @@ def _remove_empty(folders: list[Path]) -> None:
 
 
 def refuse_taken(path: Path, *, force: bool) -> None:
-    """Refuse to write a file where something stands that may not be replaced.
+    """Refuse to write a file over something that may not be replaced.
 
     Raises:
         InputError: if it is a folder, or exists and `force` is not given.
@@ -206,7 +204,7 @@ def _refuse_occupied(path: Path, *, force: bool) -> None:
         raise errors.refuse(
             "out", "must be an empty or new folder", path, "Choose another or give --force."
         )
-    if occupied and not replaceable:  # --force must never eat somebody's home.
+    if occupied and not replaceable:  # --force must never delete a user's own folder.
         raise errors.refuse(
             "out",
             "must be a folder that starling wrote to be replaced",
@@ -216,16 +214,16 @@ def _refuse_occupied(path: Path, *, force: bool) -> None:
 
 
 def _replace_folder(new: Path, path: Path, *, force: bool) -> None:
-    """Rename `new` to `path`; what stood there goes only when the new one stands."""
-    _refuse_occupied(path, force=force)  # Somebody may have come first.
+    """Rename `new` to `path`; an old folder is removed only after the rename."""
+    _refuse_occupied(path, force=force)  # Another process may have created it meanwhile.
     if not (force and path.exists()):
-        os.rename(new, path)  # Takes an empty folder's place, and fails on any other.
+        os.rename(new, path)  # Replaces an empty folder, and fails on any other.
         return
-    old = _hidden_beside(path, "old")
+    old = _temporary_name(path, "old")
     os.rename(path, old)
     try:
         os.rename(new, path)
-    except BaseException:  # A termination in between must not lose what stood there either.
+    except BaseException:  # A termination between the renames must not lose the old folder.
         if not path.exists():
             os.rename(old, path)
         raise
@@ -234,7 +232,7 @@ def _replace_folder(new: Path, path: Path, *, force: bool) -> None:
 
 @contextmanager
 def refused(path: Path) -> Iterator[None]:
-    """Turn what the operating system says while writing into a refusal."""
+    """Turn the operating system's write errors into `InputError`."""
     try:
         yield
     except OSError as error:
@@ -249,7 +247,7 @@ def refused(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _ignored() -> Iterator[None]:
-    """Go on when something cannot be removed: it is not there, or somebody else uses it."""
+    """Ignore a failed removal: the path is missing, or another process uses it."""
     try:
         yield
     except OSError:

@@ -1,4 +1,4 @@
-"""How long work tells that it goes on: a wrapper around whatever it loops over."""
+"""Progress reporting: a wrapper around the items of a loop."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-# Takes the items and what is done with them ("simulate"), gives the items back one by one.
+# Takes the items of a loop and a label such as "simulate"; yields the items one by one.
 Progress = Callable[[Sequence[Any], str], Iterable[Any]]
 
-Note = Callable[[str], None]  # Takes a line that a user should read.
+Note = Callable[[str], None]  # Takes one line of text for the user.
 
-_QUIET_S = 1.0  # Work shorter than this says nothing.
+_QUIET_S = 1.0  # Shorter work prints nothing [s].
 
 
 def silent(items: Sequence[Any], label: str) -> Iterable[Any]:
-    """Tell nothing."""
+    """Report no progress."""
     del label
     return items
 
 
-def unsaid(line: str) -> None:
-    """Say nothing."""
+def ignore_note(line: str) -> None:
+    """Discard a line."""
     del line
 
 
 def note_on_stderr(line: str) -> None:
-    """Say a line on standard error."""
+    """Print a line on standard error."""
     print(f"starling: {line}", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def on_stderr() -> Iterator[Progress]:
-    """Tell on standard error: a bar on a terminal, which goes away, else a line an item."""
+    """Report on standard error: a transient bar on a terminal, otherwise one line per item."""
     if not sys.stderr.isatty():
         yield _lines
         return

@@ -1,4 +1,4 @@
-"""What a verb leaves beside its results: versions, configuration, figures, as JSON."""
+"""The JSON record of a run (versions, arguments, figures), and hashes for caches."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 _PACKAGES = ("starling-depth", "mitsuba", "drjit", "numpy", "scipy", "numba", "OpenEXR")
-_OPENCV = (  # One library, four distributions; the one that starling asks for comes first.
+_OPENCV = (  # Four distributions of one library; the one that starling depends on comes first.
     "opencv-contrib-python-headless",
     "opencv-contrib-python",
     "opencv-python-headless",
@@ -25,38 +25,38 @@ _OPENCV = (  # One library, four distributions; the one that starling asks for c
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that results depend on; never fails."""
+    """Return the versions of Python and of the packages that results depend on; never fails."""
     opencv = next((name for name in _OPENCV if _version(name)), _OPENCV[0])
-    # Missing: run from a source tree, or not needed.
-    found = {name: _version(name) or "not installed" for name in (*_PACKAGES, opencv)}
-    return {"python": platform.python_version(), **found}
+    # A package is missing if starling runs from a source tree, or if it is optional.
+    packages = {name: _version(name) or "not installed" for name in (*_PACKAGES, opencv)}
+    return {"python": platform.python_version(), **packages}
 
 
 @functools.cache
 def code(*paths: Path) -> str:
-    """SHA-256 of Python sources, in hexadecimal digits: what was made by others is made again.
+    """SHA-256 of Python sources, in hexadecimal digits; invalidates caches when code changes.
 
     Args:
-        paths: files, and folders with all below them.
+        paths: files, and folders that are searched recursively.
     """
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for path in paths:
-        for one in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            found.update(f"{one.relative_to(path.parent)}\n".encode())
-            found.update(one.read_bytes())
-    return found.hexdigest()
+        for source in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(f"{source.relative_to(path.parent)}\n".encode())
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
 
 
 def content(value: Any) -> str:
     """SHA-256 of plain values, arrays and dataclasses, in hexadecimal digits.
 
     Args:
-        value: arrays count by all their elements, what is none of these by how it shows itself.
+        value: arrays are hashed by all their elements, other values by their `repr`.
     """
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for part in _parts(value):
-        found.update(part)
-    return found.hexdigest()
+        digest.update(part)
+    return digest.hexdigest()
 
 
 def _parts(value: Any) -> Iterator[bytes]:
@@ -70,8 +70,8 @@ def _parts(value: Any) -> Iterator[bytes]:
             yield from _parts(getattr(value, field.name))
     elif isinstance(value, (list, tuple)):
         yield f"{len(value)} ".encode()
-        for one in value:
-            yield from _parts(one)
+        for item in value:
+            yield from _parts(item)
     else:
         yield f"{value!r} ".encode()
 
@@ -84,7 +84,7 @@ def _version(name: str) -> str | None:
 
 
 def dumps(value: Any) -> str:
-    """Write plain values, arrays and dataclasses as JSON; what is not finite becomes null."""
+    """Write plain values, arrays and dataclasses as JSON; non-finite numbers become null."""
     return json.dumps(_plain(value), indent=2, allow_nan=False) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""How a command speaks and ends: results on standard output, one line of refusal, no traceback."""
+"""Output and termination of a command: results on standard output, one line per error."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from starling.patterns.errors import InputError
 
 @contextmanager
 def termination_as_exit() -> Iterator[None]:
-    """Let a process that is told to end clean up, so that nothing half-written stays."""
-    if threading.current_thread() is not threading.main_thread():  # Only that one gets signals.
+    """Turn SIGTERM into `SystemExit`, so that partial output is removed."""
+    if threading.current_thread() is not threading.main_thread():  # Only it receives signals.
         yield
         return
     before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
@@ -26,15 +26,15 @@ def termination_as_exit() -> Iterator[None]:
 
 
 def say(value: Any, *, json: bool, as_text: Callable[[Any], str] | None = None) -> None:
-    """Print a result: as JSON, else as text (`starling.sim.console.text.render` where nothing else is given)."""
+    """Print a result as JSON, or as text; `as_text` defaults to `text.render`."""
     from starling.sim.console import record, text
 
-    said = record.dumps(value) if json else (as_text or text.render)(value)
-    print(said.rstrip("\n"))
+    printed = record.dumps(value) if json else (as_text or text.render)(value)
+    print(printed.rstrip("\n"))
 
 
-def line_of(error: Exception) -> str:
-    """One line for standard error."""
+def format_error(error: Exception) -> str:
+    """Format an error as one line for standard error."""
     from starling.sim.render.backend import BackendError
 
     message = " ".join(str(error).split())
@@ -47,5 +47,5 @@ def line_of(error: Exception) -> str:
 
 
 def warn(message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print a warning as one line, in `warnings.showwarning`'s place."""
+    """Print a warning as one line; replaces `warnings.showwarning`."""
     print(f"starling: warning: {message}", file=sys.stderr)

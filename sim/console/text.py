@@ -1,4 +1,4 @@
-"""Figures as text for a terminal: what a verb prints without `--json`."""
+"""Results as aligned text for a terminal, printed without `--json`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def render(value: Any) -> str:
-    """Write nested tables as aligned lines; tables of equal rows become columns.
+    """Format nested tables as aligned lines; tables of equal rows become columns.
 
     Example:
         >>> print(render({"out": "sim", "scenes": {"a": {"fill": 0.9}, "b": {"fill": 0.8}}}))
@@ -37,7 +37,7 @@ def _lines(value: Any, title: str) -> list[str]:
 
 
 def _rows(table: Any, title: str) -> list[str]:
-    """Write a table of equal rows in columns; one of tables of equal rows, too; else nothing."""
+    """Format a table of equal rows, or of tables of equal rows, in columns; otherwise `[]`."""
     if not isinstance(table, Mapping) or not all(map(_is_table, table.values())):
         return []
     rows = {str(key): row for key, row in table.items()}
@@ -59,7 +59,7 @@ def _holds_tables(row: Any) -> bool:
 
 
 def _columns(rows: Sequence[Sequence[str]], *, left: int) -> list[str]:
-    """Align cells; the first `left` columns to the left, numbers to the right."""
+    """Align the first `left` columns to the left and the others to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(

@@ -1,4 +1,4 @@
-"""Processes that share a machine: how many threads they use, and when they end."""
+"""Worker processes: thread counts, and their end with the parent process."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import threading
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 def begin_worker() -> None:
-    """Let this process use one core, and end it when the one that began it ends, however that was.
+    """Limit this process to one core, and end it when its parent process ends.
 
-    Workers of a process that was killed would wait for its next order, and hold their memory.
+    Otherwise the workers of a killed process would wait for further tasks and hold memory.
     """
     single_threaded()
     parent = multiprocessing.parent_process()
@@ -30,7 +30,7 @@ def begin_worker() -> None:
 
 
 def single_threaded() -> None:
-    """Let this process use one core, as others use the rest."""
+    """Limit this process to one core; other workers use the remaining cores."""
     import cv2
 
     from starling.sim.render import backend

@@ -1,1 +1,1 @@
-"""Many labelled captures from a plan: every frame a pure function of plan and index."""
+"""Data sets of labelled captures; every frame is a pure function of a plan and its number."""

@@ -1,4 +1,4 @@
-"""Values that a plan leaves open, and how they are drawn."""
+"""Values of a plan that are drawn at random: ranges, choices and fixed values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _REMEDY = "Give a value, {low, high} or {of}."
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Range:
-    """Any number between two, both possible: evenly, or evenly in its logarithm."""
+    """A number between two ends, both included; uniform, or uniform in its logarithm."""
 
     low: float
     high: float
@@ -33,34 +33,34 @@ class Range:
 
     @property
     def ends(self) -> tuple[float | int, float | int]:
-        """Least and largest, as they would be drawn."""
+        """Least and largest value, in the type of drawn values."""
         return (int(self.low), int(self.high)) if self.whole else (self.low, self.high)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Choice:
-    """One of some values, each as likely as another."""
+    """One of several equally likely values."""
 
-    of: tuple[Any, ...]
+    values: tuple[Any, ...]
 
     def drawn(self, rng: np.random.Generator) -> Any:
         """Draw a value."""
-        return self.of[int(rng.integers(len(self.of)))]
+        return self.values[int(rng.integers(len(self.values)))]
 
     @property
     def ends(self) -> tuple[Any, ...]:
-        """All of them."""
-        return self.of
+        """All values."""
+        return self.values
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fixed:
-    """A value that is given."""
+    """A fixed value."""
 
     value: Any
 
     def drawn(self, rng: np.random.Generator) -> Any:
-        """Give the value; nothing is drawn."""
+        """Return the value; no random number is used."""
         return self.value
 
     @property
@@ -73,14 +73,14 @@ Draw = Range | Choice | Fixed
 
 
 def read(value: Any, name: str) -> Draw:
-    """Read what a plan says of a value.
+    """Parse a value of a plan.
 
     Args:
-        value: plain value as in TOML: itself, `{low, high, log, whole}`, or `{of = [...]}`.
-        name: what refusals call it.
+        value: TOML value: a fixed value, `{low, high, log, whole}`, or `{of = [...]}`.
+        name: name of the value in error messages.
 
     Raises:
-        InputError: unknown keys, or a range or choice that holds nothing.
+        InputError: if a key is unknown, or a range or choice is empty.
     """
     if not isinstance(value, Mapping):
         return Fixed(value=value)
@@ -92,12 +92,12 @@ def read(value: Any, name: str) -> Draw:
 
 
 def _choice(table: Mapping[str, Any], name: str) -> Choice:
-    of = table["of"]
+    values = table["of"]
     if len(table) > 1:
-        raise errors.refuse(name, "must have no other key beside of", sorted(table), _REMEDY)
-    if not isinstance(of, list) or not of:
-        raise errors.refuse(f"{name}.of", "must list what is chosen from", repr(of), _REMEDY)
-    return Choice(of=tuple(of))
+        raise errors.refuse(name, "must have no key other than of", sorted(table), _REMEDY)
+    if not isinstance(values, list) or not values:
+        raise errors.refuse(f"{name}.of", "must list the choices", repr(values), _REMEDY)
+    return Choice(values=tuple(values))
 
 
 def _range(table: Mapping[str, Any], name: str) -> Range:
@@ -109,13 +109,13 @@ def _range(table: Mapping[str, Any], name: str) -> Range:
         if not isinstance(table.get(key, False), bool):
             rule = "must be true or false"
             raise errors.refuse(f"{name}.{key}", rule, repr(table[key]), "Write it without quotes.")
-    found = Range(**table)
-    if found.low > found.high:
-        rule = f"must be >= {name}.low = {found.low:g}"
-        raise errors.refuse(f"{name}.high", rule, f"{found.high:g}", "Swap them.")
-    if found.log and (found.low <= 0 or found.whole):
+    bounds = Range(**table)
+    if bounds.low > bounds.high:
+        rule = f"must be >= {name}.low = {bounds.low:g}"
+        raise errors.refuse(f"{name}.high", rule, f"{bounds.high:g}", "Swap them.")
+    if bounds.log and (bounds.low <= 0 or bounds.whole):
         rule = "must be > 0, and no range of whole numbers, for log"
-        raise errors.refuse(f"{name}.low", rule, f"{found.low:g}", "Leave out log.")
-    if found.whole and not (float(found.low).is_integer() and float(found.high).is_integer()):
-        raise errors.refuse(name, "must have whole ends", [found.low, found.high], "Round them.")
-    return found
+        raise errors.refuse(f"{name}.low", rule, f"{bounds.low:g}", "Leave out log.")
+    if bounds.whole and not (float(bounds.low).is_integer() and float(bounds.high).is_integer()):
+        raise errors.refuse(name, "must have whole ends", [bounds.low, bounds.high], "Round them.")
+    return bounds

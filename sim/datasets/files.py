@@ -1,4 +1,4 @@
-"""A folder's files in memory, in the way `starling.sim.console.output.OutputFolder` takes them."""
+"""A folder in memory with the interface of `starling.sim.console.output.Folder`."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections.abc import Callable
 from pathlib import Path
 
 
-class Files:
-    """Names and contents, in the order they were written."""
+class MemoryFolder:
+    """Names and contents of files, in the order of writing."""
 
     def __init__(self, path: Path) -> None:
-        """Begin with none; `path` is where they will stand."""
+        """Create an empty folder; `path` is its later place on disk."""
         self.path = path
         self.content: dict[str, bytes] = {}
 
     def write(self, name: str, data: bytes | str) -> None:
-        """Keep one file; text is UTF-8."""
+        """Store one file; text is encoded as UTF-8."""
         self.content[name] = data.encode() if isinstance(data, str) else data
 
     def write_by(self, name: str, writer: Callable[[Path], object]) -> None:
-        """Keep what `writer` writes at the path it is given."""
+        """Store the file that `writer` writes at the path passed to it."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / Path(name).name
             writer(path)

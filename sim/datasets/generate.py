@@ -1,4 +1,4 @@
-"""The work of `starling generate`: a plan in, a data set out, in however many runs."""
+"""`starling generate`: generate a data set from a plan, in one or several runs."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from starling.sim.datasets import index, local_workers, ray_workers, render_view
 from starling.sim.datasets import plan as plans
 from starling.sim.datasets.plan import Plan
 from starling.sim.datasets.set_folder import Layout
-from starling.sim.datasets.source import Captured, Dropped, Files
-from starling.sim.datasets.task import Made, Task, tasks
+from starling.sim.datasets.source import Captured, Dropped, SceneFiles
+from starling.sim.datasets.task import Task, TaskResult, tasks
 from starling.sim.datasets.view import view
 from starling.sim.render import backend
 
-SHARD_FRAMES = 64  # Of an archive, and of what a worker makes at a time.
+SHARD_FRAMES = 64  # Default number of frames per archive and per task.
 
 
 def generate(
@@ -35,25 +35,26 @@ def generate(
     shard_frames: int = SHARD_FRAMES,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Make a data set, or go on with one; what is whole on disk is not made again.
+    """Generate a data set or resume one; complete tasks on disk are not repeated.
 
     Args:
         plan: TOML file (see `starling.sim.datasets.plan`).
-        out: folder of the set, new or begun by the same plan.
-        workers: processes of this machine; 0 takes one for each core.
-        ray: address of a Ray cluster that makes it in their stead; see `starling.sim.datasets.ray_workers`.
-        layout: a folder each view, or archives in WebDataset's layout.
-        shard_frames: of an archive, and of what a worker makes at a time.
+        out: folder of the set: a new one, or one started by the same plan.
+        workers: processes on this machine; 0 uses one per core.
+        ray: address of a Ray cluster that replaces them (see `starling.sim.datasets.ray_workers`).
+        layout: one folder per view, or archives in the WebDataset layout.
+        shard_frames: frames per archive and per task.
         track: wraps the loop over tasks.
 
     Returns:
         `{"out", "frames", "missing", "duplicate", "differing", "skipped", "frames_per_s",
-        "bytes_per_frame", "seconds"}`; rates are of what this run made, None where it was nothing;
-        frames of views that were skipped are not missing; `differing` is None: `verify` looks.
+        "bytes_per_frame", "seconds"}`. Rates refer to the frames of this run, and are None without
+        new frames. Frames of skipped views do not count as missing. `differing` is None; `verify`
+        measures it.
 
     Raises:
-        InputError: whatever is wrong with plan or folder, a scene's file that is missing where the
-            plan stops at that, a full disk, or a worker that died. What is there stays.
+        InputError: if plan or folder are invalid, the disk is full, or a worker died. Also if a
+            file of a scene is missing and the plan says `missing = "stop"`. Complete tasks remain.
     """
     errors.in_interval("workers", workers, 0, 4096)
     errors.in_interval("shard_frames", shard_frames, 1, 10**6)
@@ -61,28 +62,28 @@ def generate(
         raise errors.refuse("workers", "must be 0 with ray", workers, "The cluster has its own.")
     started = time.perf_counter()
     index.refuse_without()
-    asked = plans.read(plan)
-    info = render_view.info_of(render_view.camera(view(asked, 0)))
-    every = tasks(asked, shard_frames)
+    parsed = plans.read(plan)
+    info = render_view.info_of(render_view.camera(view(parsed, 0)))
+    all_tasks = tasks(parsed, shard_frames)
     new = 0
-    with set_folder.opened(out, text(plan, asked, layout, shard_frames), layout) as folder:
+    with set_folder.opened(out, text(plan, parsed, layout, shard_frames), layout) as folder:
         if not folder.finished:
             folder.describe(info)
             done = folder.done()
-            left = [one for one in every if one.number not in done]
-            made = (
-                ray_workers.made(asked, info, out, left, ray)
+            remaining = [task for task in all_tasks if task.number not in done]
+            results = (
+                ray_workers.run(parsed, info, out, remaining, ray)
                 if ray
-                else local_workers.made(asked, info, out, left, workers or cores())
+                else local_workers.run(parsed, info, out, remaining, workers or cores())
             )
-            for one in _told(made, left, track):
-                folder.put(one)
-                new += len(one.rows)
+            for result in _tracked(results, remaining, track):
+                folder.put(result)
+                new += len(result.rows)
             folder.finish({"verb": "generate", "layout": layout})
         figures = set_folder.figures(out)
     seconds = time.perf_counter() - started
-    wanted = asked.count - asked.frames * len(figures["skipped"])
-    frames, missing, duplicate = index.counted(index.read(out), wanted)
+    wanted = parsed.count - parsed.frames * len(figures["skipped"])
+    frames, missing, duplicate = index.count_frames(index.read(out), wanted)
     return {
         "out": str(out),
         "frames": frames,
@@ -96,22 +97,24 @@ def generate(
     }
 
 
-def _told(made: Iterator[Made], left: Sequence[Task], track: progress.Progress) -> Iterator[Made]:
-    """Tell of each as it comes."""
-    for _ in track(left, "shards"):
-        yield next(made)
+def _tracked(
+    results: Iterator[TaskResult], remaining: Sequence[Task], track: progress.Progress
+) -> Iterator[TaskResult]:
+    """Yield results as they arrive, with progress."""
+    for _ in track(remaining, "shards"):
+        yield next(results)
 
 
 def text(path: Path, plan: Plan, layout: Layout, shard_frames: int) -> str:
-    """All that a set follows from, as its `plan.toml` says it.
+    """Return the set's `plan.toml`: everything that determines its content.
 
     Args:
-        path: of the plan's file.
-        plan: what it says.
-        layout: of the set.
-        shard_frames: likewise.
+        path: file of the plan.
+        plan: the parsed plan.
+        layout: layout of the set.
+        shard_frames: frames per archive and per task.
     """
-    files = {str(one): one.stat().st_size for one in _files(plan)}
+    files = {str(file): file.stat().st_size for file in _files(plan)}
     run = {
         "folder": str(path.absolute().parent),
         "layout": layout,
@@ -123,11 +126,11 @@ def text(path: Path, plan: Plan, layout: Layout, shard_frames: int) -> str:
 
 
 def _files(plan: Plan) -> list[Path]:
-    """Files that scenes and sensors are read from, by name."""
-    found = {Path(one.preset) for one in plan.sensors if one.preset.endswith(".toml")}
+    """Return the files of scenes and sensors, sorted by name."""
+    files = {Path(sensor.preset) for sensor in plan.sensors if sensor.preset.endswith(".toml")}
     for source in plan.sources:
-        if isinstance(source, (Files, Dropped)):
-            found |= set(source.paths)
+        if isinstance(source, (SceneFiles, Dropped)):
+            files |= set(source.paths)
         if isinstance(source, Captured):
-            found |= {path / "truth.png" for path in source.paths}
-    return sorted(path for path in found if path.is_file())
+            files |= {path / "truth.png" for path in source.paths}
+    return sorted(path for path in files if path.is_file())

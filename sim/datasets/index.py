@@ -1,4 +1,4 @@
-"""One Parquet table that says what is where in a data set, a row a frame."""
+"""The index of a data set: a Parquet table with one row per frame."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from starling.patterns import errors
 FILE = "index.parquet"
 
 
-def encoded(rows: Iterable[dict[str, Any]]) -> bytes:
-    """Write rows, by the frame's number, as the bytes of a Parquet file.
+def encode(rows: Iterable[dict[str, Any]]) -> bytes:
+    """Encode rows, sorted by frame number, as the bytes of a Parquet file.
 
     Raises:
         InputError: if pyarrow is not installed.
@@ -68,19 +68,19 @@ def read(path: Path) -> list[dict[str, Any]]:
         raise errors.refuse(FILE, "must be a Parquet file", file, f"{reason}.") from error
 
 
-def counted(rows: Sequence[Mapping[str, Any]], wanted: int) -> tuple[int, int, int]:
-    """How many frames there are, are missing, and are there more than once.
+def count_frames(rows: Sequence[Mapping[str, Any]], wanted: int) -> tuple[int, int, int]:
+    """Return the numbers of present, missing and duplicate frames.
 
     Args:
-        rows: of the index.
-        wanted: frames that there must be, their numbers whatever they are.
+        rows: rows of the index.
+        wanted: expected number of frames.
     """
     counts = Counter(row["frame"] for row in rows)
     return len(counts), wanted - len(counts), len(rows) - len(counts)
 
 
 def refuse_without() -> None:
-    """Refuse where no index can be written, before any work is done.
+    """Check that an index can be written, before any work is done.
 
     Raises:
         InputError: if pyarrow is not installed.

@@ -1,4 +1,4 @@
-"""Tasks made by processes of this machine, a core each."""
+"""Worker processes on this machine, one core each."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from starling.patterns import errors
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.console.threads import begin_worker
 from starling.sim.datasets.plan import Plan
-from starling.sim.datasets.task import Made, Task, make
+from starling.sim.datasets.task import Task, TaskResult, make
 
-_AHEAD = 2  # Tasks that wait for each worker: what is made faster than written must not pile up.
+_AHEAD = 2  # Queued tasks per worker; limits the memory of results that wait to be written.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-def made(
+def run(
     plan: Plan, info: CaptureInfo, out: Path, tasks: Sequence[Task], workers: int
-) -> Iterator[Made]:
-    """Make tasks, and give them in their order.
+) -> Iterator[TaskResult]:
+    """Run tasks and yield their results in the order of the tasks.
 
     Args:
-        plan, info, out: as `taken.take`.
-        tasks: of the plan.
-        workers: processes at most; each has one thread of every library.
+        plan, info, out: as in `render_view.render`.
+        tasks: tasks of the plan.
+        workers: largest number of processes; each uses one thread.
 
     Raises:
         InputError: as `task.make`, or if a process died.
     """
     workers = max(1, min(workers, len(tasks)))
     context = multiprocessing.get_context("spawn")
-    waiting: deque[Future[Made]] = deque()
+    waiting: deque[Future[TaskResult]] = deque()
     with (
         _one_thread(),
         ProcessPoolExecutor(workers, context, initializer=begin_worker) as pool,
@@ -57,7 +57,7 @@ def made(
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """What processes that begin now are told by their environment."""
+    """Set the environment so that processes started inside use one thread per library."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
     try:

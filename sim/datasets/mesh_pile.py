@@ -1,9 +1,10 @@
-"""Meshes dropped onto a table: each lies as it could at rest, and none stands in another.
+"""Meshes dropped onto a table: each rests in a stable pose, and none intersects another.
 
-Nothing falls: a mesh takes one of the poses in which its centre of mass lies above a face of its
-convex hull, by their probabilities under a random throw (Goldberg et al., Part pose statistics,
-Int. J. Robotics Research 18(9), 1999, as `trimesh` computes them), turned about the vertical by
-lot, where the circles about the others' footprints leave room.
+The fall is not simulated. A mesh takes one of its stable poses, in which its centre of mass is
+above a face of its convex hull. The pose is drawn by its probability under a random throw, as
+`trimesh` computes it (Goldberg et al., Part pose statistics, Int. J. Robotics Research 18(9),
+1999). The rotation about the vertical is random. The position is random too, such that the circles
+around the footprints do not overlap.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
-from starling.sim.datasets.source import Heap
+from starling.sim.datasets.source import Pile
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.scene import materials, mesh
@@ -24,52 +25,52 @@ from starling.sim.scene.builtin import solids
 from starling.sim.scene.scene import Ambient, Body, Material, Scene
 from starling.sim.sensor.sensor import Sensor
 
-_TABLE_M = (2.0, 0.04, 1.4)
-_UP = (0.0, 1.0, 0.0)  # Of the world: the table's top is y = 0.
-_SPREAD = 1.3  # Radius of the heap over that of its footprints laid out without gaps.
-_TRIES = 200  # For a place, before the heap may grow,
-_WIDER = 1.1  # by so much.
-_FILLED = 0.75  # Share of the image's width that the heap's circle fills.
-_POSES = 64  # Of a mesh, the most likely ones.
-_FROM_Z = np.array(frames.pose((0, 0, 0), (-90, 0, 0)))  # z of a stable pose to the vertical.
+_TABLE_M = (2.0, 0.04, 1.4)  # Width, thickness and depth of the table [m].
+_UP = (0.0, 1.0, 0.0)  # Up direction of the world; the table top is y = 0.
+_SPREAD = 1.3  # Radius of the pile over the radius of a circle with the footprints' total area.
+_TRIES = 200  # Random positions tried before the pile's radius grows.
+_WIDER = 1.1  # Factor by which the radius grows.
+_FILLED = 0.75  # Share of the image width that the pile's circle fills.
+_POSES = 64  # Largest number of stable poses of a mesh; the most probable ones are used.
+_FROM_Z = np.array(frames.pose((0, 0, 0), (-90, 0, 0)))  # Turns z of a stable pose to the vertical.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Lying:
+class RestingMesh:
     """One mesh at rest."""
 
-    name: str  # Of its body.
+    name: str  # Name of its body.
     path: Path
-    world_from_mesh: Pose  # Rigid, metres.
+    world_from_mesh: Pose  # Rigid, translation in metres.
     reflectance: float
 
 
-def scene(heap: Heap, sensor: Sensor) -> tuple[Scene, tuple[Lying, ...]]:
-    """Lay a heap out on a table in a room, seen from the front and above.
+def scene(pile: Pile, sensor: Sensor) -> tuple[Scene, tuple[RestingMesh, ...]]:
+    """Place a pile of meshes on a table in a room, seen from the front and above.
 
     Args:
-        heap: meshes in metres, and the seed of where they lie.
-        sensor: whose width the heap fills for the most part.
+        pile: meshes [m], and the seed of their poses.
+        sensor: camera; the pile fills most of its image width.
 
     Returns:
-        The scene, its world's y up and origin in the middle of the table's top; and where the
-        meshes lie, in the order of its last bodies.
+        The scene and the resting meshes, in the order of the scene's last bodies. The world's y is
+        up, and its origin is in the middle of the table top.
 
     Raises:
-        InputError: if a mesh is missing or damaged, or the heap is larger than the table.
+        InputError: if a mesh is missing or damaged, or the pile is larger than the table.
     """
-    rng = np.random.default_rng(heap.seed)
-    chosen = [_at_rest(path, rng) for path in heap.paths]
+    rng = np.random.default_rng(pile.seed)
+    chosen = [_at_rest(path, rng) for path in pile.paths]
     spots = _spots([radius for _, radius in chosen], rng)
-    lying = tuple(
-        Lying(
+    resting = tuple(
+        RestingMesh(
             name=f"{path.stem} {number}",
             path=path,
             world_from_mesh=frames.pose((float(x), 0.0, float(z))) @ pose,
             reflectance=reflectance,
         )
         for number, (path, (pose, _), (x, z), reflectance) in enumerate(
-            zip(heap.paths, chosen, spots, heap.reflectances, strict=True)
+            zip(pile.paths, chosen, spots, pile.reflectances, strict=True)
         )
     )
     table = solids.body(
@@ -81,24 +82,24 @@ def scene(heap: Heap, sensor: Sensor) -> tuple[Scene, tuple[Lying, ...]]:
     floor = solids.body(
         "floor", solids.box((12, 0.02, 8)), materials.CARDBOARD, frames.pose((0, -0.75, 0))
     )
-    things = tuple(_body(one) for one in lying)
+    things = tuple(_body(rested) for rested in resting)
     reach = max(
         float(np.hypot(*spot)) + radius for spot, (_, radius) in zip(spots, chosen, strict=True)
     )
     height = max(float(body.mesh.vertices[:, 1].max()) for body in things)
     return (
         Scene(
-            name=heap.room,
+            name=pile.room,
             bodies=(wall, floor, table, *things),
             ambient=Ambient(up=_UP),
-            world_from_left=_seen(reach, height, sensor),
+            world_from_left=_camera_pose(reach, height, sensor),
         ),
-        lying,
+        resting,
     )
 
 
 def _at_rest(path: Path, rng: np.random.Generator) -> tuple[Pose, float]:
-    """A pose in which a mesh rests on y = 0, about the vertical, and its footprint's radius."""
+    """Draw a resting pose on y = 0, centred on the vertical axis; return it and its radius [m]."""
     poses, chances, points = _stable(path)
     pose = poses[int(rng.choice(len(poses), p=chances))]
     turned = frames.pose((0, 0, 0), (0, float(rng.uniform(0, 360)), 0)) @ _FROM_Z @ pose
@@ -111,20 +112,20 @@ def _at_rest(path: Path, rng: np.random.Generator) -> tuple[Pose, float]:
 
 @lru_cache(maxsize=256)
 def _stable(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Poses (n, 4, 4) that a mesh rests in on z = 0, their chances, and its hull's points."""
-    whole = solids.joined([part for _, part in mesh.parts(path)])
+    """Return stable poses (n, 4, 4) on z = 0, their probabilities, and the hull's points."""
+    whole = solids.join([part for _, part in mesh.parts(path)])
     try:
         hull = whole.convex_hull
         poses, chances = hull.compute_stable_poses(sigma=0.0)
-    except Exception as error:  # A flat hull has no volume, and trimesh many ways to say so.
+    except Exception as error:  # trimesh raises various exceptions for a hull without volume.
         rule = "must be a solid that can rest on a table"
         raise errors.refuse("mesh", rule, path, f"trimesh: {type(error).__name__}.") from None
-    kept = np.argsort(-chances, kind="stable")[:_POSES]
-    return poses[kept], chances[kept] / chances[kept].sum(), np.asarray(hull.vertices)
+    likely = np.argsort(-chances, kind="stable")[:_POSES]
+    return poses[likely], chances[likely] / chances[likely].sum(), np.asarray(hull.vertices)
 
 
 def _spots(radii: list[float], rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Middles (x, z) of footprints that do not overlap, as near to each other as a lot finds."""
+    """Draw centres (x, z) [m] of footprints that do not overlap, close to each other."""
     wide = _SPREAD * float(np.sqrt(np.sum(np.square(radii))))
     spots: list[tuple[float, float]] = []
     for number, radius in enumerate(radii):
@@ -132,8 +133,8 @@ def _spots(radii: list[float], rng: np.random.Generator) -> list[tuple[float, fl
         while True:
             x, z = rng.uniform(-wide, wide, size=2)
             free = all(
-                np.hypot(x - spots[other][0], z - spots[other][1]) > radius + radii[other]
-                for other in range(number)
+                np.hypot(x - spots[earlier][0], z - spots[earlier][1]) > radius + radii[earlier]
+                for earlier in range(number)
             )
             if free and np.hypot(x, z) <= wide:
                 spots.append((float(x), float(z)))
@@ -149,15 +150,16 @@ def _spots(radii: list[float], rng: np.random.Generator) -> list[tuple[float, fl
     return spots
 
 
-def _body(one: Lying) -> Body:
-    parts = solids.joined([part for _, part in mesh.parts(one.path)])
-    material = Material(name=one.name, reflectance=one.reflectance)
-    return solids.body(one.name, parts, material, one.world_from_mesh)
+def _body(rested: RestingMesh) -> Body:
+    parts = solids.join([part for _, part in mesh.parts(rested.path)])
+    material = Material(name=rested.name, reflectance=rested.reflectance)
+    return solids.body(rested.name, parts, material, rested.world_from_mesh)
 
 
-def _seen(reach_m: float, height_m: float, sensor: Sensor) -> Pose:
-    """From 35 degrees above, as near as the heap's circle fills most of the width, or the sensor's
-    range and search let.
+def _camera_pose(reach_m: float, height_m: float, sensor: Sensor) -> Pose:
+    """Return the camera's pose, 35 degrees above the table.
+
+    The distance lets the pile fill most of the image width, within the sensor's range and search.
     """
     half = sensor.width / sensor.fx_px / 2
     nearest = max(sensor.post.near_m, sensor.focal_baseline_px_m / sensor.matcher.search_px)

@@ -1,4 +1,4 @@
-"""What a data set is made of: scenes, sensors, poses, as a TOML file says it."""
+"""The plan of a data set: scenes, sensors and poses, read from a TOML file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from starling.sim.effects import setting as setting
 from starling.sim.sensor import edits
 from starling.sim.sensor import presets as sensors
 
-Layer = Literal["infrared", "truth", "reason", "rgb", "exr"]  # Depth is always kept.
+Layer = Literal["infrared", "truth", "reason", "rgb", "exr"]  # Depth is always written.
 Missing = Literal["stop", "skip"]
 
 LAYERS: tuple[Layer, ...] = get_args(Layer)
@@ -27,17 +27,17 @@ _MOST = 10**9
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SensorPlan:
-    """A camera, and what of it is drawn for each view."""
+    """A camera, and the values that are drawn for each view."""
 
-    preset: str  # Name or sensor file.
+    preset: str  # Preset name or sensor file.
     weight: float = 1.0
-    fields: Mapping[str, Draw] = field(default_factory=dict)  # By dotted path, as `--set` takes it.
-    effects: Mapping[str, Draw] = field(default_factory=dict)  # As `--effect` takes them.
+    fields: Mapping[str, Draw] = field(default_factory=dict)  # By dotted path, as for `--set`.
+    effects: Mapping[str, Draw] = field(default_factory=dict)  # By name, as for `--effect`.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PosePlan:
-    """How a view departs from the scene's own, in the left imager's frame."""
+    """Displacement of a view from the scene's own pose, in the left imager's frame."""
 
     shift_m: tuple[Draw, Draw, Draw]
     turn_deg: tuple[Draw, Draw, Draw]  # Rotation vector.
@@ -45,37 +45,37 @@ class PosePlan:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Plan:
-    """Everything that a set's frames follow from."""
+    """Everything that determines the frames of a set."""
 
     seed: int
     scenes: int
-    views: int = 1  # Of each scene.
-    frames: int = 1  # Repeats of each view.
-    samples: int = 0  # Paths a coarse pixel of indirect light; 0 takes none.
+    views: int = 1  # Views per scene.
+    frames: int = 1  # Frames per view; they differ in noise.
+    samples: int = 0  # Paths per coarse pixel for indirect light; 0 disables it.
     layers: tuple[Layer, ...] = ("infrared", "truth")
-    missing: Missing = "stop"  # What a scene's file that is not there does to the run.
+    missing: Missing = "stop"  # Reaction to a missing scene file: stop the run or skip the view.
     sources: tuple[Source, ...]
     sensors: tuple[SensorPlan, ...]
     pose: PosePlan
 
     @property
     def count(self) -> int:
-        """Frames in all."""
+        """Total number of frames."""
         return self.scenes * self.views * self.frames
 
 
 def read(path: Path) -> Plan:
-    """Read a plan.
+    """Read a plan; relative paths start at the folder of the file.
 
     Raises:
-        InputError: if it is missing or no TOML, has keys that are unknown, nearest name first, or a
-            range that no sensor can have. Paths in it start at its own folder.
+        InputError: if the file is missing or no TOML, a key is unknown, or a range is invalid for
+            the sensor.
     """
     return toml_file.read(path, lambda table: from_table(table, path.absolute().parent))
 
 
 def from_table(table: Mapping[str, Any], folder: Path) -> Plan:
-    """Build a plan from its table; paths start at a folder."""
+    """Build a plan from its table; relative paths start at `folder`."""
     known = ("seed", "scenes", "views", "frames", "samples", "layers", "missing", "source")
     refuse_unknown(table, (*known, "sensor", "pose"), "plan")
     numbers = {
@@ -95,12 +95,12 @@ def from_table(table: Mapping[str, Any], folder: Path) -> Plan:
         layers=_layers(table.get("layers", ["infrared", "truth"])),
         missing=missing,
         sources=tuple(
-            read_source(one, folder, f"source {number}")
-            for number, one in enumerate(_listed(table, "source"), 1)
+            read_source(entry, folder, f"source {number}")
+            for number, entry in enumerate(_listed(table, "source"), 1)
         ),
         sensors=tuple(
-            _sensor(one, folder, f"sensor {number}")
-            for number, one in enumerate(_listed(table, "sensor"), 1)
+            _sensor(entry, folder, f"sensor {number}")
+            for number, entry in enumerate(_listed(table, "sensor"), 1)
         ),
         pose=_pose(table.get("pose", {})),
     )
@@ -118,17 +118,21 @@ def _whole(table: Mapping[str, Any], name: str, least: int, default: int | None)
 
 def _layers(value: Any) -> tuple[Layer, ...]:
     if not isinstance(value, list) or not value:
-        raise errors.refuse("layers", "must list what is kept", repr(value), f"Of {LAYERS}.")
-    for one in value:
-        errors.one_of("layer", one, LAYERS)
-    return tuple(one for one in LAYERS if one in value)
+        raise errors.refuse("layers", "must list layers", repr(value), f"Choose from {LAYERS}.")
+    for layer in value:
+        errors.one_of("layer", layer, LAYERS)
+    return tuple(layer for layer in LAYERS if layer in value)
 
 
 def _listed(table: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
-    many = table.get(name, [])
-    if not isinstance(many, list) or not many or not all(isinstance(one, dict) for one in many):
-        raise errors.refuse(name, "must be one table or more", repr(many), f"Write [[{name}]].")
-    return many
+    entries = table.get(name, [])
+    if (
+        not isinstance(entries, list)
+        or not entries
+        or not all(isinstance(entry, dict) for entry in entries)
+    ):
+        raise errors.refuse(name, "must be one table or more", repr(entries), f"Write [[{name}]].")
+    return entries
 
 
 def _sensor(table: Mapping[str, Any], folder: Path, name: str) -> SensorPlan:
@@ -154,16 +158,16 @@ def _draws(table: Mapping[str, Any], key: str, name: str) -> dict[str, Draw]:
 
 
 def _refuse_impossible(plan: SensorPlan) -> None:
-    """Try every end of every range by itself, the others at their first."""
+    """Try every end of every range separately, with the other values at their first end."""
     base = sensors.load(plan.preset)
-    first = {path: one.ends[0] for path, one in plan.fields.items()}
-    effects = {name: one.ends[0] for name, one in plan.effects.items()}
-    for path, one in plan.fields.items():
-        for end in one.ends:
+    first = {path: value.ends[0] for path, value in plan.fields.items()}
+    effects = {name: value.ends[0] for name, value in plan.effects.items()}
+    for path, value in plan.fields.items():
+        for end in value.ends:
             edits.with_values(base, {**first, path: end}.items())
     camera = edits.with_values(base, first.items())
-    for name, one in plan.effects.items():
-        for end in one.ends:
+    for name, value in plan.effects.items():
+        for end in value.ends:
             setting.on_sensor(camera, {**effects, name: end})
 
 
@@ -185,7 +189,7 @@ def _three(table: Mapping[str, Any], key: str) -> tuple[Draw, Draw, Draw]:
 
 
 def _number(value: Any, name: str) -> Draw:
-    found = draw.read(value, name)
-    for end in found.ends:
+    number = draw.read(value, name)
+    for end in number.ends:
         errors.in_interval(name, end, -1e3, 1e3)
-    return Fixed(value=float(found.value)) if isinstance(found, Fixed) else found
+    return Fixed(value=float(number.value)) if isinstance(number, Fixed) else number

@@ -1,7 +1,7 @@
-"""Tasks made by a Ray cluster: what a node had not finished when it died is made by another.
+"""Workers on a Ray cluster; another node repeats the unfinished tasks of a node that died.
 
-Ray deals tasks, restarts those that were lost, and holds what comes back; a frame is made by the
-same code as on one machine. Nodes need the project installed, and files of a plan where they stand.
+Ray distributes tasks, restarts lost ones and holds the results. Frames come from the same code as
+on one machine. Nodes need the project installed, and the plan's files at the same paths.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from starling.patterns import errors
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.console.threads import single_threaded
 from starling.sim.datasets.plan import Plan
-from starling.sim.datasets.task import Made, Task, make
+from starling.sim.datasets.task import Task, TaskResult, make
 
-_AHEAD = 2  # Tasks for each core that are under way: what comes back must not pile up.
-_PATIENCE_S = 5.0  # For a cluster's address to answer.
+_AHEAD = 2  # Tasks in progress per core; limits the memory of results that wait to be written.
+_PATIENCE_S = 5.0  # Timeout for the cluster's address to answer [s].
 
 
-def made(
+def run(
     plan: Plan, info: CaptureInfo, out: Path, tasks: Sequence[Task], address: str
-) -> Iterator[Made]:
-    """Make tasks, and give them as they come.
+) -> Iterator[TaskResult]:
+    """Run tasks and yield their results as they arrive.
 
     Args:
-        plan, info, out: as `taken.take`.
-        tasks: of the plan.
+        plan, info, out: as in `render_view.render`.
+        tasks: tasks of the plan.
         address: HOST:PORT of a cluster, or `local` for one on this machine that ends with the run.
 
     Raises:
@@ -40,29 +40,29 @@ def made(
     try:
         ray.init(address=address, **quiet)
     except ConnectionError as error:
-        remedy = "Is it a cluster's head, of this Ray's version and with the same RAY_AUTH_TOKEN?"
-        raise errors.refuse("ray", "must let this run in", f"{address}: {error}", remedy) from error
+        remedy = "Give the head of a cluster with this version of Ray and the same RAY_AUTH_TOKEN."
+        raise errors.refuse("ray", "must accept this run", f"{address}: {error}", remedy) from error
     try:
         work = ray.remote(num_cpus=1, max_retries=-1)(_make)
-        asked = ray.put((plan, info, out))
+        shared = ray.put((plan, info, out))
         most = _AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
         waiting = list(tasks)[::-1]
         running: list[Any] = []
         while waiting or running:
             while waiting and len(running) < most:
-                running.append(work.remote(asked, waiting.pop()))
+                running.append(work.remote(shared, waiting.pop()))
             ready, running = ray.wait(running, num_returns=1)
             yield _result(ray, ready[0])
     finally:
         ray.shutdown()
 
 
-def _make(asked: tuple[Plan, CaptureInfo, Path], task: Task) -> Made:
+def _make(shared: tuple[Plan, CaptureInfo, Path], task: Task) -> TaskResult:
     single_threaded()
-    return make(*asked, task)
+    return make(*shared, task)
 
 
-def _result(ray: Any, ready: Any) -> Made:
+def _result(ray: Any, ready: Any) -> TaskResult:
     try:
         return ray.get(ready)
     except ray.exceptions.RayTaskError as error:
@@ -72,7 +72,7 @@ def _result(ray: Any, ready: Any) -> Made:
 
 
 def _refuse_silent(address: str) -> None:
-    """Refuse an address that does not answer, which Ray itself takes minutes to say."""
+    """Refuse an address that does not answer; Ray itself takes minutes to report it."""
     if address == "local":
         return
     host, _, port = address.rpartition(":")

@@ -1,4 +1,4 @@
-"""The files of a plan's view: a pure function of plan and number."""
+"""Rendering of a plan's view: its files are a pure function of plan and number."""
 
 from __future__ import annotations
 
@@ -16,131 +16,131 @@ from starling.sim.captures import png, writer
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.commands.simulate_captures import facts, indirectly_lit, rgb
 from starling.sim.datasets import stages
-from starling.sim.datasets.files import Files
+from starling.sim.datasets.files import MemoryFolder
 from starling.sim.datasets.plan import Plan
-from starling.sim.datasets.source import Word
-from starling.sim.datasets.stages import Set
-from starling.sim.datasets.view import View, view
+from starling.sim.datasets.source import SceneSpecifier
+from starling.sim.datasets.stages import LoadedScene
+from starling.sim.datasets.view import PlannedView, view
 from starling.sim.effects import setting as setting
 from starling.sim.geometry.frames import Pose
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import Shot, sequence
 
-_SAMPLES = 16  # Paths a coarse pixel where a plan asks for none: then nothing is indirect.
+_SAMPLES = 16  # Paths per coarse pixel if the plan sets none; unused without indirect light.
 
-Row = dict[str, Any]  # Of the index.
+Row = dict[str, Any]  # Row of the index.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Taken:
-    """One view's files, by path in the capture set, and its frames' rows of the index."""
+class RenderedView:
+    """One view's files, by path in the capture set, and the index rows of its frames."""
 
     name: str
     files: Mapping[str, bytes]
     rows: tuple[Row, ...]
 
 
-def take(plan: Plan, number: int, info: CaptureInfo, out: Path) -> Taken:
-    """Take a view's frames.
+def render(plan: Plan, number: int, info: CaptureInfo, out: Path) -> RenderedView:
+    """Render a view's frames.
 
     Args:
-        plan: whose.
-        number: of the view.
-        info: camera of the set; one of another geometry is written beside the view.
-        out: where the set will stand: paths of meshes are written from there.
+        plan: plan of the data set.
+        number: number of the view.
+        info: camera of the set; a different camera is written to the view's folder.
+        out: folder of the set; paths of meshes are written relative to it.
 
     Raises:
         InputError: if a scene's file is missing or damaged.
     """
-    one = view(plan, number)
-    sensor = camera(one)
-    found = stages.of(one.setting, one.preset)
-    stage = posed(found.stage, one, samples=plan.samples)
-    files = Files(out)
-    own = info_of(sensor)
-    if own != info:
-        files.write(f"{one.name}/{capture_info.OWN}", capture_info.dumps(own))
+    planned = view(plan, number)
+    sensor = camera(planned)
+    loaded = stages.load(planned.setting, planned.preset)
+    stage = posed(loaded.stage, planned, samples=plan.samples)
+    files = MemoryFolder(out)
+    view_info = info_of(sensor)
+    if view_info != info:
+        files.write(f"{planned.name}/{capture_info.OWN}", capture_info.dumps(view_info))
     rows = []
     shots = sequence(
-        stage, sensor, frames=plan.frames, seed=one.seed, samples=plan.samples or _SAMPLES
+        stage, sensor, frames=plan.frames, seed=planned.seed, samples=plan.samples or _SAMPLES
     )
-    told = 0  # Files that rows tell of: a view's own stand in that of its first frame.
+    listed = 0  # Files listed in rows so far; the first frame's row lists the view's shared files.
     for repeat, shot in enumerate(shots):
         if repeat == 0:
-            _write_view(files, plan, one, stage.scene, sensor, shot)
-        _write_frame(files, plan, one, repeat, sensor, stage.scene, found, shot)
-        new = dict(list(files.content.items())[told:])
-        told += len(new)
-        rows.append(_row(plan, one, repeat, shot, new))
-    return Taken(name=one.name, files=files.content, rows=tuple(rows))
+            _write_view(files, plan, planned, stage.scene, sensor, shot)
+        _write_frame(files, plan, planned, repeat, sensor, stage.scene, loaded, shot)
+        new = dict(list(files.content.items())[listed:])
+        listed += len(new)
+        rows.append(_row(plan, planned, repeat, shot, new))
+    return RenderedView(name=planned.name, files=files.content, rows=tuple(rows))
 
 
-def camera(one: View) -> Sensor:
-    """The sensor of a view.
+def camera(planned: PlannedView) -> Sensor:
+    """Return the sensor of a view.
 
     Raises:
-        InputError: for values that it cannot have together.
+        InputError: if the drawn values are invalid in combination.
     """
-    sensor = edits.with_values(presets.load(one.preset), one.fields.items())
-    return setting.on_sensor(sensor, one.effects)
+    sensor = edits.with_values(presets.load(planned.preset), planned.fields.items())
+    return setting.on_sensor(sensor, planned.effects)
 
 
-def posed(stage: Stage, one: View, *, samples: int) -> Stage:
-    """The scene as a view's camera stands before it, with its effects on the scene."""
-    scene = indirectly_lit(setting.on_scene(stage.scene, one.effects), samples)
-    pose = scene.world_from_left @ one.own_from_left
-    return stage.of(dataclasses.replace(scene, world_from_left=pose))
+def posed(stage: MitsubaScene, planned: PlannedView, *, samples: int) -> MitsubaScene:
+    """Return the scene with a view's effects and camera pose."""
+    scene = indirectly_lit(setting.on_scene(stage.scene, planned.effects), samples)
+    pose = scene.world_from_left @ planned.own_from_left
+    return stage.with_scene(dataclasses.replace(scene, world_from_left=pose))
 
 
 def info_of(sensor: Sensor) -> CaptureInfo:
-    """What a set says of the camera of its captures."""
+    """Return the capture info of a set's camera."""
     return writer.info_of(
         sensor, source="starling generate", licence="as the scenes'", notes="simulated"
     )
 
 
 def _write_view(
-    files: Files, plan: Plan, one: View, scene: Scene, sensor: Sensor, shot: Shot
+    files: MemoryFolder, plan: Plan, planned: PlannedView, scene: Scene, sensor: Sensor, shot: Shot
 ) -> None:
     truth = "truth" in plan.layers
     writer.write_scene(
         files,
-        one.name,
-        room=one.room,
+        planned.name,
+        room=planned.room,
         truth_m=shot.layers.truth.depth_m if truth else None,
         depth_unit_m=sensor.post.depth_unit_m,
-        known=_known(one, scene.world_from_left, files.path),
+        known=_known(planned, scene.world_from_left, files.path),
     )
     if truth:
         label = shot.layers.left.body.astype(np.uint16)
-        files.write(f"{one.name}/label.png", png.encode(label))
+        files.write(f"{planned.name}/label.png", png.encode(label))
 
 
-def _known(one: View, world_from_left: Pose, out: Path) -> Any:
-    if not isinstance(one.setting, Word) or not one.setting.known:
+def _known(planned: PlannedView, world_from_left: Pose, out: Path) -> Any:
+    if not isinstance(planned.setting, SceneSpecifier) or not planned.setting.known:
         return None
     from starling.sim.scene.captured import known_geometry
 
-    return known_geometry.describe(one.setting.text, world_from_left, out / one.name)
+    return known_geometry.describe(planned.setting.text, world_from_left, out / planned.name)
 
 
 def _write_frame(
-    files: Files,
+    files: MemoryFolder,
     plan: Plan,
-    one: View,
+    planned: PlannedView,
     repeat: int,
     sensor: Sensor,
     scene: Scene,
-    found: Set,
+    loaded: LoadedScene,
     shot: Shot,
 ) -> None:
     left_from_world = np.linalg.inv(scene.world_from_left)
     writer.write_frame(
         files,
-        one.name,
+        planned.name,
         repeat,
         depth=shot.depth,
         depth_unit_m=sensor.post.depth_unit_m,
@@ -150,35 +150,37 @@ def _write_frame(
         layers=shot.layers if "exr" in plan.layers else None,
         facts={
             **facts(shot, sensor),
-            "seed": one.seed,
-            "view": one.number,
-            "preset": Path(one.preset).stem,
-            "set": dict(one.fields),
-            "effects": dict(one.effects),
+            "seed": planned.seed,
+            "view": planned.number,
+            "preset": Path(planned.preset).stem,
+            "set": dict(planned.fields),
+            "effects": dict(planned.effects),
             "left_from_world": left_from_world.tolist(),
             "bodies": [body.name for body in scene.bodies],
             "objects": [
                 {
-                    "body": lying.name,
-                    "mesh": lying.path.name,
-                    "left_from_mesh": (left_from_world @ lying.world_from_mesh).tolist(),
+                    "body": rested.name,
+                    "mesh": rested.path.name,
+                    "left_from_mesh": (left_from_world @ rested.world_from_mesh).tolist(),
                 }
-                for lying in found.lying
+                for rested in loaded.resting
             ],
         },
     )
 
 
-def _row(plan: Plan, one: View, repeat: int, shot: Shot, files: Mapping[str, bytes]) -> Row:
+def _row(
+    plan: Plan, planned: PlannedView, repeat: int, shot: Shot, files: Mapping[str, bytes]
+) -> Row:
     return {
-        "frame": one.number * plan.frames + repeat,
-        "view": one.number,
-        "scene": one.scene,
+        "frame": planned.number * plan.frames + repeat,
+        "view": planned.number,
+        "scene": planned.scene,
         "repeat": repeat,
-        "name": f"{one.name}/{repeat}",
-        "room": one.room,
-        "sensor": Path(one.preset).stem,
-        "seed": one.seed,
+        "name": f"{planned.name}/{repeat}",
+        "room": planned.room,
+        "sensor": Path(planned.preset).stem,
+        "seed": planned.seed,
         "ndp_rate": float(1 - shot.depth.valid.mean()),
         "mean_dn": float(shot.ir_left.mean()),
         "exposure_s": shot.exposure_s,
@@ -191,8 +193,8 @@ def _row(plan: Plan, one: View, repeat: int, shot: Shot, files: Mapping[str, byt
 
 def fingerprint(files: Mapping[str, bytes]) -> str:
     """SHA-256 of names and contents, in hexadecimal digits."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name in sorted(files):
-        found.update(f"{name} {len(files[name])}\n".encode())
-        found.update(files[name])
-    return found.hexdigest()
+        digest.update(f"{name} {len(files[name])}\n".encode())
+        digest.update(files[name])
+    return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""A data set on disk while it grows: what is there is whole, and what is not is made again."""
+"""A growing data set on disk: complete tasks are recorded, incomplete ones are repeated."""
 
 from __future__ import annotations
 
@@ -16,69 +16,69 @@ from starling.sim.captures import info as capture_info
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.console import output, record
 from starling.sim.datasets import index, shard
-from starling.sim.datasets.task import Made
+from starling.sim.datasets.task import TaskResult
 
 Layout = Literal["folders", "shards"]
 
-PLAN = "plan.toml"  # As it was read, with what else the set follows from.
-_PARTS = ".parts"  # Rows of each task that is whole on disk.
+PLAN = "plan.toml"  # The plan as read, and everything else that determines the set.
+_PARTS = ".parts"  # Folder with the rows of each complete task.
 _LOCK = ".lock"
 
 
 class SetFolder:
-    """Takes what workers made, task by task, in any order."""
+    """Writes the results of workers, task by task, in any order."""
 
     def __init__(self, path: Path, layout: Layout) -> None:
-        """Of a folder that `opened` has opened."""
+        """Use a folder that `opened` has prepared."""
         self.path, self._layout = path, layout
 
     def done(self) -> set[int]:
-        """Numbers of the tasks that are whole on disk."""
+        """Return the numbers of the complete tasks."""
         return {int(part.stem) for part in (self.path / _PARTS).glob("*.json")}
 
-    def put(self, made: Made) -> None:
-        """Write what was made of a task: first its files, then that they are there.
+    def put(self, result: TaskResult) -> None:
+        """Write the result of a task: first its files, then the mark of completeness.
 
         Raises:
             InputError: if the disk is full or the folder cannot be written.
         """
         with output.refused(self.path):
             if self._layout == "shards":
-                where = shard.name(made.number)
-                self._write(where, shard.packed(made.views))
+                where = shard.name(result.number)
+                self._write(where, shard.pack(result.views))
             else:
                 where = ""
-                for view in made.views:
+                for view in result.views:
                     self._write_folder(view.name, view.files)
-            told = {
-                "rows": [{**row, "shard": where} for row in made.rows],
-                "skipped": list(made.skipped),
+            summary = {
+                "rows": [{**row, "shard": where} for row in result.rows],
+                "skipped": list(result.skipped),
             }
-            self._write(f"{_PARTS}/{made.number:06d}.json", record.dumps(told).encode())
+            self._write(f"{_PARTS}/{result.number:06d}.json", record.dumps(summary).encode())
 
     def describe(self, info: CaptureInfo) -> None:
         """Write the set's `capture.toml`."""
         self._write(capture_info.FILE, capture_info.dumps(info).encode())
 
     def finish(self, summary: Mapping[str, Any]) -> None:
-        """Write the index and the record, once all tasks are done.
+        """Write the index and the record after the last task.
 
         Args:
-            summary: goes to the record; nothing in it may differ from run to run.
+            summary: entries of the record; they must be the same in every run.
 
         Raises:
             InputError: as `put`, or if pyarrow is not installed.
         """
         parts = sorted((self.path / _PARTS).glob("*.json"))
-        told = [json.loads(part.read_bytes()) for part in parts]
-        frames = [row for one in told for row in one["rows"]]
-        skipped = [view for one in told for view in one["skipped"]]
+        results = [json.loads(part.read_bytes()) for part in parts]
+        frames = [row for result in results for row in result["rows"]]
+        skipped = [view for result in results for view in result["skipped"]]
         figures = {
             "frames": len(frames),
             "bytes": sum(row["bytes"] for row in frames),
             "skipped": skipped,
         }
-        self._write(index.FILE, index.encoded(frames))
+        self._write(index.FILE, index.encode(frames))
         text = record.dumps({**summary, "versions": record.versions(), "figures": figures})
         self._write(output.RECORD, text.encode())
         with output.refused(self.path):
@@ -86,7 +86,7 @@ class SetFolder:
 
     @property
     def finished(self) -> bool:
-        """Whether index and record are there."""
+        """Whether the index and the record exist."""
         return (self.path / output.RECORD).is_file()
 
     def _write(self, name: str, data: bytes) -> None:
@@ -99,15 +99,15 @@ class SetFolder:
             file = part / Path(path).relative_to(name)
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(data)
-        shutil.rmtree(self.path / name, ignore_errors=True)  # Of a task that was not whole.
+        shutil.rmtree(self.path / name, ignore_errors=True)  # Left by an incomplete task.
         part.rename(self.path / name)
 
 
 def figures(path: Path) -> dict[str, Any]:
-    """Frames, bytes, and views that were skipped, of a finished set.
+    """Return the frames, bytes and skipped views of a finished set.
 
     Raises:
-        InputError: if its record is missing or damaged.
+        InputError: if the record is missing or damaged.
     """
     file = path / output.RECORD
     try:
@@ -119,22 +119,22 @@ def figures(path: Path) -> dict[str, Any]:
 
 @contextmanager
 def opened(path: Path, plan: str, layout: Layout) -> Iterator[SetFolder]:
-    """Begin a set, or go on with one, alone.
+    """Start or resume a set, and lock it against other runs.
 
     Args:
         path: folder of the set.
-        plan: text of all that the set follows from.
-        layout: a folder each view, or archives of many.
+        plan: text of `plan.toml`.
+        layout: one folder per view, or archives of many views.
 
     Raises:
-        InputError: if the folder holds something else or the set of another plan, another run
-            works on it, or it cannot be written.
+        InputError: if the folder holds other files or the set of another plan, another run uses
+            it, or it cannot be written.
     """
-    asked = path / PLAN
-    begun = asked.is_file()
+    plan_file = path / PLAN
+    begun = plan_file.is_file()
     if path.exists() and not begun and (not path.is_dir() or _others(path)):
-        advice = "Choose another, or empty it yourself."
-        raise errors.refuse("out", "must be a new folder or a set that was begun", path, advice)
+        advice = "Choose another folder, or empty this one yourself."
+        raise errors.refuse("out", "must be a new folder or an unfinished set", path, advice)
     with output.refused(path):
         (path / _PARTS).mkdir(parents=True, exist_ok=True)
         lock = (path / _LOCK).open("w")
@@ -142,26 +142,26 @@ def opened(path: Path, plan: str, layout: Layout) -> Iterator[SetFolder]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            rule, advice = "must be made by one run at a time", "End the other, or wait for it."
+            rule, advice = "must be used by one run at a time", "End the other run, or wait for it."
             raise errors.refuse("out", rule, path, advice) from error
         if begun:
-            _refuse_other(asked.read_text(encoding="utf-8"), plan, path)
+            _refuse_other(plan_file.read_text(encoding="utf-8"), plan, path)
         with output.refused(path):
             if (path / output.RECORD).is_file():
                 shutil.rmtree(path / _PARTS)
-            for left in [*path.glob(".*.partial"), *(path / _PARTS).glob(".*.partial")]:
-                shutil.rmtree(left) if left.is_dir() else left.unlink()
+            for partial in [*path.glob(".*.partial"), *(path / _PARTS).glob(".*.partial")]:
+                shutil.rmtree(partial) if partial.is_dir() else partial.unlink()
         if not begun:
-            output.write_file(asked, plan.encode())
+            output.write_file(plan_file, plan.encode())
         yield SetFolder(path, layout)
 
 
 def _others(path: Path) -> list[Path]:
-    """What a run that was killed before its plan stood there cannot have left."""
+    """Return files that do not come from a run killed before it wrote its plan."""
     return [
-        one
-        for one in path.iterdir()
-        if one.name not in (_PARTS, _LOCK) and not one.name.endswith(".partial")
+        item
+        for item in path.iterdir()
+        if item.name not in (_PARTS, _LOCK) and not item.name.endswith(".partial")
     ]
 
 
@@ -170,5 +170,5 @@ def _refuse_other(before: str, now: str, path: Path) -> None:
         return
     lines = difflib.unified_diff(before.splitlines(), now.splitlines(), n=0, lineterm="")
     changed = [line for line in lines if line[:1] in "+-" and line[:3] not in ("+++", "---")]
-    advice = "Choose another folder, or the plan that it was begun with."
+    advice = "Choose another folder, or the plan that started the set."
     raise errors.refuse("plan", f"must be that of {path}", "; ".join(changed), advice)

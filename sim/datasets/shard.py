@@ -1,7 +1,8 @@
-"""Some views as one tar archive, in WebDataset's layout, and back to folders.
+"""Tar archives of views in the WebDataset layout, and their conversion back to folders.
 
-A frame is a sample: all files of one name before the first dot, `0000012/0.ir_left.png`. What a
-view's frames share, as `truth.png`, stands in each of them. Equal views give equal bytes.
+A frame is a sample: files that share the name before the first dot, `0000012/0.ir_left.png`. Files
+that the frames of a view share, such as `truth.png`, are repeated in each sample. Equal views give
+equal bytes.
 """
 
 from __future__ import annotations
@@ -11,16 +12,16 @@ import tarfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 
-from starling.sim.datasets.render_view import Taken
+from starling.sim.datasets.render_view import RenderedView
 
 
 def name(number: int) -> str:
-    """File of a shard."""
+    """Return the file name of a shard."""
     return f"shard-{number:06d}.tar"
 
 
-def packed(views: Sequence[Taken]) -> bytes:
-    """Put views into one archive, frame by frame."""
+def pack(views: Sequence[RenderedView]) -> bytes:
+    """Pack views into one archive, frame by frame."""
     buffer = io.BytesIO()
     with tarfile.open(fileobj=buffer, mode="w", format=tarfile.USTAR_FORMAT) as archive:
         for view in views:
@@ -31,33 +32,33 @@ def packed(views: Sequence[Taken]) -> bytes:
     return buffer.getvalue()
 
 
-def _samples(view: Taken) -> Iterator[tuple[str, bytes]]:
-    """Files of each frame under its sample's name."""
+def _samples(view: RenderedView) -> Iterator[tuple[str, bytes]]:
+    """Yield the files of each frame under the name of its sample."""
     shared = {
         path.name: data
         for path, data in ((PurePosixPath(n), d) for n, d in view.files.items())
         if len(path.parts) == 2
     }
     for repeat in range(len(view.rows)):
-        own = f"{view.name}/{repeat}/"
-        files = {n.removeprefix(own): d for n, d in view.files.items() if n.startswith(own)}
+        prefix = f"{view.name}/{repeat}/"
+        files = {n.removeprefix(prefix): d for n, d in view.files.items() if n.startswith(prefix)}
         for file, data in sorted({**shared, **files}.items()):
             yield f"{view.name}/{repeat}.{file}", data
 
 
-def unpacked(archive: bytes) -> dict[str, bytes]:
-    """Files of a shard by path in a capture set.
+def unpack(archive: bytes) -> dict[str, bytes]:
+    """Return the files of a shard by path in a capture set.
 
     Args:
-        archive: what `packed` gave.
+        archive: bytes from `pack`.
     """
-    found: dict[str, bytes] = {}
+    files: dict[str, bytes] = {}
     with tarfile.open(fileobj=io.BytesIO(archive), mode="r") as read:
         for member in read:
             file = read.extractfile(member)
-            assert file is not None  # There is nothing but files in it.
-            found |= _placed(member.name, file.read())
-    return found
+            assert file is not None  # The archive holds regular files only.
+            files |= _placed(member.name, file.read())
+    return files
 
 
 def _placed(member: str, data: bytes) -> Mapping[str, bytes]:

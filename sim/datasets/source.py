@@ -1,4 +1,4 @@
-"""Where a plan's scenes come from."""
+"""Sources of a plan's scenes."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _MESHES = (".ply", ".obj", ".glb")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Word:
-    """A scene that `starling.sim.scene.sources.load` takes."""
+class SceneSpecifier:
+    """A scene specifier for `starling.sim.scene.sources.load`."""
 
     text: str
-    room: str  # Scenes of one room are no independent evidence.
-    known: bool = True  # Whether its geometry is known apart from a camera.
+    room: str  # Scenes of one room are not independent samples.
+    known: bool = True  # Whether the geometry is known without captures.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Heap:
-    """Meshes to be dropped onto a table."""
+class Pile:
+    """Meshes to drop onto a table."""
 
     paths: tuple[Path, ...]
     reflectances: tuple[float, ...]
@@ -39,60 +39,60 @@ class Heap:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Builtin:
-    """Scenes of one family, NAME:NUMBER."""
+    """Builtin scenes of one family, NAME:NUMBER."""
 
     weight: float
     scene: str
     number: Draw
 
-    def chosen(self, rng: np.random.Generator) -> Word:
+    def chosen(self, rng: np.random.Generator) -> SceneSpecifier:
         """Draw a scene."""
         word = f"{self.scene}:{self.number.drawn(rng)}"
-        return Word(text=word, room=word.replace(":", "-"))
+        return SceneSpecifier(text=word, room=word.replace(":", "-"))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Files:
-    """Meshes and Mitsuba XMLs, each a scene."""
+class SceneFiles:
+    """Meshes and Mitsuba XMLs; each file is a scene."""
 
     weight: float
     paths: tuple[Path, ...]
 
-    def chosen(self, rng: np.random.Generator) -> Word:
+    def chosen(self, rng: np.random.Generator) -> SceneSpecifier:
         """Draw a scene."""
         path = self.paths[int(rng.integers(len(self.paths)))]
-        return Word(text=str(path), room=path.stem)
+        return SceneSpecifier(text=str(path), room=path.stem)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Captured:
-    """Scenes of a capture set, by their reference depth."""
+    """Scenes of a capture set, with the geometry of their reference depth."""
 
     weight: float
     paths: tuple[Path, ...]
     rooms: tuple[str, ...]
 
-    def chosen(self, rng: np.random.Generator) -> Word:
+    def chosen(self, rng: np.random.Generator) -> SceneSpecifier:
         """Draw a scene."""
         number = int(rng.integers(len(self.paths)))
-        return Word(text=str(self.paths[number]), room=self.rooms[number], known=False)
+        return SceneSpecifier(text=str(self.paths[number]), room=self.rooms[number], known=False)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Dropped:
-    """Tables with some meshes of a folder on them, any of them more than once."""
+    """Tables with meshes of a folder on them; a mesh can occur more than once."""
 
     weight: float
     paths: tuple[Path, ...]
     count: Draw
     reflectance: Draw
 
-    def chosen(self, rng: np.random.Generator) -> Heap:
-        """Draw meshes, what they reflect, and a seed for where they lie."""
+    def chosen(self, rng: np.random.Generator) -> Pile:
+        """Draw meshes, their reflectances, and a seed for their poses."""
         count = int(self.count.drawn(rng))
         numbers = rng.integers(len(self.paths), size=count)
         seed = int(rng.integers(2**31))
-        return Heap(
+        return Pile(
             paths=tuple(self.paths[number] for number in numbers),
             reflectances=tuple(float(self.reflectance.drawn(rng)) for _ in numbers),
             seed=seed,
@@ -100,20 +100,20 @@ class Dropped:
         )
 
 
-Setting = Word | Heap
-Source = Builtin | Files | Captured | Dropped
+Setting = SceneSpecifier | Pile
+Source = Builtin | SceneFiles | Captured | Dropped
 
 
 def read(table: Mapping[str, Any], folder: Path, name: str) -> Source:
-    """Read one source.
+    """Parse one source.
 
     Args:
-        table: what the plan says.
-        folder: where its paths start.
-        name: what refusals call it.
+        table: the source's table in the plan.
+        folder: folder at which relative paths start.
+        name: name of the source in error messages.
 
     Raises:
-        InputError: unknown kind or key, or what it names is not there.
+        InputError: if the kind or a key is unknown, or a file is missing.
     """
     kind = text(table, "kind", name, "builtin")
     errors.one_of(f"{name}.kind", kind, _KINDS)
@@ -136,14 +136,14 @@ def _builtin(table: Mapping[str, Any], folder: Path, name: str) -> Builtin:
     return Builtin(weight=weight(table, name), scene=family, number=number)
 
 
-def _files(table: Mapping[str, Any], folder: Path, name: str) -> Files:
+def _files(table: Mapping[str, Any], folder: Path, name: str) -> SceneFiles:
     words = table.get("paths")
-    if not isinstance(words, list) or not words or not all(isinstance(one, str) for one in words):
+    if not isinstance(words, list) or not words or not all(isinstance(word, str) for word in words):
         raise errors.refuse(f"{name}.paths", "must list files", repr(words), "As ['a.glb'].")
     paths = tuple(folder / word for word in words)
     for path in paths:
         _refuse_other(path, _FILES, f"{name}.paths")
-    return Files(weight=weight(table, name), paths=paths)
+    return SceneFiles(weight=weight(table, name), paths=paths)
 
 
 def _captured(table: Mapping[str, Any], folder: Path, name: str) -> Captured:
@@ -152,8 +152,8 @@ def _captured(table: Mapping[str, Any], folder: Path, name: str) -> Captured:
     scenes = capture.open_set(folder / text(table, "folder", name, "captures")).scenes
     return Captured(
         weight=weight(table, name),
-        paths=tuple(one.path for one in scenes),
-        rooms=tuple(one.room for one in scenes),
+        paths=tuple(scene.path for scene in scenes),
+        rooms=tuple(scene.room for scene in scenes),
     )
 
 

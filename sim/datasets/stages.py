@@ -1,4 +1,4 @@
-"""Scenes of a plan, loaded and set up once for the views that follow each other."""
+"""Loading of a plan's scenes; consecutive views of one scene share the loaded scene."""
 
 from __future__ import annotations
 
@@ -6,34 +6,34 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from starling.sim.datasets import mesh_pile
-from starling.sim.datasets.mesh_pile import Lying
-from starling.sim.datasets.source import Heap, Setting
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.datasets.mesh_pile import RestingMesh
+from starling.sim.datasets.source import Pile, Setting
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
 from starling.sim.sensor import presets
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Set:
-    """A scene in Mitsuba, and where what was dropped into it lies."""
+class LoadedScene:
+    """A scene in Mitsuba, and the meshes that were dropped into it."""
 
-    stage: Stage
-    lying: tuple[Lying, ...] = ()
+    stage: MitsubaScene
+    resting: tuple[RestingMesh, ...] = ()
 
 
-@lru_cache(maxsize=2)  # The views of one scene may have two presets.
-def of(setting: Setting, preset: str) -> Set:
-    """A scene, as a preset would see it.
+@lru_cache(maxsize=2)  # The views of one scene can have two presets.
+def load(setting: Setting, preset: str) -> LoadedScene:
+    """Load a scene for a preset.
 
     Args:
-        setting: what it is made of.
-        preset: name, or sensor file.
+        setting: scene specifier or pile of meshes.
+        preset: preset name or sensor file.
 
     Raises:
         InputError: if a file is missing or damaged.
     """
     sensor = presets.load(preset)
-    if isinstance(setting, Heap):
-        scene, lying = mesh_pile.scene(setting, sensor)
-        return Set(stage=Stage(scene), lying=lying)
-    return Set(stage=Stage(sources.load(setting.text, sensor)))
+    if isinstance(setting, Pile):
+        scene, resting = mesh_pile.scene(setting, sensor)
+        return LoadedScene(stage=MitsubaScene(scene), resting=resting)
+    return LoadedScene(stage=MitsubaScene(sources.load(setting.text, sensor)))

@@ -1,4 +1,4 @@
-"""Keys of a plan's tables."""
+"""Validation of keys and values in a plan's tables."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from starling.patterns import errors
 
 
 def refuse_unknown(table: Mapping[str, Any], known: Sequence[str], name: str) -> None:
-    """Refuse keys that mean nothing, the nearest that does first.
+    """Refuse unknown keys; the message suggests the most similar known key.
 
     Raises:
-        InputError: if there is one.
+        InputError: if a key is unknown.
     """
     for key in table:
         errors.one_of(f"key in {name}", key, known)
 
 
 def weight(table: Mapping[str, Any], name: str) -> float:
-    """How often one of several is drawn, over the sum of all weights.
+    """Return the weight of an entry: its probability is the weight over the sum of all weights.
 
     Raises:
-        InputError: if it is not above zero.
+        InputError: if the weight is not above zero.
     """
     value = table.get("weight", 1.0)
     errors.positive(f"{name}.weight", value)
@@ -30,10 +30,10 @@ def weight(table: Mapping[str, Any], name: str) -> float:
 
 
 def text(table: Mapping[str, Any], key: str, name: str, example: str) -> str:
-    """A word that must be there.
+    """Return a required text.
 
     Raises:
-        InputError: if it is not, or no text.
+        InputError: if the value is missing, empty or no text.
     """
     value = table.get(key)
     if not isinstance(value, str) or not value:

@@ -1,4 +1,4 @@
-"""Some consecutive views of a plan: what one worker makes at a time."""
+"""Tasks of a worker: consecutive views of a plan."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from typing import Any
 from starling.patterns.errors import InputError
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.datasets.plan import Plan
-from starling.sim.datasets.render_view import Row, Taken, take
+from starling.sim.datasets.render_view import RenderedView, Row, render
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Task:
-    """Views of a shard."""
+    """The views of one shard."""
 
     number: int
     views: tuple[int, ...]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Made:
-    """What a worker made of a task."""
+class TaskResult:
+    """Views that a worker rendered for a task."""
 
     number: int
-    views: tuple[Taken, ...]
-    skipped: tuple[dict[str, Any], ...] = ()  # Views whose scene was not to be had, and why.
+    views: tuple[RenderedView, ...]
+    skipped: tuple[dict[str, Any], ...] = ()  # Views whose scene is missing, with the reason.
 
     @property
     def rows(self) -> list[Row]:
-        """Of the index, of all frames."""
-        return [row for one in self.views for row in one.rows]
+        """Rows of the index for all frames."""
+        return [row for view in self.views for row in view.rows]
 
 
 def tasks(plan: Plan, frames: int) -> list[Task]:
-    """Part a plan's views, in order, into tasks of so many frames, of one view at least."""
+    """Split a plan's views, in order, into tasks of `frames` frames, at least one view each."""
     size = max(1, frames // plan.frames)
     count = plan.scenes * plan.views
     return [
@@ -44,19 +44,19 @@ def tasks(plan: Plan, frames: int) -> list[Task]:
     ]
 
 
-def make(plan: Plan, info: CaptureInfo, out: Path, task: Task) -> Made:
-    """Take a task's views (arguments as `taken.take`).
+def make(plan: Plan, info: CaptureInfo, out: Path, task: Task) -> TaskResult:
+    """Render a task's views (arguments as in `render_view.render`).
 
     Raises:
-        InputError: as `taken.take`, if the plan stops at what is missing.
+        InputError: as `render_view.render`, if the plan says `missing = "stop"`.
     """
-    views: list[Taken] = []
+    views: list[RenderedView] = []
     skipped: list[dict[str, Any]] = []
     for number in task.views:
         try:
-            views.append(take(plan, number, info, out))
+            views.append(render(plan, number, info, out))
         except InputError as error:
             if plan.missing == "stop":
                 raise
             skipped.append({"view": number, "why": str(error)})
-    return Made(number=task.number, views=tuple(views), skipped=tuple(skipped))
+    return TaskResult(number=task.number, views=tuple(views), skipped=tuple(skipped))

@@ -1,4 +1,4 @@
-"""What a plan's view is: scene, camera, pose and seed, by its number alone."""
+"""Drawing of a plan's views: scene, camera, pose and seed depend only on the view's number."""
 
 from __future__ import annotations
 
@@ -18,29 +18,30 @@ from starling.sim.geometry.frames import Pose
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class View:
-    """One pose of one camera before one scene; its frames are repeats."""
+class PlannedView:
+    """One pose of one camera in one scene; its frames differ in noise only."""
 
     number: int
-    scene: int  # Number of the scene, which some views share.
-    name: str  # Of its folder in the capture set.
+    scene: int  # Number of the scene, which several views can share.
+    name: str  # Name of its folder in the capture set.
     room: str
     setting: Setting
     preset: str
-    fields: Mapping[str, Any]  # Of the sensor, by dotted path.
+    fields: Mapping[str, Any]  # Fields of the sensor, by dotted path.
     effects: Mapping[str, Value]
-    own_from_left: Pose  # Where it stands in the frame of the scene's own left imager.
+    own_from_left: Pose  # Pose in the frame of the scene's own left imager.
     seed: int
 
 
-def view(plan: Plan, number: int) -> View:
+def view(plan: Plan, number: int) -> PlannedView:
     """Draw a view.
 
-    Each value is drawn by its own name, so that one more in the plan moves no other.
+    Each value has its own random stream by name, so an additional value in the plan changes no
+    other value.
 
     Args:
-        plan: whose.
-        number: from 0, below scenes times views.
+        plan: plan of the data set.
+        number: number of the view, from 0, below scenes times views.
     """
     scene, _ = divmod(number, plan.views)
     source = _weighted(plan.sources, _rng(plan, scene, "source"))
@@ -48,7 +49,7 @@ def view(plan: Plan, number: int) -> View:
     sensor = _weighted(plan.sensors, _rng(plan, number, "sensor"))
     shift = _drawn(plan, number, "shift_m", plan.pose.shift_m)
     turn = _drawn(plan, number, "turn_deg", plan.pose.turn_deg)
-    return View(
+    return PlannedView(
         number=number,
         scene=scene,
         name=f"{number:07d}",
@@ -56,12 +57,12 @@ def view(plan: Plan, number: int) -> View:
         setting=setting,
         preset=sensor.preset,
         fields={
-            path: one.drawn(_rng(plan, number, f"field {path}"))
-            for path, one in sensor.fields.items()
+            path: draw.drawn(_rng(plan, number, f"field {path}"))
+            for path, draw in sensor.fields.items()
         },
         effects={
-            name: one.drawn(_rng(plan, number, f"effect {name}"))
-            for name, one in sensor.effects.items()
+            name: draw.drawn(_rng(plan, number, f"effect {name}"))
+            for name, draw in sensor.effects.items()
         },
         own_from_left=frames.pose(shift, turn),
         seed=int(_rng(plan, number, "seed").integers(2**53)),
@@ -69,17 +70,17 @@ def view(plan: Plan, number: int) -> View:
 
 
 def _drawn(
-    plan: Plan, number: int, what: str, draws: tuple[Draw, Draw, Draw]
+    plan: Plan, number: int, name: str, draws: tuple[Draw, Draw, Draw]
 ) -> tuple[float, float, float]:
     x, y, z = (
-        float(one.drawn(_rng(plan, number, f"{what}.{axis}")))
-        for one, axis in zip(draws, "xyz", strict=True)
+        float(draw.drawn(_rng(plan, number, f"{name}.{axis}")))
+        for draw, axis in zip(draws, "xyz", strict=True)
     )
     return x, y, z
 
 
-def _rng(plan: Plan, number: int, what: str) -> np.random.Generator:
-    return randomness.generator(plan.seed, number, "plan", what)
+def _rng(plan: Plan, number: int, name: str) -> np.random.Generator:
+    return randomness.generator(plan.seed, number, "plan", name)
 
 
 class _Weighted(Protocol):
@@ -90,7 +91,7 @@ class _Weighted(Protocol):
 _W = TypeVar("_W", bound=_Weighted)
 
 
-def _weighted(many: Sequence[_W], rng: np.random.Generator) -> _W:
-    """Draw one of several by their weights."""
-    ends = np.cumsum([one.weight for one in many])
-    return many[int(np.searchsorted(ends, rng.uniform(0.0, ends[-1]), side="right"))]
+def _weighted(entries: Sequence[_W], rng: np.random.Generator) -> _W:
+    """Draw an entry with probability proportional to its weight."""
+    ends = np.cumsum([entry.weight for entry in entries])
+    return entries[int(np.searchsorted(ends, rng.uniform(0.0, ends[-1]), side="right"))]

@@ -1,1 +1,1 @@
-"""Derivatives of the projected light by the geometry of the rig."""
+"""Derivatives of the projected light by the rig's geometry."""

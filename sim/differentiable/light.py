@@ -1,13 +1,12 @@
 """The projector's light in one imager, and its derivatives by the rig's geometry.
 
-Rays find the surface; the points they find are then attached to the parameters by cutting each ray
-with the plane of the facet it met, so that derivatives run from the pixel over the surface
-into the projector's pattern. Which facet is met, what stands in the way of the light, and how
-much the surface reflects are taken as fixed: a derivative says nothing of pixels on a depth edge or
-on a shadow's edge, which `Traced.clear` leaves out, nor of texture that moves.
+Rays find the surface. Each ray is then intersected with its facet's plane as a function of the
+parameters. Derivatives so propagate from the pixel over the surface into the pattern. The
+facet, the shadows and the reflectance are held fixed. The derivatives are therefore invalid at
+depth edges and shadow edges, which `TracedView.clear` excludes. They ignore moving texture.
 
-Few parameters and many pixels: columns by forward mode, one for each parameter, all in one kernel
-and exact to float. Backward mode (`Traced.pulled`) gives the same numbers, summed over pixels.
+There are few parameters and many pixels, so forward mode computes one column per parameter, all in
+one kernel. Backward mode (`TracedView.backward_gradient`) gives the same sums over pixels.
 
 Source: forward and backward mode on one graph: Jakob et al., "Dr.Jit", ACM TOG 41(4), 2022.
 """
@@ -24,155 +23,155 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim.arrays import Image, Mask
 from starling.sim.differentiable.rig import AXES, RAY, Rig, Steps
 from starling.sim.geometry.motion import moments
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render import backend
-from starling.sim.render.beam import Light, between
-from starling.sim.render.layers import Image, Mask
+from starling.sim.render.beam import ProjectorLight, between
 from starling.sim.render.lights import towards_viewer
-from starling.sim.render.mitsuba_scene import Stage
-from starling.sim.render.rays import Placed, opaque, pixels
+from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.render.rays import JitPose, opaque, pixels
 from starling.sim.scene.scene import ModelError
 from starling.sim.sensor.sensor import Sensor
 
 Side = Literal["left", "right"]
 
 PARAMETERS = (
-    "fx_px",  # fy_px keeps its ratio to it.
+    "fx_px",  # fy_px changes in proportion.
     "cx_px",
     "cy_px",
     "baseline_m",
     *(f"projector.position_m.{axis}" for axis in AXES),
     *(f"projector.rotation_deg.{axis}" for axis in AXES),
-    "projector.field",  # Relative step of the tangents of both half fields.
+    "projector.field",  # Relative change of the tangents of both half fields.
     "projector.pattern_scale",
     *RAY,
 )
-_GRAZING = 0.1  # Cosine of incidence below which a facet's plane says little of its neighbours.
-_TRANSPARENT = ("mirror", "glass")  # What these show lies elsewhere.
+_GRAZING = 0.1  # Least cosine of incidence; below it the facet's plane is a bad approximation.
+_TRANSPARENT = ("mirror", "glass")  # Materials that show other surfaces.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Linear:
-    """An image and how it changes."""
+class Linearised:
+    """An image and its derivatives."""
 
     image: Image  # (h, w)
-    columns: Mapping[str, Image]  # Derivative by each parameter, (h, w) each.
+    columns: Mapping[str, Image]  # Derivative by each parameter, (h, w).
 
 
 @dataclass(frozen=True, slots=True)
 class _Hits:
-    """What the rays at one place in every pixel found."""
+    """Surface points of the rays at one sub-pixel position."""
 
     pixel: Any  # Vector2f
-    point: Any  # Vector3f, left frame, as the surface is traced
-    normal: Any  # Vector3f, of the facet
-    shading: Any  # Vector3f, of the surface as shaded
-    returned: tuple[Any, ...]  # Float an emitter: BRDF times cosine of its light [1 / sr]
-    lit: tuple[Any, ...]  # Bool an emitter
+    point: Any  # Vector3f in the left frame
+    normal: Any  # Vector3f, facet normal
+    shading: Any  # Vector3f, shading normal
+    brdf_cosine: tuple[Any, ...]  # Float per emitter: BRDF times cosine of its light [1 / sr]
+    lit: tuple[Any, ...]  # Bool per emitter
 
 
 def trace(
-    stage: Stage,
+    mi_scene: MitsubaScene,
     sensor: Sensor,
     side: Side,
     *,
     subpixels: int = 2,
     reference: Pinhole | None = None,
-) -> Traced:
-    """Find what the pixels of one imager see, and whether the projector lights it.
+) -> TracedView:
+    """Find the surfaces that one imager sees, and whether the projector lights them.
 
     Args:
-        stage: the scene in Mitsuba, at rest and without errors of its model.
-        sensor: geometry and projector; the alignment of its imagers is left out, as it moves the
-            image that is rendered here (see `starling.sim.imaging.optics.alignment`).
-        side: which imager.
+        mi_scene: Scene in Mitsuba, at rest and without model error.
+        sensor: Geometry and projector. The alignment of its imagers is ignored here; it acts on
+            the rendered image (see `starling.sim.imaging.optics.alignment`).
+        side: Imager.
         subpixels: n of the n x n fixed positions in a pixel.
-        reference: pinhole by which a reference depth map became the stage's surface, whose
-            points then keep their pixel in the left image and move sideways with focal length
-            and principal point. None for a surface known in metres.
+        reference: Pinhole that converted a reference depth map to the scene's surface. Surface
+            points then keep their left pixel and move sideways with focal length and principal
+            point. None for a surface known in metres.
 
     Raises:
-        BackendError: in a variant that does not differentiate.
-        InputError: if scene or sensor carry an error of their geometry beside it.
+        BackendError: in a variant that cannot differentiate.
+        InputError: if scene or sensor has an additional error of the geometry.
     """
-    _refuse_undifferentiable(stage, sensor)
-    rig = Rig.of(sensor, right=side == "right", reference=reference, steps=Steps({}))
-    light = Light.of(sensor, stage.scene.world_from_left)
+    _refuse_undifferentiable(mi_scene, sensor)
+    rig = Rig.from_sensor(sensor, right=side == "right", reference=reference, steps=Steps({}))
+    light = ProjectorLight.from_sensor(sensor, mi_scene.scene.world_from_left)
     shifts = [(x, y) for x, y, _ in moments(subpixels, None)]
-    hits, whole = [], np.ones((sensor.height, sensor.width), bool)
+    hits, clear = [], np.ones((sensor.height, sensor.width), bool)
     depth = body = None
     for shift in shifts:
-        found, seen_depth, seen_body, plain = _hits(stage, rig, light, shift)
-        hits.append(found)
-        depth = seen_depth if depth is None else depth
-        body = seen_body if body is None else body
-        whole &= plain & (seen_body == body)
-    assert depth is not None and body is not None  # There is at least one place in a pixel.
-    return Traced(
+        hit, hit_depth, hit_body, plain = _hits(mi_scene, rig, light, shift)
+        hits.append(hit)
+        depth = hit_depth if depth is None else depth
+        body = hit_body if body is None else body
+        clear &= plain & (hit_body == body)
+    assert depth is not None and body is not None  # Each pixel has at least one position.
+    return TracedView(
         sensor=sensor,
         side=side,
         reference=reference,
         depth_m=depth,
         body=body,
-        clear=whole,
+        clear=clear,
         _light=light,
         _hits=tuple(hits),
     )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Traced:
-    """One imager's view, ready to be differentiated."""
+class TracedView:
+    """Traced view of one imager, from which derivatives are computed."""
 
     sensor: Sensor
     side: Side
     reference: Pinhole | None
-    depth_m: Image  # (h, w) z along the imager's axis, NaN where there is nothing.
-    body: NDArray[np.uint32]  # (h, w) number from 1, 0 where there is nothing.
-    clear: Mask  # (h, w) lit as a whole, of one opaque body, and not met at a grazing angle.
-    _light: Light
+    depth_m: Image  # (h, w) z along the imager's axis, NaN without surface.
+    body: NDArray[np.uint32]  # (h, w) number from 1, 0 without surface.
+    clear: Mask  # (h, w) pixels fully lit, on one opaque body, not at a grazing angle.
+    _light: ProjectorLight
     _hits: tuple[_Hits, ...]
 
     @property
     def emitters(self) -> int:
-        """How many the projector has."""
+        """Number of the projector's emitters."""
         return len(self._light.emissions)
 
-    def linear(self, names: tuple[str, ...] = (), *, emitter: int | None = None) -> Linear:
+    def linear(self, names: tuple[str, ...] = (), *, emitter: int | None = None) -> Linearised:
         """Radiance of the projector's light of 1 W [W m^-2 sr^-1], and its derivatives.
 
         Args:
-            names: of `PARAMETERS`.
-            emitter: whose part of the light alone is meant; None is all of it.
+            names: Parameters in `PARAMETERS`.
+            emitter: Number of the only emitter to include; None includes all.
 
         Raises:
-            InputError: an unknown name.
+            InputError: for an unknown name.
         """
         mi, dr = backend.mitsuba(), backend.drjit()
         count = self.depth_m.size
         sums = [dr.zeros(mi.Float, count) for _ in range(1 + len(names))]
         for hits in self._hits:
             steps = _steps(names)
-            seen = self._radiance(hits, steps, emitter)
-            sums[0] = sums[0] + dr.detach(seen)
+            radiance = self._radiance(hits, steps, emitter)
+            sums[0] = sums[0] + dr.detach(radiance)
             for number, name in enumerate(names, 1):
-                sums[number] = sums[number] + _forward(steps.attached[name], seen)
+                sums[number] = sums[number] + _forward(steps.attached[name], radiance)
             dr.eval(*sums)
         share = np.float32(1 / len(self._hits))
         images = [total.numpy().reshape(self.depth_m.shape) * share for total in sums]
-        return Linear(image=images[0], columns=dict(zip(names, images[1:], strict=True)))
+        return Linearised(image=images[0], columns=dict(zip(names, images[1:], strict=True)))
 
-    def pulled(self, names: tuple[str, ...], weights: Image) -> dict[str, float]:
-        """Derivative of the weighted sum of the image by each parameter, by backward mode.
+    def backward_gradient(self, names: tuple[str, ...], weights: Image) -> dict[str, float]:
+        """Derivative of the image's weighted sum by each parameter, in backward mode.
 
         Args:
-            names: of `PARAMETERS`.
-            weights: (h, w) of the pixels.
+            names: Parameters in `PARAMETERS`.
+            weights: (h, w) weights of the pixels.
 
         Raises:
-            InputError: an unknown name.
+            InputError: for an unknown name.
         """
         mi, dr = backend.mitsuba(), backend.drjit()
         weight = mi.Float(np.ascontiguousarray(weights, np.float32).ravel())
@@ -185,27 +184,27 @@ class Traced:
         return {name: value / len(self._hits) for name, value in total.items()}
 
     def flow(self, names: tuple[str, ...]) -> dict[str, NDArray[np.float32]]:
-        """How fast the dots move over the image, (h, w, 2) [px] a unit of each parameter.
+        """Motion of the dots in the image per unit of each parameter, (h, w, 2) [px].
 
-        A dot stays where its direction leaves the projector: with s(u, p) the tangents that
-        pixel u sees, du/dp = -(ds/du)^-1 ds/dp. Of several emitters the first stands for all.
-        0 where there is no surface.
+        A dot has a fixed direction in the projector. If pixel u sees the projector tangents
+        s(u, p), then du/dp = -(ds/du)^-1 ds/dp. The first emitter represents all. The motion is 0
+        outside `clear`.
 
         Args:
-            names: of `PARAMETERS`.
+            names: Parameters in `PARAMETERS`.
 
         Raises:
-            InputError: an unknown name.
+            InputError: for an unknown name.
         """
         dr = backend.drjit()
-        asked = tuple(dict.fromkeys((*names, *RAY)))
-        steps = _steps(asked)
+        all_names = tuple(dict.fromkeys((*names, *RAY)))
+        steps = _steps(all_names)
         hits = self._hits[0]
         rig = self._rig(steps)
         local = rig.local(rig.point(hits.pixel, hits.point, hits.normal), self._light.places[0])
         slopes = rig.tangents(local)
         columns = {
-            name: [_forward(steps.attached[name], slope) for slope in slopes] for name in asked
+            name: [_forward(steps.attached[name], slope) for slope in slopes] for name in all_names
         }
         dr.eval(columns)
         rate = {
@@ -214,132 +213,136 @@ class Traced:
         }
         across, down = rate[RAY[0]], rate[RAY[1]]
         area = across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0]
-        found = {}
+        flows = {}
         with np.errstate(invalid="ignore", divide="ignore"):
             for name in names:
                 x = -(rate[name][:, 0] * down[:, 1] - rate[name][:, 1] * down[:, 0]) / area
                 y = -(rate[name][:, 1] * across[:, 0] - rate[name][:, 0] * across[:, 1]) / area
                 both = np.stack([x, y], axis=-1).reshape(*self.depth_m.shape, 2)
                 both[~(np.isfinite(both).all(axis=-1) & self.clear)] = 0
-                found[name] = both.astype(np.float32)
-        return found
+                flows[name] = both.astype(np.float32)
+        return flows
 
     def _rig(self, steps: Steps) -> Rig:
-        return Rig.of(
+        return Rig.from_sensor(
             self.sensor, right=self.side == "right", reference=self.reference, steps=steps
         )
 
     def _radiance(self, hits: _Hits, steps: Steps, emitter: int | None) -> Any:
-        """As `starling.sim.render.beam.Beam.returned`, with the points attached to the parameters."""
+        """As `starling.sim.render.beam.Beam.reflected`, as a function of the parameters."""
         mi, dr = backend.mitsuba(), backend.drjit()
         rig = self._rig(steps)
         point = rig.point(hits.pixel, hits.point, hits.normal)
-        spread = dr.square(1 + steps("projector.field"))  # A wider field thins the light.
+        spread = dr.square(1 + steps("projector.field"))  # A wider field reduces the irradiance.
         toward = dr.normalize(rig.place - point)
         cosine = dr.dot(hits.shading, toward)
-        turned = cosine / dr.maximum(dr.detach(cosine), 1e-6)  # 1, with the cosine's derivative.
+        turned = cosine / dr.maximum(
+            dr.detach(cosine), 1e-6
+        )  # Value 1, with the cosine's derivative.
         total = mi.Float(0)
         for number in range(self.emitters) if emitter is None else (emitter,):
             local = rig.local(point, self._light.places[number])
             lit = hits.lit[number]
-            plane = rig.thrown(self._light.emissions[number]).irradiance(local, lit) / spread
+            plane = (
+                rig.attach_pattern(self._light.emissions[number]).irradiance(local, lit) / spread
+            )
             cos_alpha = local.z / dr.norm(local)
-            total += dr.select(lit, hits.returned[number] * turned * plane / cos_alpha, 0)
+            total += dr.select(lit, hits.brdf_cosine[number] * turned * plane / cos_alpha, 0)
         return total
 
 
 def _steps(names: tuple[str, ...]) -> Steps:
     for name in names:
         errors.one_of("parameter", name, PARAMETERS)
-    return Steps.of(names)
+    return Steps.attach(names)
 
 
 def _forward(step: Any, image: Any) -> Any:
-    """Derivative of an image by one step; the graph is kept for the others."""
+    """Derivative of an image by one step; the graph is kept for the next steps."""
     dr = backend.drjit()
     dr.clear_grad(image)
     dr.set_grad(step, 1)
     dr.enqueue(dr.ADMode.Forward, step)
     dr.traverse(dr.ADMode.Forward, flags=dr.ADFlag.ClearInterior | dr.ADFlag.ClearInput)
-    found = dr.grad(image)
+    derivative = dr.grad(image)
     dr.clear_grad(image)
-    return found
+    return derivative
 
 
 def _hits(
-    stage: Stage, rig: Rig, light: Light, shift: tuple[float, float]
+    mi_scene: MitsubaScene, rig: Rig, light: ProjectorLight, shift: tuple[float, float]
 ) -> tuple[_Hits, Image, NDArray[np.uint32], Mask]:
-    """Trace one place in every pixel: hits, depth, body numbers, and where derivatives hold."""
+    """Trace one sub-pixel position: hits, depth, body numbers, and validity of derivatives."""
     mi, dr = backend.mitsuba(), backend.drjit()
     sensor = rig.sensor
-    left = Placed.of(stage.scene.world_from_left)
+    left = JitPose.from_pose(mi_scene.scene.world_from_left)
     pixel = pixels((sensor.width, sensor.height)) + opaque("Vector2f", shift)
-    way = rig.direction(pixel)
-    start = left.origin + _turned(left, rig.origin)
-    si = stage.mitsuba.ray_intersect(mi.Ray3f(start, dr.normalize(_turned(left, way))))
-    point, facet = left.local(si.p), _unturned(left, si.n)
-    shading = _unturned(left, towards_viewer(si))
+    direction = rig.direction(pixel)
+    start = left.origin + _to_world(left, rig.origin)
+    si = mi_scene.mitsuba.ray_intersect(mi.Ray3f(start, dr.normalize(_to_world(left, direction))))
+    point, facet = left.local(si.p), _to_left(left, si.n)
+    shading = _to_left(left, towards_viewer(si))
     actual = rig.point(pixel, point, facet)
-    lit, returned = [], []
+    lit, brdf_cosine = [], []
     for emission, place in zip(light.emissions, light.places, strict=True):
-        source = left.origin + _turned(left, rig.traced(rig.source(place)))
+        source = left.origin + _to_world(left, rig.traced(rig.source(place)))
         covered = si.is_valid() & emission.covers(rig.local(actual, place))
-        shadow = between(source, si.p, stage.scene.shadow_tolerance)
-        reached = stage.passed(shadow, covered) > 0
+        shadow = between(source, si.p, mi_scene.scene.shadow_tolerance)
+        reached = mi_scene.transmittance(shadow, covered) > 0
         toward = si.to_local(dr.normalize(source - si.p))
-        returned.append(si.bsdf().eval(mi.BSDFContext(), si, toward, reached)[0])
+        brdf_cosine.append(si.bsdf().eval(mi.BSDFContext(), si, toward, reached)[0])
         lit.append(reached)
-    steep = abs(dr.dot(facet, dr.normalize(way))) >= _GRAZING
+    steep = abs(dr.dot(facet, dr.normalize(direction))) >= _GRAZING
     plain = reduce(operator.and_, lit) & steep
     handle = dr.reinterpret_array(mi.UInt32, si.shape)
-    hits = _Hits(pixel, point, facet, shading, tuple(returned), tuple(lit))
+    hits = _Hits(pixel, point, facet, shading, tuple(brdf_cosine), tuple(lit))
     valid = si.is_valid()
-    dr.eval(pixel, point, facet, shading, returned, lit, plain, valid, handle)
+    dr.eval(pixel, point, facet, shading, brdf_cosine, lit, plain, valid, handle)
     number = np.where(
-        valid.numpy(), stage.numbers[np.minimum(handle.numpy(), len(stage.numbers) - 1)], 0
+        valid.numpy(), mi_scene.numbers[np.minimum(handle.numpy(), len(mi_scene.numbers) - 1)], 0
     )
-    itself = ~np.isin(number, _showing_others(stage))
+    direct = ~np.isin(number, _transparent_bodies(mi_scene))
     shape = (sensor.height, sensor.width)
     return (
         hits,
         np.where(valid.numpy(), point.z.numpy(), np.float32(np.nan)).reshape(shape),
         number.reshape(shape),
-        (plain.numpy() & itself).reshape(shape),
+        (plain.numpy() & direct).reshape(shape),
     )
 
 
-def _turned(left: Placed, vector: Any) -> Any:
+def _to_world(left: JitPose, vector: Any) -> Any:
     return left.x * vector.x + left.y * vector.y + left.z * vector.z
 
 
-def _unturned(left: Placed, vector: Any) -> Any:
+def _to_left(left: JitPose, vector: Any) -> Any:
     mi, dr = backend.mitsuba(), backend.drjit()
     return mi.Vector3f(*(dr.dot(axis, mi.Vector3f(vector)) for axis in (left.x, left.y, left.z)))
 
 
-def _showing_others(stage: Stage) -> list[int]:
-    """Numbers of the bodies that show other places than their own."""
+def _transparent_bodies(mi_scene: MitsubaScene) -> list[int]:
+    """Numbers of the bodies that show other surfaces."""
     return [
         number
-        for number, body in enumerate(stage.scene.bodies, 1)
+        for number, body in enumerate(mi_scene.scene.bodies, 1)
         if body.material.kind in _TRANSPARENT
     ]
 
 
-def _refuse_undifferentiable(stage: Stage, sensor: Sensor) -> None:
+def _refuse_undifferentiable(mi_scene: MitsubaScene, sensor: Sensor) -> None:
     if not backend.is_jit():
         raise backend.BackendError(
             "gradients must be computed in a compiled variant; got scalar_rgb. "
             "Install libllvm19, or an NVIDIA driver."
         )
-    if sensor.baseline_error or stage.scene.model_error != ModelError():
+    if sensor.baseline_error or mi_scene.scene.model_error != ModelError():
         raise errors.refuse(
             "geometry",
             "must be stated whole to be differentiated",
             f"baseline_error {sensor.baseline_error:g} and scene.model_error",
             "Put them into baseline_m and into the scene's pose.",
         )
-    if not stage.scene.motion.still:
+    if not mi_scene.scene.motion.still:
         raise errors.refuse(
             "scene.motion", "must be still to be differentiated", "a moving sensor", "Stop it."
         )

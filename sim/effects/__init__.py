@@ -1,7 +1,7 @@
-"""The effect table: every named departure from an ideal camera, one row each.
+"""The effect table: one row for every named departure from an ideal camera.
 
-Simulation, calibration and diagnosis all read it. A row moves fields of the sensor or the scene;
-it is no plugin: what the fields do stands in the stages. At its neutral a row is the identity.
+Simulation, calibration and diagnosis read it. A row sets fields of the sensor or the scene; the
+pipeline stages implement what the fields do. At its neutral value a row has no effect.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from starling.sim.effects.effect import written as written
 
 @cache
 def table() -> tuple[Effect, ...]:
-    """All rows, in the order in which they act."""
+    """Return all rows, in the order of the pipeline stages."""
     from starling.sim.effects import imager, light, matcher, optics, post, scene, surfaces
 
     return (
@@ -33,10 +33,10 @@ def table() -> tuple[Effect, ...]:
 
 
 def named(name: str) -> Effect:
-    """Return the row of a name.
+    """Return the row with a name.
 
     Raises:
-        InputError: unknown effect (the nearest name comes first).
+        InputError: if the effect is unknown; the message starts with the most similar name.
     """
     rows = {row.name: row for row in table()}
     errors.one_of("effect", name, rows)

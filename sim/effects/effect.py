@@ -1,20 +1,20 @@
-"""What a row of the effect table is."""
+"""Types of the effect table."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
 
-Value = float | str  # Of a parameter: a number, or one of its words.
+Value = float | str  # Value of a parameter: a number, or one of its choices.
 
 
 def written(value: Value) -> str:
-    """Write a value without digits that say nothing: `8`, `0.25`, `left`."""
+    """Format a value without redundant digits: `8`, `0.25`, `left`."""
     return value if isinstance(value, str) else f"{value:g}"
 
 
 class Stage(Enum):
-    """Where an effect acts, in the order of the chain."""
+    """Pipeline stage at which an effect acts, in the order of the pipeline."""
 
     SCENE = "scene"
     LIGHT = "light"
@@ -26,31 +26,31 @@ class Stage(Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Parameter:
-    """One number (or word) that an effect moves."""
+    """One number (or choice) of an effect."""
 
     name: str
-    # Fields it sets, dotted: of the sensor (`imager.` is both imagers; `.x`, `.y`, `.z` a
-    # component), or of the scene (`scene.` first).
+    # Dotted paths of the fields that it sets. `imager.` means both imagers, `scene.` the scene;
+    # `.x`, `.y`, `.z` are components of a vector.
     paths: tuple[str, ...]
-    unit: str  # "1" for a plain number.
-    neutral: Value | None  # None: there is no ideal, the value of the sensor at hand is neutral.
-    low: float | None = None  # Least and greatest value worth trying; None where words are.
-    high: float | None = None
-    choices: tuple[Value, ...] = ()  # All it may be, where that is not any number in between.
+    unit: str  # "1" for a dimensionless number.
+    neutral: Value | None  # Ideal value; None if there is none and the sensor's value is neutral.
+    low: float | None = None  # Least useful value; None for choices.
+    high: float | None = None  # Greatest useful value; None for choices.
+    choices: tuple[Value, ...] = ()  # All possible values; empty for a continuous parameter.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Effect:
-    """A named departure from an ideal camera: which fields it moves, and what gives it away."""
+    """A named departure from an ideal camera: the fields that it sets, and its symptoms."""
 
     name: str
-    family: str  # Rows that are one thing under several names share it.
+    family: str  # Shared by rows that describe one physical cause.
     stage: Stage
     parameters: tuple[Parameter, ...]
-    imitates: str  # What happens in a real device.
-    law: str  # Formula.
-    shows: str  # What gives it away: infrared, disparity error, holes, time.
-    confused_with: tuple[str, ...]  # Names of rows that look alike.
+    imitates: str  # Cause in a real device.
+    law: str  # Formula of the model.
+    shows: str  # Symptoms in infrared, disparity error, holes and time.
+    confused_with: tuple[str, ...]  # Names of confusable effects.
     source: str
-    rerender: str = ""  # Why a new render is needed; empty: the layers stay.
-    drawn: bool = False  # Whether devices, or exposures, have each their own by lot.
+    rerender: str = ""  # Reason for a new render; empty if the rendered layers are reused.
+    drawn: bool = False  # Whether the effect is a random draw per device or per exposure.

@@ -1,6 +1,6 @@
-"""Rows of the effect table: what acts on the imager stage.
+"""Rows of the effect table for the imager stage.
 
-What "shows" gives are figures of the tabletop scene on a D435 that matches 8 bits, 39 electrons a
+The figures in `shows` were measured on `tabletop` with a D435 with 8-bit matching, 39 electrons per
 step.
 """
 
@@ -13,10 +13,10 @@ _IMX900 = "Sony IMX900 (global shutter, 2.25 um; EMVA report by FRAMOS)"
 _OV9281 = "driver of the OV9282 (Linux, drivers/media/i2c/ov9282.c)"
 
 
-def _one(
+def _imager_parameter(
     name: str, field: str, unit: str, neutral: float | None, low: float, high: float
 ) -> tuple[Parameter]:
-    """Return the parameter that moves one field of both imagers."""
+    """Return the parameter that sets one field of both imagers."""
     path = (f"imager.{field}",)
     return (Parameter(name=name, paths=path, unit=unit, neutral=neutral, low=low, high=high),)
 
@@ -25,7 +25,7 @@ _EXPOSURE = Effect(
     name="exposure",
     family="signal_gain",
     stage=Stage.IMAGER,
-    parameters=_one("time_s", "exposure_s", "s", None, 5e-4, 33e-3),
+    parameters=_imager_parameter("time_s", "exposure_s", "s", None, 5e-4, 33e-3),
     imitates="A fixed integration time that is not the one assumed.",
     law="electrons = rate t; with auto exposure on, nothing: the control chooses the time",
     shows="All levels above black scale, noise by its root: at 2 ms instead of 8.5 ms the mean "
@@ -39,7 +39,7 @@ _GAIN = Effect(
     name="gain",
     family="signal_gain",
     stage=Stage.IMAGER,
-    parameters=_one("factor", "gain", "1", None, 1.0, 15.5),
+    parameters=_imager_parameter("factor", "gain", "1", None, 1.0, 15.5),
     imitates="Analog gain: more DN for an electron, noise included.",
     law="DN = gain electrons ceiling / full well + black level",
     shows="With auto exposure the mean stays and the noise grows: at 4 temporal noise doubles (1.2 "
@@ -63,8 +63,8 @@ _AUTO_EXPOSURE = Effect(
     family="signal_gain",
     stage=Stage.IMAGER,
     parameters=(
-        *_one("level", "auto_exposure_level", "1", 0.0, 0.05, 0.7),
-        *_one("longest_s", "auto_exposure_max_s", "s", None, 4e-3, 33e-3),
+        *_imager_parameter("level", "auto_exposure_level", "1", 0.0, 0.05, 0.7),
+        *_imager_parameter("longest_s", "auto_exposure_max_s", "s", None, 4e-3, 33e-3),
     ),
     imitates="A control that sets the integration time by the image's mean; level 0 switches it "
     "off.",
@@ -81,12 +81,14 @@ _SHOT_NOISE = Effect(
     name="shot_noise",
     family="shot_noise",
     stage=Stage.IMAGER,
-    parameters=_one("share", "shot_noise", "1", 0.0, 0.3, 1.0),
-    imitates="Photons arrive one by one; a share below 1 stands for a device that averages.",
+    parameters=_imager_parameter("share", "shot_noise", "1", 0.0, 0.3, 1.0),
+    imitates="Photons arrive one by one; a share below 1 models a device that averages.",
     law="temporal variance [electrons^2] = share^2 (light + dark electrons)",
-    shows="Temporal deviation grows as the root of the level: slope of variance against mean. "
-    "Without it temporal disparity noise falls from 0.066 to 0.023 px, what is left being read "
-    "noise and the converter. Averages out over frames.",
+    shows=(
+        "Temporal deviation grows as the root of the level: slope of variance against mean. "
+        "Without it temporal disparity noise falls from 0.066 to 0.023 px, the rest being read "
+        "noise and the converter's step. Averages out over frames."
+    ),
     confused_with=("read_noise", "gain", "saturation", "laser_speckle", "smoothing"),
     source=f"{_EMVA}, photon transfer; {_IMX900}: 2.5 electrons a step of 12 bits",
 )
@@ -95,12 +97,14 @@ _READ_NOISE = Effect(
     name="read_noise",
     family="read_noise",
     stage=Stage.IMAGER,
-    parameters=_one("deviation_e", "read_noise_e", "electrons", 0.0, 1.0, 150.0),
+    parameters=_imager_parameter("deviation_e", "read_noise_e", "electrons", 0.0, 1.0, 150.0),
     imitates="Amplifier and reset noise of each pixel's read-out.",
     law="temporal variance [electrons^2] = read^2, at every level: intercept of photon transfer",
-    shows="Temporal deviation also where it is black. 5 electrons are an eighth of an 8-bit step "
-    "and not seen; 150 (3.8 DN) give 3.4 DN of temporal noise, disparity noise 0.066 to 0.115 px "
-    "and 0.3 % more holes, first where it is dark. Averages out over frames.",
+    shows=(
+        "Temporal deviation also in black areas. 5 electrons are an eighth of an 8-bit step and "
+        "not seen; 150 (3.8 DN) give 3.4 DN of temporal noise, disparity noise 0.066 to 0.115 px "
+        "and 0.3 % more holes, first where it is dark. Averages out over frames."
+    ),
     confused_with=("shot_noise", "dsnu", "row_noise", "gain", "dark_current", "quantisation"),
     source=f"{_EMVA}; {_IMX900}: 5.6 electrons (1.95 at high conversion gain)",
 )
@@ -109,8 +113,10 @@ _PRNU = Effect(
     name="prnu",
     family="sensitivity_pattern",
     stage=Stage.IMAGER,
-    parameters=_one("share", "prnu", "1", 0.0, 0.003, 0.1),
-    imitates="Pixels of unequal sensitivity (photo response non-uniformity); the device's own.",
+    parameters=_imager_parameter("share", "prnu", "1", 0.0, 0.003, 0.1),
+    imitates=(
+        "Pixels of unequal sensitivity (photo response non-uniformity); fixed for each device."
+    ),
     law="electrons x (1 + share n), n standard normal for each pixel, from the unit's number",
     shows="A pattern that stays with the camera in every scene and grows with the level. Disparity "
     "errors stand still: at 3 % their spread over the image goes from 0.106 to 0.145 px while "
@@ -124,7 +130,7 @@ _DARK_CURRENT = Effect(
     name="dark_current",
     family="dark_current",
     stage=Stage.IMAGER,
-    parameters=_one("rate_e_s", "dark_current_e_s", "electrons / s", 0.0, 1.0, 1e5),
+    parameters=_imager_parameter("rate_e_s", "dark_current_e_s", "electrons / s", 0.0, 1.0, 1e5),
     imitates="Electrons that heat frees; doubles every 6 to 8 K.",
     law="electrons + rate t, with their shot noise",
     shows="A pedestal that grows with the exposure, and noise in the dark: at 1000 electrons/s and "
@@ -138,12 +144,14 @@ _DSNU = Effect(
     name="dsnu",
     family="offset_pattern",
     stage=Stage.IMAGER,
-    parameters=_one("deviation_e", "dsnu_e", "electrons", 0.0, 1.0, 60.0),
-    imitates="Pixels of unequal offset (dark signal non-uniformity); the device's own.",
+    parameters=_imager_parameter("deviation_e", "dsnu_e", "electrons", 0.0, 1.0, 60.0),
+    imitates="Pixels of unequal offset (dark signal non-uniformity); fixed for each device.",
     law="electrons + deviation n, n standard normal for each pixel, from the unit's number",
-    shows="A pattern in dark frames that stays with the camera, alike at all levels. 4 electrons "
-    "are not seen at 8 bits; 40 (1 DN) move the standing disparity error from 0.106 to 0.124 px, "
-    "temporal noise not at all.",
+    shows=(
+        "A pattern in dark frames that stays with the camera, equal at all levels. 4 electrons are "
+        "not seen at 8 bits; 40 (1 DN) move the standing disparity error from 0.106 to 0.124 px, "
+        "temporal noise not at all."
+    ),
     confused_with=("prnu", "read_noise", "column_noise", "hot_pixels"),
     source=f"{_EMVA}; {_IMX900}: 3.7 electrons (1.3 at high conversion gain); IMX492: 0.97",
     drawn=True,
@@ -153,8 +161,8 @@ _COLUMN_NOISE = Effect(
     name="column_noise",
     family="column_noise",
     stage=Stage.IMAGER,
-    parameters=_one("deviation_e", "column_noise_e", "electrons", 0.0, 1.0, 40.0),
-    imitates="Unequal offsets of the column amplifiers; the device's own.",
+    parameters=_imager_parameter("deviation_e", "column_noise_e", "electrons", 0.0, 1.0, 40.0),
+    imitates="Unequal offsets of the column amplifiers; fixed for each device.",
     law="electrons + deviation n, n standard normal for each column, from the unit's number",
     shows="Still vertical stripes in dark parts, different in left and right. The worst offsets "
     "for a matcher, for they pull at edges across the search: 40 electrons (1 DN) move the "
@@ -168,8 +176,8 @@ _ROW_NOISE = Effect(
     name="row_noise",
     family="row_noise",
     stage=Stage.IMAGER,
-    parameters=_one("deviation_e", "row_noise_e", "electrons", 0.0, 1.0, 40.0),
-    imitates="What a shared reference or supply adds to a row while it is read.",
+    parameters=_imager_parameter("deviation_e", "row_noise_e", "electrons", 0.0, 1.0, 40.0),
+    imitates="Noise of a shared reference or supply, added to a row while it is read.",
     law="electrons + deviation n, n standard normal for each row of each frame",
     shows="Horizontal lines that jump from frame to frame. 40 electrons (1 DN): temporal noise 1.2 "
     "to 1.5 DN, 0.26 % more holes, and disparity noise not raised: a row's offset is the "
@@ -183,8 +191,8 @@ _HOT_PIXELS = Effect(
     name="hot_pixels",
     family="hot_pixels",
     stage=Stage.IMAGER,
-    parameters=_one("share", "hot_pixels", "1", 0.0, 1e-5, 1e-2),
-    imitates="Defect pixels that are always full; the device's own.",
+    parameters=_imager_parameter("share", "hot_pixels", "1", 0.0, 1e-5, 1e-2),
+    imitates="Defect pixels that are always full; fixed for each device.",
     law="charge = full well in a fixed random share of the pixels",
     shows="Single pixels at the ceiling, at the same places in every scene, emitter on or off. At "
     "0.001 the error's spread goes from 0.106 to 0.111 px, at 0.01 to 0.151 px with 0.2 % more "
@@ -198,7 +206,7 @@ _SATURATION = Effect(
     name="saturation",
     family="signal_gain",
     stage=Stage.IMAGER,
-    parameters=_one("full_well_e", "full_well_e", "electrons", None, 2000.0, 50000.0),
+    parameters=_imager_parameter("full_well_e", "full_well_e", "electrons", None, 2000.0, 50000.0),
     imitates="A pixel that holds no more electrons, which is also what fills the scale.",
     law="charge <= full well; DN per electron = gain ceiling / full well",
     shows="Flat-topped dots where it is near or shiny. A smaller well is a larger gain, exactly: "
@@ -221,7 +229,7 @@ _BLOOMING = Effect(
     name="blooming",
     family="blooming",
     stage=Stage.IMAGER,
-    parameters=_one("share", "blooming", "1", 0.0, 0.02, 0.5),
+    parameters=_imager_parameter("share", "blooming", "1", 0.0, 0.02, 0.5),
     imitates="Charge above the full well that runs along its column.",
     law="share of the excess leaves, half up, half down, and fills the room it meets; the rest is "
     "drained",
@@ -236,12 +244,15 @@ _CROSSTALK = Effect(
     name="crosstalk",
     family="crosstalk",
     stage=Stage.IMAGER,
-    parameters=_one("share", "crosstalk", "1", 0.0, 0.01, 0.3),
+    parameters=_imager_parameter("share", "crosstalk", "1", 0.0, 0.01, 0.3),
     imitates="Electrons freed deep in the silicon that end in a neighbouring pixel.",
     law="kernel 1 - c in the middle, c / 4 in four neighbours, before the charge is counted; "
     "contrast at the finest period x (1 - c)",
-    shows="Dots wider and lower, noise as white as before: that alone parts it from averaging. At "
-    "0.3 disparity noise and fill stay within 3 %. A blur of sqrt(c / 2) px per axis.",
+    shows=(
+        "Dots wider and lower, noise as white as before: only this distinguishes it from "
+        "averaging. At 0.3 disparity noise and fill stay within 3 %. A blur of sqrt(c / 2) px per "
+        "axis."
+    ),
     confused_with=("lens_blur", "dot_blur", "smoothing"),
     source="Djite et al., IEEE Trans. Electron Devices 59 (2012) 729; contrast at 900 nm 2 to 3 "
     "times below that at 550 nm in some sensors (adimec.com, MTF in NIR)",
@@ -251,23 +262,27 @@ _SMOOTHING = Effect(
     name="smoothing",
     family="smoothing",
     stage=Stage.IMAGER,
-    parameters=_one("sigma_px", "smoothing_px", "px", 0.0, 0.3, 1.0),
+    parameters=_imager_parameter("sigma_px", "smoothing_px", "px", 0.0, 0.3, 1.0),
     imitates="Resampling by the device's own rectification, which averages pixels.",
-    law="Gaussian after the noise; noise variance x 1 / (4 pi sigma^2), correlated by "
-    "exp(-d^2 / (4 sigma^2)); within the code range, as codes are what is averaged",
+    law=(
+        "Gaussian after the noise; noise variance x 1 / (4 pi sigma^2), correlated by exp(-d^2 / "
+        "(4 sigma^2)); clipped to the code range before, as codes are averaged"
+    ),
     shows="Less noise, but correlated between neighbours, and wider dots that reach the ceiling "
     "less: at 0.5 px 1.2 becomes 0.76 DN, at 1 px 0.47 DN and saturation 2.9 % becomes 0.1 %; "
     "disparity noise 0.066 to 0.050 px.",
     confused_with=("lens_blur", "crosstalk", "shot_noise"),
-    source="Poisson's sum of a Gaussian kernel; D415 captures show less than half the shot noise "
-    "that their levels ask for",
+    source=(
+        "Poisson's sum of a Gaussian kernel; D415 captures show less than half the shot noise "
+        "expected at their levels"
+    ),
 )
 
 _GAMMA = Effect(
     name="gamma",
     family="tone_curve",
     stage=Stage.IMAGER,
-    parameters=_one("exponent", "gamma", "1", 1.0, 0.8, 2.2),
+    parameters=_imager_parameter("exponent", "gamma", "1", 1.0, 0.8, 2.2),
     imitates="A tone curve between converter and output.",
     law="DN = ceiling (signal / ceiling)^(1 / gamma) + black level",
     shows="Dark parts lifted, bright ones compressed: at 2.2 the mean goes from 93 to 158 DN, and "
@@ -281,7 +296,7 @@ _BLACK_LEVEL = Effect(
     name="black_level",
     family="black_level",
     stage=Stage.IMAGER,
-    parameters=_one("level_dn", "black_level_dn", "DN", 0.0, 1.0, 16.0),
+    parameters=_imager_parameter("level_dn", "black_level_dn", "DN", 0.0, 1.0, 16.0),
     imitates="The pedestal that keeps noise about zero representable.",
     law="DN = signal + level",
     shows="Darkness reads the level, whatever the exposure; at 0 half of the dark noise is cut "
@@ -327,7 +342,7 @@ _DROPPED_BITS = Effect(
             choices=(0, 2, 4),
         ),
     ),
-    imitates="A device that matches its converter's own codes and puts out images of fewer bits.",
+    imitates="A device that matches its converter's own codes and outputs images with fewer bits.",
     law="matched code = round(2^bits DN), image = round(DN)",
     shows="The images stay as they are. Surfaces whose dots are fainter than one code have depth.",
     confused_with=("quantisation", "texture_threshold"),

@@ -1,7 +1,8 @@
-"""Rows of the effect table: what acts on the light stage.
+"""Rows of the effect table for the light stage (projector).
 
-What a row shows was seen on the `clutter` scene with the D435 preset: 0.16 px of noise in the
-disparity (1.4826 times the median deviation) and 6.5 % of pixels without depth at neutral.
+The figures in `shows` were measured on `clutter` with the D435 preset. At neutral values the
+disparity noise is 0.16 px (1.4826 times the median absolute deviation), and 6.5 % of the pixels
+have no depth.
 """
 
 from __future__ import annotations
@@ -122,8 +123,8 @@ HAZE = Effect(
     imitates="A diffractive element, a lens or a window that scatters: light between the dots.",
     law=(
         "E = (1 - share) E_pattern + share times E_pattern's mean over the projector's field. A "
-        "preset's generated pattern sends 0.3 of its light evenly already; one that calibration "
-        "recovers, none."
+        "preset's generated pattern already spreads 0.3 of its light evenly; a calibrated pattern "
+        "spreads none."
     ),
     shows=(
         "Infrared: light between the dots that falls off with distance as they do, as ambient "
@@ -133,7 +134,7 @@ HAZE = Effect(
     confused_with=("veil", "ambient", "projector_power", "dot_blur", "subsurface"),
     source=(
         "between the dots of a real D415 lie 0.2 to 0.5 of its mean light (projector on less off, "
-        "docs/figures.md), some of which other surfaces send"
+        "docs/results/calibration.md), some of which other surfaces send"
     ),
     rerender=pattern.RERENDER,
 )
@@ -178,7 +179,7 @@ POSITION = Effect(
         )
         for axis, low, high in (("x", 0.0, 0.08), ("y", -0.005, 0.005), ("z", -0.005, 0.005))
     ),
-    imitates="A projector that stands elsewhere than the model says.",
+    imitates="A projector displaced from its modelled position.",
     law="In the left image the pattern moves by f x/z: more at small distances.",
     shows=(
         "Infrared differs from the template by a shift that changes with depth; the two imagers "
@@ -206,7 +207,7 @@ ROTATION = Effect(
         for axis in "xyz"
     ),
     imitates="A projector turned by assembly, heat or a shock.",
-    law="The pattern moves by f phi (1 + x^2) in the image, at every distance alike.",
+    law="The pattern moves by f phi (1 + x^2) in the image, equally at every distance.",
     shows=(
         "Infrared differs from the template by one shift at all depths (roll: growing outwards). "
         "Stereo depth has no bias (walls: under 0.01 px). Structured light errs by the whole "
@@ -321,8 +322,8 @@ WAVELENGTH = Effect(
     imitates="A laser that drifts with temperature, out of the imager's filter.",
     law=(
         "The filter passes the laser at its wavelength, less off its centre; energy of a photon "
-        "and width of speckle's grain follow lambda. Where a diffractive pattern goes to is a "
-        "row of its own, pattern_scale."
+        "and width of speckle's grain follow lambda. The scale of a diffractive pattern is a "
+        "separate row, pattern_scale."
     ),
     shows=(
         "With a filter: dots dim, in the corners first or last, where its band has shifted to the "

@@ -1,4 +1,4 @@
-"""The effect table as plain tables and as text."""
+"""The effect table as plain values and as text."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def rows(sensor: Sensor, name: str = "") -> list[dict[str, Any]]:
     """Return the whole table, or one row of it, as plain values.
 
     Args:
-        sensor: whose own value is neutral where there is no ideal.
-        name: of the row; all where empty.
+        sensor: supplies the neutral value of parameters without an ideal value.
+        name: name of the row; empty returns all rows.
 
     Returns:
         `[{"name", "family", "stage", "rerender", "parameters": [{"name", "neutral", "low",
@@ -29,14 +29,14 @@ def rows(sensor: Sensor, name: str = "") -> list[dict[str, Any]]:
         "source"}]`.
 
     Raises:
-        InputError: unknown effect.
+        InputError: if the effect is unknown.
     """
     chosen = (effects.named(name),) if name else effects.table()
     return [_row(effect, sensor) for effect in chosen]
 
 
 def text(table: Sequence[Mapping[str, Any]]) -> str:
-    """Write the table as aligned columns, one line a parameter."""
+    """Format the table as aligned columns, one line per parameter."""
     lines = {}
     for row in table:
         for number, parameter in enumerate(row["parameters"]):
@@ -47,13 +47,13 @@ def text(table: Sequence[Mapping[str, Any]]) -> str:
                 "neutral": parameter["neutral"],
                 "range": _range(parameter),
                 "unit": parameter["unit"],
-                "renders": "anew" if row["rerender"] else "",
+                "new render": "yes" if row["rerender"] else "",
             }
     return texts.render(lines)
 
 
 def page(table: Sequence[Mapping[str, Any]]) -> str:
-    """Write rows with all that is known of them."""
+    """Format rows with all their entries."""
     return "\n\n".join(_page(row) for row in table)
 
 
@@ -96,9 +96,9 @@ def _page(row: Mapping[str, Any]) -> str:
             f"sets {', '.join(parameter['paths'])}"
         )
     for name in _PROSE:
-        said = row[name] if isinstance(row[name], str) else ", ".join(row[name])
-        if said:
+        entry = row[name] if isinstance(row[name], str) else ", ".join(row[name])
+        if entry:
             lines += textwrap.wrap(
-                f"{name.replace('_', ' ')}: {said}", _WIDTH, subsequent_indent="  "
+                f"{name.replace('_', ' ')}: {entry}", _WIDTH, subsequent_indent="  "
             )
     return "\n".join(lines)

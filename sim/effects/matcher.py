@@ -1,9 +1,10 @@
-"""Rows of the effect table: what acts on the matcher stage.
+"""Rows of the effect table for the matcher stage.
 
-Most have no ideal, so the sensor's own value is neutral. Rows that move `matcher.engine` exist for
-the engine that has the field: CensusSemiGlobal, which is `matcher.setting` d4xx and kinect.
-`shows` was measured on three rooms' real D415 pairs under d4xx, one setting moved at a time; there
-2.0 % of the pixels have no depth (16 % near depth edges), 0.88 % are off by more than 1 px.
+Most parameters have no ideal value, so the sensor's value is neutral. Rows that set
+`matcher.engine` need the CensusSemiGlobal engine, which the `matcher.setting` d4xx and kinect use.
+The figures in `shows` were measured on real D415 pairs of three rooms with the setting d4xx, one
+parameter at a time. There 2.0 % of the pixels have no depth (16 % near depth edges), and 0.88 %
+have an error above 1 px.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ _AD_CENSUS = "Mei et al. 2011, AD-Census, ICCV workshops"
 _SGM = "Hirschmueller 2008, TPAMI 30(2)"
 
 
-def _own(
+def _sensor_parameter(
     name: str,
     path: str,
     unit: str,
@@ -23,7 +24,7 @@ def _own(
     high: float,
     choices: tuple[float, ...] = (),
 ) -> Parameter:
-    """Return a parameter whose neutral is the sensor's own value."""
+    """Return a parameter whose neutral value is the sensor's value."""
     return Parameter(
         name=name,
         paths=(f"matcher.{path}",),
@@ -63,7 +64,7 @@ _COST = (
     _row(
         "census_window",
         "matching_window",
-        _own("side", "engine.census_px", "px", 3, 11, (3, 5, 7, 9, 11)),
+        _sensor_parameter("side", "engine.census_px", "px", 3, 11, (3, 5, 7, 9, 11)),
         imitates="Size of the neighbourhood whose order of brightness is compared (the JSON's "
         "param-censususize).",
         law="cost = bits that differ among the window's chequerboard",
@@ -77,8 +78,8 @@ _COST = (
     _row(
         "cost_mix",
         "matching_cost",
-        _own("weight", "engine.difference_weight", "bit/DN", 0.0, 1.0),
-        _own("cap_dn", "engine.difference_cap_dn", "DN", 1.0, 32.0),
+        _sensor_parameter("weight", "engine.difference_weight", "bit/DN", 0.0, 1.0),
+        _sensor_parameter("cap_dn", "engine.difference_cap_dn", "DN", 1.0, 32.0),
         imitates="Share of the absolute difference in the cost (lambdaAD and lambdaCensus). A "
         "high one fails where the two imagers see one surface at different levels.",
         law="cost = census bits + weight min(|left - right|, cap)",
@@ -90,8 +91,8 @@ _COST = (
     _row(
         "support_window",
         "matching_window",
-        _own("side", "engine.support_px", "px", 1, 15, (1, 3, 5, 7, 9, 11, 13, 15)),
-        _own("arm_step_dn", "engine.arm_step_dn", "DN", 1.0, 64.0),
+        _sensor_parameter("side", "engine.support_px", "px", 1, 15, (1, 3, 5, 7, 9, 11, 13, 15)),
+        _sensor_parameter("arm_step_dn", "engine.arm_step_dn", "DN", 1.0, 64.0),
         imitates="Area the cost is averaged over, and the step of brightness that ends it.",
         law="cost averaged over arms along the row, then the column, of side // 2 at most",
         shows="Smaller: noisier, step between neighbours 0.036 px at 5 px against 0.035, more "
@@ -102,7 +103,7 @@ _COST = (
     _row(
         "presmooth",
         "presmooth",
-        _own("sigma", "engine.presmooth_px", "px", 0.0, 2.0),
+        _sensor_parameter("sigma", "engine.presmooth_px", "px", 0.0, 2.0),
         imitates="Averaging before the census, as a device that matches more bits than it streams.",
         law="Gaussian of that standard deviation on both images",
         shows="Infrared unchanged, unlike a blurred lens. 0: off 0.98 %, in dark areas. 1.5 px: "
@@ -113,7 +114,7 @@ _COST = (
     _row(
         "small_penalty",
         "smoothness",
-        _own("p1", "engine.small_penalty", "bit", 2.0, 48.0),
+        _sensor_parameter("p1", "engine.small_penalty", "bit", 2.0, 48.0),
         imitates="P1: price of a step of one disparity along a scanline (param-scanlinep1).",
         law="path(p, d) = cost + min(path(d), path(d +- 1) + P1, least + P2) - least",
         shows="High: by its law slopes become stairs of whole disparities; 0.93 % off at 40 bit, "
@@ -124,12 +125,14 @@ _COST = (
     _row(
         "large_penalty",
         "smoothness",
-        _own("p2", "engine.large_penalty", "bit", 12.0, 100.0),
+        _sensor_parameter("p2", "engine.large_penalty", "bit", 12.0, 100.0),
         imitates="P2: price of a larger jump (param-scanlinep2).",
         law="see small_penalty; P2 >= P1",
-        shows="Low (16 bit): specks of no depth on dark surfaces (2.6 %), edges ragged, what is "
-        "left more often right (0.75 % off). High (100 bit): jumps come late (0.95 % off), "
-        "overlap with the device's holes down from 0.49 to 0.43.",
+        shows=(
+            "Low (16 bit): specks of no depth on dark surfaces (2.6 %), edges ragged, the "
+            "remaining depth more often correct (0.75 % off). High (100 bit): jumps come late "
+            "(0.95 % off), overlap with the device's holes down from 0.49 to 0.43."
+        ),
         confused_with=("small_penalty", "support_window"),
         source=_SGM,
     ),
@@ -139,17 +142,22 @@ _CHECKS = (
     _row(
         "uniqueness",
         "uniqueness",
-        _own("percent", "checks.uniqueness", "%", 0.0, 60.0),
-        _own("second_peak_bit", "engine.second_peak", "bit", 0.0, 60.0),
-        _own("neighbour_bit", "engine.neighbour_peak", "bit", 0.0, 40.0),
+        _sensor_parameter("percent", "checks.uniqueness", "%", 0.0, 60.0),
+        _sensor_parameter("second_peak_bit", "engine.second_peak", "bit", 0.0, 60.0),
+        _sensor_parameter("neighbour_bit", "engine.neighbour_peak", "bit", 0.0, 40.0),
         imitates="How far the winner must stand out: over the second best in percent (OpenCV) or "
         "as a difference (param-secondpeakdelta), or over a disparity next to it "
         "(param-neighborthresh).",
-        law="refused if second < best (1 + percent / 100), second - best < second_peak, or "
-        "max(beside) - best < neighbour; the two beside the best do not count as second",
-        shows="Holes alone; what stays keeps its value and is right more often (50 %: off 0.64 %, "
-        "holes 4.0 %; 60 bit: 0.44 %, 6.7 %). They come first where texture is dim or repeats: "
-        "grains in dark areas, wider gaps at edges, folds and glints.",
+        law=(
+            "refused if second < best (1 + percent / 100), second - best < second_peak, or "
+            "max(neighbours) - best < neighbour; the two neighbours of the best do not count as "
+            "second"
+        ),
+        shows=(
+            "Only holes; the remaining depth keeps its value and is more often correct (50 %: off "
+            "0.64 %, holes 4.0 %; 60 bit: 0.44 %, 6.7 %). They come first where texture is dim or "
+            "repeats: grains in dark areas, wider gaps at edges, folds and glints."
+        ),
         confused_with=("left_right_threshold", "texture_threshold"),
         source=f"{_DSAPI}: secondPeakThreshold, neighborThreshold; librealsense issue 10224 "
         "(second peak 0 closes holes)",
@@ -157,34 +165,41 @@ _CHECKS = (
     _row(
         "left_right_threshold",
         "left_right",
-        _own("largest_px", "checks.left_right_px", "px", 0.25, 4.0),
+        _sensor_parameter("largest_px", "checks.left_right_px", "px", 0.25, 4.0),
         imitates="Largest difference of both views' disparities (param-leftrightthreshold, 1/32 "
         "px).",
         law="refused if |d_left(x) - d_right(x - d_left)| > largest",
-        shows="Holes alone. It makes the shadow left of near things: off, gaps there close with "
-        "false depth (1.2 % holes, 8.9 % near edges); 0.3 px: blobs along curved and dark parts "
-        "(3.9 %, 29 % near edges).",
+        shows=(
+            "Only holes. It makes the shadow left of near objects: off, gaps there close with "
+            "false depth (1.2 % holes, 8.9 % near edges); 0.3 px: blobs along curved and dark "
+            "parts (3.9 %, 29 % near edges)."
+        ),
         confused_with=("uniqueness", "edge_jump", "speckle_filter"),
         source=f"{_DSAPI}: lrThreshold",
     ),
     _row(
         "overlap_border",
         "overlap_border",
-        _own("width_px", "checks.border_px", "px", 0.0, 24.0),
-        imitates="Windows that may not leave the other image: what lies beside its border finds no "
-        "match.",
+        _sensor_parameter("width_px", "checks.border_px", "px", 0.0, 24.0),
+        imitates=(
+            "Windows that must stay inside the other image: pixels near its border find no match."
+        ),
         law="refused if x - d < width",
-        shows="A band of holes to the right of the one that the other imager does not see, as wide "
-        "at any depth. On all columns the overlap with the device's holes goes up from 0.71 to "
-        "0.77 at 7 px (rooms kept aside: 0.65 to 0.69).",
+        shows=(
+            "A band of holes to the right of the one that the other imager does not see, as wide "
+            "at any depth. On all columns the overlap with the device's holes goes up from 0.71 to "
+            "0.77 at 7 px (held-out rooms: 0.65 to 0.69)."
+        ),
         confused_with=("left_right_threshold",),
-        source="benchmarks/matcher/match_faro.py: of what is found on a D415's infrared, its own depth has "
-        "0 % at x - d = 0, half at 7 px, 95 % at 19 px",
+        source=(
+            "benchmarks/matcher/match_faro.py: of the pixels matched on a D415's infrared, the "
+            "device has depth at 0 % for x - d = 0, half at 7 px, 95 % at 19 px"
+        ),
     ),
     _row(
         "texture_threshold",
         "texture",
-        _own("least_dn", "checks.texture_dn", "DN", 0.0, 3.0),
+        _sensor_parameter("least_dn", "checks.texture_dn", "DN", 0.0, 3.0),
         imitates="Least contrast of a window (param-texturecountthresh, "
         "param-texturedifferencethresh).",
         law="refused if the 15x15 window's standard deviation < least (DN of 8 bits)",
@@ -196,23 +211,27 @@ _CHECKS = (
     _row(
         "edge_jump",
         "edge_jump",
-        _own("largest_px", "checks.jump_px", "px", 1.0, 32.0),
+        _sensor_parameter("largest_px", "checks.jump_px", "px", 1.0, 32.0),
         imitates="The 1 to 3 px a device leaves free on every side of a depth edge.",
         law="refused if disparities in 3x3 pixels span more than largest",
-        shows="A line of holes along all edges, right and lower ones too, where nothing is "
-        "hidden. Off, only the left-hand shadows remain (11 % near edges against 16 %).",
+        shows=(
+            "A line of holes along all edges, right and lower ones too, where no surface is "
+            "occluded. Off, only the left-hand shadows remain (11 % near edges against 16 %)."
+        ),
         confused_with=("left_right_threshold", "uniqueness"),
         source="decision 0003, the device's gaps at edges",
     ),
     _row(
         "speckle_filter",
         "speckle_filter",
-        _own("count", "checks.speckle_count", "px", 0, 3000),
-        _own("step_px", "checks.speckle_step_px", "px", 0.25, 4.0),
+        _sensor_parameter("count", "checks.speckle_count", "px", 0, 3000),
+        _sensor_parameter("step_px", "checks.speckle_step_px", "px", 0.25, 4.0),
         imitates="Removal of small islands of depth.",
-        law="islands of at most count pixels, parted by steps above step, are removed",
-        shows="Off: crumbs of false depth inside shadows and at borders (0.89 % off). 3000 px: "
-        "small free-standing things vanish whole (2.2 % holes).",
+        law="islands of at most count pixels, separated by steps above step, are removed",
+        shows=(
+            "Off: crumbs of false depth inside shadows and at borders (0.89 % off). 3000 px: small "
+            "free-standing objects vanish whole (2.2 % holes)."
+        ),
         confused_with=("left_right_threshold", "median"),
         source="Hirschmueller 2008, section 2.7 (peak filtering); OpenCV filterSpeckles",
     ),
@@ -222,7 +241,7 @@ _REFINEMENT = (
     _row(
         "median",
         "winner_median",
-        _own("side", "refinement.median_px", "px", 0, 5, (0, 3, 5)),
+        _sensor_parameter("side", "refinement.median_px", "px", 0, 5, (0, 3, 5)),
         imitates="Median of the winners before the checks.",
         law="d = median over side x side",
         shows="Off: single wrong winners, which the checks then remove (2.16 % holes against 2.04 "
@@ -240,18 +259,26 @@ _REFINEMENT = (
     _row(
         "smoothing_mean",
         "disparity_smoothing",
-        _own("side", "refinement.smooth_px", "px", 0, 31, (0, 5, 7, 9, 11, 13, 15, 17, 21, 31)),
-        _own("step_px", "refinement.smooth_step_px", "px", 0.5, 4.0),
-        _own("rows", "refinement.smooth_rows_px", "px", 1, 31, (1, 3, 5, 7, 9, 11, 15, 21, 31)),
-        imitates="A mean that stops at jumps: the device's errors stay alike over some 12 px of a "
-        "row and 6 of a column.",
+        _sensor_parameter(
+            "side", "refinement.smooth_px", "px", 0, 31, (0, 5, 7, 9, 11, 13, 15, 17, 21, 31)
+        ),
+        _sensor_parameter("step_px", "refinement.smooth_step_px", "px", 0.5, 4.0),
+        _sensor_parameter(
+            "rows", "refinement.smooth_rows_px", "px", 1, 31, (1, 3, 5, 7, 9, 11, 15, 21, 31)
+        ),
+        imitates=(
+            "A mean that stops at jumps: the device's errors are correlated over about 12 px of a "
+            "row and 6 of a column."
+        ),
         law="weighted mean over side columns x rows, no more than side, of neighbours within step",
-        shows="Off: grain, 0.048 px between neighbours, 0.239 px against the scanner. 31 px each "
-        "way: grain gone (0.030 px), curved parts flattened (1.2 % off). Fewer rows than columns: "
-        "errors stay alike along rows further than along columns. Holes stay.",
+        shows=(
+            "Off: grain, 0.048 px between neighbours, 0.239 px against the scanner. 31 px each "
+            "way: grain gone (0.030 px), curved parts flattened (1.2 % off). Fewer rows than "
+            "columns: errors are correlated further along rows than along columns. Holes stay."
+        ),
         confused_with=("support_window", "spatial_filter", "median"),
         source="decision 0003, autocorrelation of the device's error; "
-        "docs/figures.md, its noise on walls",
+        "docs/results/matcher.md, its noise on walls",
     ),
     _row(
         "subpixel_steps",
@@ -264,8 +291,10 @@ _REFINEMENT = (
             low=0.0,
             high=0.5,
         ),
-        imitates="Bits behind the point of a disparity: 1/32 px in the D400, 1/16 in OpenCV, 1/8 "
-        "in structured light.",
+        imitates=(
+            "Fractional bits of a disparity: 1/32 px in the D400, 1/16 in OpenCV, 1/8 in "
+            "structured light."
+        ),
         law="d = step round(d / step); depth steps of z^2 step / (f b)",
         shows="Planes fall into terraces at lines of constant disparity, their height growing "
         "with z^2: comb in the histogram of f b / z. Spread 0.209 px at 1/8 px, 0.265 at 1/2. "
@@ -301,9 +330,10 @@ _SEARCH = (
     _row(
         "disparity_shift",
         "search_range",
-        _own("least_px", "min_disparity_px", "px", 0, 64),
-        imitates="Start of the search (param-disparityshift): nearer things, at the price of far "
-        "ones.",
+        _sensor_parameter("least_px", "min_disparity_px", "px", 0, 64),
+        imitates=(
+            "Start of the search (param-disparityshift): nearer objects, at the price of far ones."
+        ),
         law="least < d < least + search - 1: z from f b / (least + search - 1) to f b / least",
         shows="All that is farther than f b / least is lost, whole backgrounds at once: 5.8 % "
         "holes at 20 px, 41 % at 40 px, where what remains there is false. The left band widens.",
@@ -313,11 +343,13 @@ _SEARCH = (
     _row(
         "search_range",
         "search_range",
-        _own("count", "search_px", "px", 16, 256, tuple(range(16, 257, 16))),
+        _sensor_parameter("count", "search_px", "px", 16, 256, tuple(range(16, 257, 16))),
         imitates="How many disparities are tried: 126 in a D400.",
         law="see disparity_shift",
-        shows="Near things beyond the search lose their depth with a sharp limit (64 px: 4.4 % "
-        "holes) or take false ones (2.4 % off). More than is needed changes next to nothing.",
+        shows=(
+            "Near objects beyond the search lose their depth with a sharp limit (64 px: 4.4 % "
+            "holes) or take false ones (2.4 % off). More than is needed changes next to nothing."
+        ),
         confused_with=("disparity_shift", "range"),
         source="librealsense issue 2885 (126 disparities)",
     ),

@@ -1,8 +1,9 @@
-"""Rows of the effect table: what acts on the optics stage.
+"""Rows of the effect table for the optics stage.
 
-What a row shows was seen on the `tabletop` scene with the D435 preset's geometry, its blur of
-0.6 px and little noise: 0.16 px of noise in the disparity (1.4826 times the median deviation) and
-0.5 % of pixels without depth at neutral. Misalignment is the right imager's against the left.
+The figures in `shows` were measured on `tabletop` with the D435 preset's geometry, its blur of
+0.6 px and little noise. At neutral values the disparity noise is 0.16 px (1.4826 times the median
+absolute deviation), and 0.5 % of the pixels have no depth. Misalignment is that of the right imager
+relative to the left.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ NEAR_DEFOCUS = Effect(
     imitates="A fixed-focus lens that is soft below half a metre.",
     law="Sigma is k |1/z - 1/focus_m|; thin lens: k = f^2 / (4 N pitch), 0.10 px m for a D435.",
     shows=(
-        "Infrared: near things soft, far ones sharp. At 0.3 px m a wall at 0.25 m is blurred by "
+        "Infrared: near objects soft, far ones sharp. At 0.3 px m a wall at 0.25 m is blurred by "
         "0.9 px, one at 1 m not at all. Near dots are many pixels wide: the disparity of a wall at "
         "0.3 m does not change even at 0.5 px m."
     ),
@@ -100,9 +101,9 @@ VIGNETTING = Effect(
     imitates="A lens that passes less light off its axis.",
     law="Light falls as cos^n of the angle off the camera's axis; n = 4 for an ideal lens.",
     shows=(
-        "Infrared: dark corners, in dots and ambient light alike, the same whatever is seen. At "
-        "n = 4 a fifth of the light is left in a D435's corner: noise 0.18 px, no bias, and no "
-        "more holes while the rest is bright."
+        "Infrared: dark corners, equally in dots and ambient light, independent of the scene. At n "
+        "= 4 a fifth of the light is left in a D435's corner: noise 0.18 px, no bias, and no more "
+        "holes while the rest is bright."
     ),
     confused_with=("projector_falloff", "filter_shift"),
     source=_HORN,
@@ -166,7 +167,10 @@ DISTORTION = Effect(
             "right.alignment.distortion_px", "shift_px", unit="px", neutral=0.0, low=-0.5, high=0.5
         ),
     ),
-    imitates="Radial distortion that rectification has left; the imagers' difference counts.",
+    imitates=(
+        "Radial distortion that remains after rectification; only the difference of the imagers "
+        "matters."
+    ),
     law="A point lands outwards by shift_px (r / r_h)^3, r_h half the diagonal.",
     shows=(
         "Disparity error: a smooth map, the same in px at every depth, of opposite sign at the "
@@ -191,7 +195,7 @@ VERTICAL_OFFSET = Effect(
     shows=(
         "Left against right: the correlation's peak is off the row. Depth: a bias that depends on "
         "the texture (-0.06 px at 1 px), noise (0.41 px at 1 px, 0.58 at 1.5), then holes. Dots "
-        "drawn out along the diagonals bias opposite corners alike: 0.6 to 1.4 px at 1.5 px, too "
+        "elongated along the diagonals bias opposite corners equally: 0.6 to 1.4 px at 1.5 px, too "
         "near at upper left and lower right, too far at the others."
     ),
     confused_with=("pitch", "roll"),
@@ -207,11 +211,12 @@ ROLL = Effect(
             "right.alignment.roll_deg", "angle_deg", unit="deg", neutral=0.0, low=-0.3, high=0.3
         ),
     ),
-    imitates="Imagers turned against each other about their axes.",
+    imitates="Imagers rotated relative to each other about their optical axes.",
     law="A point moves by angle (y, -x) from the principal point.",
     shows=(
         "Rows are off by opposite signs at the left and right edge. Disparity errs in proportion "
-        "to the row, so flat things tilt: 1.2 px at top and bottom for 0.3 deg; holes at the sides."
+        "to the row, so flat objects tilt: 1.2 px at top and bottom for 0.3 deg; holes at the "
+        "sides."
     ),
     confused_with=("vertical_offset", "pitch", "distortion", "rolling_shutter", "model_turn"),
     source=_SELF_CALIBRATION,
@@ -229,9 +234,9 @@ PITCH = Effect(
     imitates="One imager that looks higher than the other.",
     law="The image moves down by f angle (1 + y^2 / f^2) and sideways by x y angle / f.",
     shows=(
-        "As vertical_offset (0.2 deg is 1.5 px for a D435: noise 0.44 px, 5 % holes) but for the "
-        "corners: the shift sideways, which grows with x y, takes away a quarter of the bias that "
-        "dots drawn out along the diagonals make there."
+        "As vertical_offset (0.2 deg is 1.5 px for a D435: noise 0.44 px, 5 % holes) except in the "
+        "corners: the sideways shift, which grows with x y, removes a quarter of the bias that "
+        "dots elongated along the diagonals cause there."
     ),
     confused_with=("vertical_offset", "roll"),
     source=_SELF_CALIBRATION,
@@ -288,7 +293,7 @@ FOCAL_SCALE = Effect(
     law="d' = factor d, so depth is z / factor: it errs in proportion to z.",
     shows=(
         "On surfaces that face the camera disparity errs in proportion to itself (2 %: 0.3 px on a "
-        "table at 1.3 m), depth in proportion to z; things seem that much wider too, so a tilted "
+        "table at 1.3 m), depth in proportion to z; objects seem that much wider too, so a tilted "
         "plane errs evenly, by what it has at the principal point. A baseline error does neither."
     ),
     confused_with=("baseline_error", "disparity_offset", "model_scale", "yaw", "pattern_scale"),

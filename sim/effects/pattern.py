@@ -1,4 +1,4 @@
-"""Rows of the effect table: the pattern itself; the light stage's others are in `light`."""
+"""Rows of the effect table for the projector's pattern (light stage)."""
 
 from __future__ import annotations
 
@@ -51,14 +51,16 @@ DROPPED = Effect(
         ),
     ),
     imitates="Emitters that died, dirt on the projector's window.",
-    law="Every dot is dark with probability share; its light is lost, the others and what lies "
-    "between stay.",
+    law=(
+        "Every dot is dark with probability share; its light is lost. Other dots and the light "
+        "between dots are unchanged."
+    ),
     shows=(
         "Dots missing at the same places of the projector's frame, in both imagers. 0.4: noise "
         "0.31 px and bad pixels 9.7 % instead of 2.9 where windows hold no dot; holes 7.5 %."
     ),
     confused_with=("projector_power", "wrong_pattern", "projector_field", "shifted_dots"),
-    source="binomial draw; the share is a device's own, no source gives one",
+    source="binomial draw; no published value of the share",
     rerender=RERENDER,
     drawn=True,
 )
@@ -77,7 +79,7 @@ SHIFTED = Effect(
             high=8.0,
         ),
     ),
-    imitates="Emitters and orders off their places in the stored or assumed pattern.",
+    imitates="Emitters and diffraction orders displaced from the stored or assumed pattern.",
     law="Every dot is displaced on two axes by a normal deviate of sigma_mrad.",
     shows=(
         "Some dots run together, others leave gaps. 6 mrad: stereo noise 0.20 px, no bias. "

@@ -1,4 +1,4 @@
-"""Rows of the effect table: what acts on the post stage."""
+"""Rows of the effect table for the post-processing stage."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ _RANGE = Effect(
     ),
     imitates="A threshold filter, or a device that reports no depth outside its stated range.",
     law="depth stays where near_m <= z <= far_m, both ends included",
-    shows="No depth beyond one sharp distance, whatever the surface; infrared and every depth that "
-    "stays are untouched. Two histograms of depth part at the limit and nowhere else.",
+    shows=(
+        "No depth beyond one sharp distance, on any surface; infrared and the remaining depth are "
+        "unchanged. Histograms of depth with and without it differ beyond the limit only."
+    ),
     confused_with=("disparity_shift", "search_range", "depth_unit"),
     source="librealsense threshold filter: 0 to 16 m, its defaults 0.1 and 4 m; least distance of "
     "the D4xx f b / 126 (librealsense#2885)",
@@ -41,7 +43,10 @@ _DECIMATION = Effect(
             choices=tuple(float(side) for side in range(1, 9)),
         ),
     ),
-    imitates="The decimation filter: blocks of pixels become one, of those that have depth.",
+    imitates=(
+        "The decimation filter: a block of pixels becomes one value, taken from its pixels with "
+        "depth."
+    ),
     law="2, 3: median depth of the block, of an even count the nearer one; 4 to 8: mean depth; a "
     "block has depth where any of its pixels has",
     shows="Square blocks of equal depth from pixel (0, 0) on; holes narrower than a block close "
@@ -82,8 +87,10 @@ _SPATIAL = Effect(
             choices=tuple(float(count) for count in range(1, 6)),
         ),
     ),
-    imitates="The edge-preserving spatial filter: recursive passes along rows and columns that "
-    "start afresh at every jump.",
+    imitates=(
+        "The edge-preserving spatial filter: recursive passes along rows and columns that restart "
+        "at every jump."
+    ),
     law="out[i] = alpha in[i] + (1 - alpha) out[i-1] where |in[i] - in[i-1]| < delta_px, four ways "
     "an iteration; white noise keeps mean_w((alpha^2 / (1 + b^2 - 2 b cos w))^(2 n))^2 of its "
     "variance, b = 1 - alpha",
@@ -127,11 +134,16 @@ _TEMPORAL = Effect(
             choices=tuple(float(mode) for mode in range(9)),
         ),
     ),
-    imitates="The temporal filter: a running mean over frames, and old depth where a pixel drops "
-    "out; needs two frames or more.",
-    law="out = alpha new + (1 - alpha) old where |new - old| < delta_px, else new; variance over "
-    "time alpha / (2 - alpha), correlation of successive frames 1 - alpha; old stands in for none "
-    "by the last 8 frames (0 never, 8/8, 2/3, 2/4, 2/8, 1/2, 1/5, 1/8, 8 always)",
+    imitates=(
+        "The temporal filter: a running mean over frames, and old depth in place of missing depth; "
+        "needs two frames or more."
+    ),
+    law=(
+        "out = alpha new + (1 - alpha) old where |new - old| < delta_px, else new; variance over "
+        "time alpha / (2 - alpha), correlation of successive frames 1 - alpha; old replaces "
+        "missing depth, depending on the last 8 frames (0 never, 8/8, 2/3, 2/4, 2/8, 1/2, 1/5, "
+        "1/8, 8 always)"
+    ),
     shows="One frame alone looks raw. Over time: depth of a static scene varies less and slowly, "
     "while its spatial noise stays; pixels that flicker stay filled; what moves drags its old "
     "depth into new holes. Disparities leave the comb of 1/32 px where they changed.",
@@ -152,13 +164,18 @@ _HOLE_FILLING = Effect(
             choices=("off", "left", "farthest", "nearest"),
         ),
     ),
-    imitates="The hole filling filter: missing depth is a neighbour's.",
-    law="row by row, what was filled fills the next; left: last depth of the row; farthest, "
-    "nearest: of those left, upper left, lower left, up, down (nearest: only under depth)",
-    shows="Hardly a hole is left (0.940 filled became 0.971 with left, 0.986 with farthest, 0.984 "
-    "with nearest on one real room), but for the first column, or with left the band that has no "
-    "overlap. Filled runs equal a neighbour bit for bit and smear to the right and downwards; "
-    "depth that was there is untouched.",
+    imitates="The hole filling filter: missing depth is copied from a neighbour.",
+    law=(
+        "row by row, filled pixels fill the next ones; left: last depth of the row; farthest, "
+        "nearest: among left, upper left, lower left, up, down (nearest: only below a pixel with "
+        "depth)"
+    ),
+    shows=(
+        "Hardly a hole remains (0.940 filled became 0.971 with left, 0.986 with farthest, 0.984 "
+        "with nearest on one real room), except in the first column, or with left in the band "
+        "without overlap. Filled runs equal a neighbour bit for bit and smear to the right and "
+        "downwards; measured depth is unchanged."
+    ),
     confused_with=("temporal_filter", "decimation", "left_right_threshold"),
     source=f"{_PAGE}: modes 0 (left), 1 (farthest, default), 2 (nearest)",
 )
@@ -179,8 +196,10 @@ _DEPTH_UNIT = Effect(
     ),
     imitates="The step of the 16-bit depth image, and the farthest depth that it holds.",
     law="code = round(z / unit_m), kept where 1 <= code <= 65535; error uniform, unit_m / sqrt(12)",
-    shows="Steps of equal depth, so of fewer px of disparity far off; near objects look terraced "
-    "with 1e-2 m. Nothing beyond 65535 steps: 6.55 m with 1e-4 m.",
+    shows=(
+        "Steps of equal depth, which are fewer px of disparity far away; near objects look "
+        "terraced with 1e-2 m. Nothing beyond 65535 steps: 6.55 m with 1e-4 m."
+    ),
     confused_with=("range", "subpixel_steps"),
     source="librealsense#5587: 1e-4 to 1e-2 m; default 1e-3 m, D405 1e-4 m (librealsense#8946)",
 )
@@ -200,11 +219,13 @@ _REGISTRATION = Effect(
             choices=(0.0, 1.0),
         ),
     ),
-    imitates="Depth given in the colour camera's image; needs a colour camera.",
+    imitates="Depth mapped to the colour camera's image; needs a colour camera.",
     law="every depth pixel is moved to where the colour camera sees its point; the nearer one wins",
-    shows="In the colour image: holes on the left of near things where the colour camera stands to "
-    "the left of the left imager, gaps where the colour image is finer, doubled edges where far "
-    "depth shows through. Depth in the left imager's frame is untouched.",
+    shows=(
+        "In the colour image: holes on the left of near objects where the colour camera stands to "
+        "the left of the left imager, gaps where the colour image is finer, doubled edges where "
+        "far depth shows through. Depth in the left imager's frame is unchanged."
+    ),
     confused_with=("decimation",),
     source="librealsense align block; depth to colour offsets: realsense-ros _d4xx.urdf.xacro",
 )

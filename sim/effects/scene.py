@@ -1,10 +1,10 @@
-"""Rows of the effect table: light from elsewhere, motion, and where things stand.
+"""Rows of the effect table for ambient light, motion and errors of the scene model (scene stage).
 
-What a row shows was measured on `tabletop` under 0.1 W m^-2 with the D435 preset at 848x480, its
-speckle off and 8 bits matched, against the scene as modelled, where both imagers and the projector
-see a point. Without effects: all points filled to 99.0 % with 0.14 px of noise in the disparity
-(1.4826 times the median deviation), things on the table to 94.7 % with 0.18 px. Motion was seen in
-an exposure of 8.5 ms.
+The figures in `shows` were measured on `tabletop` under 0.1 W m^-2, with the D435 preset at
+848x480, without speckle and with 8-bit matching. The reference is the scene as modelled, at points
+that both imagers and the projector see. Without effects, 99.0 % of all points have depth, with a
+disparity noise of 0.14 px (1.4826 times the median absolute deviation). On the objects it is 94.7 %
+and 0.18 px. Motion was measured in an exposure of 8.5 ms.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _AXES = ("x", "y", "z")
 
 
 def _components(path: str, unit: str, most: float) -> tuple[Parameter, ...]:
-    """Parameters for the three components of a vector of the scene."""
+    """Return the parameters of the three components of a vector of the scene."""
     return tuple(
         Parameter(
             name=axis,
@@ -43,13 +43,15 @@ AMBIENT = Effect(
             high=25.0,
         ),
     ),
-    imitates="Daylight, lamps: light that is not the projector's, in the band the imager passes.",
+    imitates=(
+        "Daylight and lamps: light in the imager's band that does not come from the projector."
+    ),
     law="L = rho / pi E (1 + 2/3 g n . up); dots keep their amplitude before noise and exposure.",
     shows=(
         "Infrared: the level between dots rises with the albedo; auto exposure shortens and the "
-        "dots' contrast falls with it. Disparity: noise 0.30 px at 1 W m^-2, 0.65 at 5, 1.2 at "
-        "20. Holes: fill 98 %, 79 %, 42 %, plain walls first; things with edges stay at 95 %. "
-        "Time: steady but for more shot noise. An exposure held at 8.5 ms is full at 25 W m^-2."
+        "dots' contrast falls with it. Disparity: noise 0.30 px at 1 W m^-2, 0.65 at 5, 1.2 at 20. "
+        "Holes: fill 98 %, 79 %, 42 %, plain walls first; objects with edges stay at 95 %. Time: "
+        "steady but for more shot noise. An exposure held at 8.5 ms is full at 25 W m^-2."
     ),
     confused_with=(
         "ambient_gradient",
@@ -80,8 +82,9 @@ AMBIENT_GRADIENT = Effect(
     imitates="Light that comes from above more than from below.",
     law="Sky of radiance L0 (1 + g w . up): a surface of normal n receives (1 + 2/3 g n . up).",
     shows=(
-        "Infrared: tops brighter than undersides by (1 + 2g/3) / (1 - 2g/3), by the normal and "
-        "not by the place. Disparity, holes: at 1 W m^-2 noise 0.28 px without, 0.32 px with g = 1."
+        "Infrared: tops brighter than undersides by (1 + 2g/3) / (1 - 2g/3), depending on the "
+        "normal and not on the position. Disparity, holes: at 1 W m^-2 noise 0.28 px without, 0.32 "
+        "px with g = 1."
     ),
     confused_with=("ambient", "nir_reflectance"),
     source="Integral of the cosine over the hemisphere; closed form",
@@ -102,12 +105,12 @@ INTERREFLECTION = Effect(
             high=1.0,
         ),
     ),
-    imitates="Laser light that reaches a surface by way of others: bright corners.",
+    imitates="Laser light that reaches a surface via other surfaces: bright corners.",
     law="E = E_direct + F rho E, the radiosity equation; all bounces, for matt surfaces.",
     shows=(
-        "Infrared: a smooth pedestal beside bright things, gone a hand's breadth away; dots' "
-        "contrast 0.5 % less over the image. Disparity, holes: no change above 0.01 px or "
-        "0.1 %. Unlike ambient light it goes out with the projector."
+        "Infrared: a smooth pedestal next to bright objects, gone a hand's breadth away; dots' "
+        "contrast 0.5 % less over the image. Disparity, holes: no change above 0.01 px or 0.1 %. "
+        "Unlike ambient light it goes out with the projector."
     ),
     confused_with=("veil", "ambient", "subsurface"),
     source="Goral et al., Modeling the interaction of light between diffuse surfaces, 1984, eq. 1",
@@ -122,10 +125,10 @@ MOTION = Effect(
     imitates="A sensor on a hand, a robot, a vehicle.",
     law="A point at z smears by f v t / z; motion along the axis smears along the radius.",
     shows=(
-        "Infrared: edges and albedo texture smear by direction and nearness; dots on surfaces "
-        "that face the sensor stay sharp, as they travel with it. Disparity: at 3 m/s sideways "
-        "things 0.23 px of noise and 7.8 % over 1 px, walls as before; at 3 m/s forwards nothing. "
-        "Holes: at edges of depth, 1.3 % more of the things. Time: more in long exposures."
+        "Infrared: edges and albedo texture smear by direction and nearness; dots on surfaces that "
+        "face the sensor stay sharp, as they travel with it. Disparity: at 3 m/s sideways objects "
+        "0.23 px of noise and 7.8 % over 1 px, walls as before; at 3 m/s forwards nothing. Holes: "
+        "at edges of depth, 1.3 % more of the objects. Time: more in long exposures."
     ),
     confused_with=("turning", "lens_blur"),
     source="Pinhole geometry; closed form",
@@ -138,10 +141,10 @@ TURNING = Effect(
     stage=Stage.SCENE,
     parameters=_components("scene.motion.turn_deg_s", "deg/s", 180.0),
     imitates="A sensor that is panned, tilted or rolled during the exposure.",
-    law="About x or y the image smears by f w t, at all depths alike; about z by r w t.",
+    law="About x or y the image smears by f w t, equally at all depths; about z by r w t.",
     shows=(
-        "Infrared: albedo texture smears alike near and far; dots stay sharp. Disparity: at "
-        "90 deg/s about y no change above 0.01 px, 0.1 % more over 1 px. Holes: 0.2 % more."
+        "Infrared: albedo texture smears equally near and far; dots stay sharp. Disparity: at 90 "
+        "deg/s about y no change above 0.01 px, 0.1 % more over 1 px. Holes: 0.2 % more."
     ),
     confused_with=("motion", "lens_blur"),
     source="Pinhole geometry; closed form",
@@ -165,13 +168,13 @@ ROLLING_SHUTTER = Effect(
     imitates="Imagers that expose their rows one after another (D415), in motion.",
     law="Edges lean by f v t / z over the image's height; nothing where nothing moves.",
     shows=(
-        "Infrared: upright edges lean, near ones more. Disparity: none in sideways motion, as "
-        "both imagers lean alike; at 1 m/s forwards and 16 ms an error from top to bottom, 0.18 px "
-        "of spread. Holes: as before. Gone when the sensor rests."
+        "Infrared: upright edges lean, near ones more. Disparity: none in sideways motion, as both "
+        "images lean equally; at 1 m/s forwards and 16 ms an error from top to bottom, 0.18 px of "
+        "spread. Holes: as before. Gone when the sensor rests."
     ),
     confused_with=("roll", "model_turn"),
     source="RealSense D400 series comparison: D415 rolling, D435 and D455 global shutter",
-    rerender="every row is seen from its own place",
+    rerender="every row has its own camera pose",
 )
 
 MODEL_SHIFT = Effect(
@@ -179,16 +182,16 @@ MODEL_SHIFT = Effect(
     family="model_pose",
     stage=Stage.SCENE,
     parameters=_components("scene.model_error.shift_m", "m", 0.01),
-    imitates="A scene that stands beside where its model says.",
-    law="Points stand at p + t: d = f b / (z + t_z), and the image moves by f t_x / z.",
+    imitates="A scene that is shifted relative to its model.",
+    law="Points are at p + t: d = f b / (z + t_z), and the image moves by f t_x / z.",
     shows=(
-        "Infrared: edges of albedo displaced, near ones more. Disparity: 5 mm in depth -0.10 px "
-        "on the wall, -0.25 px on things, depth error even in metres; 5 mm sideways dipoles at "
-        "edges of depth, 5.1 % of the things over 1 px. Holes: move with the edges."
+        "Infrared: edges of albedo displaced, near ones more. Disparity: 5 mm in depth -0.10 px on "
+        "the wall, -0.25 px on objects, depth error even in metres; 5 mm sideways dipoles at edges "
+        "of depth, 5.1 % of the objects over 1 px. Holes: move with the edges."
     ),
     confused_with=("model_turn", "model_scale", "disparity_offset", "transparency"),
     source="Rigid motion; closed form",
-    rerender="the sensor stands elsewhere in the model",
+    rerender="the sensor has another pose in the model",
 )
 
 MODEL_TURN = Effect(
@@ -196,8 +199,8 @@ MODEL_TURN = Effect(
     family="model_pose",
     stage=Stage.SCENE,
     parameters=_components("scene.model_error.turn_deg", "deg", 1.0),
-    imitates="A scene turned against its model.",
-    law="Points stand at R p, R about the left imager.",
+    imitates="A scene that is rotated relative to its model.",
+    law="Points are at R p, R about the left imager.",
     shows=(
         "Disparity: about x an error that runs from top to bottom (0.3 deg: +0.09 px, spread "
         "0.19 px), about y and z mostly dipoles at edges, spread 0.15 and 0.17 px. Infrared: the "
@@ -205,7 +208,7 @@ MODEL_TURN = Effect(
     ),
     confused_with=("model_shift", "roll", "rolling_shutter"),
     source="Rigid motion; closed form",
-    rerender="the sensor stands elsewhere in the model",
+    rerender="the sensor has another pose in the model",
 )
 
 MODEL_SCALE = Effect(
@@ -223,14 +226,14 @@ MODEL_SCALE = Effect(
         ),
     ),
     imitates="A model scanned or modelled too small or too large.",
-    law="Points stand at s p from the left imager: d = f b / (s z), projected light over s^2.",
+    law="Points are at s p from the left imager: d = f b / (s z), projected light over s^2.",
     shows=(
-        "Disparity: off by -1 % of itself at 1.01 (-0.23 px on the wall, -0.35 px on things): "
+        "Disparity: off by -1 % of itself at 1.01 (-0.23 px on the wall, -0.35 px on objects): "
         "depth error grows with z. Infrared: edges stay in the left image; light 2 % less."
     ),
     confused_with=("baseline_error", "focal_scale", "disparity_offset", "model_shift"),
     source="Similarity about the left imager; closed form",
-    rerender="the rig is another in proportion to the model",
+    rerender="the rig changes in proportion to the model",
 )
 
 BASELINE_ERROR = Effect(
@@ -251,7 +254,7 @@ BASELINE_ERROR = Effect(
     ),
     confused_with=("focal_scale", "model_scale", "disparity_offset"),
     source="Szeliski, Computer Vision, 2nd ed., sec. 12.1",
-    rerender="the right imager, or the structured light's projector, stands elsewhere",
+    rerender="the right imager, or the structured light's projector, has another position",
 )
 
 ROWS: tuple[Effect, ...] = (

@@ -1,4 +1,4 @@
-"""Setting effects on a sensor and a scene, and reading where they stand."""
+"""Setting of effects on a sensor and a scene, and reading of their current values."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ _AXES = ("x", "y", "z")
 
 
 def apply(sensor: Sensor, scene: Scene, settings: Mapping[str, Value]) -> tuple[Sensor, Scene]:
-    """Set effects; what is not named stays as it is.
+    """Set effects; other fields stay as they are.
 
     Args:
-        sensor: to start from.
-        scene: likewise.
-        settings: value by `NAME` (the row's first parameter) or `NAME.PARAMETER`.
+        sensor: sensor to start from.
+        scene: scene to start from.
+        settings: values by `NAME` (the row's first parameter) or `NAME.PARAMETER`.
 
     Raises:
-        InputError: unknown effect or parameter (nearest name first), two that set one field to
-            different values, or a value that the field refuses.
+        InputError: if an effect or parameter is unknown, two effects set one field to different
+            values, or a field refuses the value.
 
     Example:
         >>> apply(sensor, scene, {"lens_blur": 0.8, "motion.y": 0.1})  # doctest: +SKIP
@@ -40,65 +40,70 @@ def apply(sensor: Sensor, scene: Scene, settings: Mapping[str, Value]) -> tuple[
 
 
 def on_sensor(sensor: Sensor, settings: Mapping[str, Value]) -> Sensor:
-    """Set those effects that move a sensor (see `apply`)."""
-    moved = {path: by for path, by in _moved(settings).items() if not path.startswith(_SCENE)}
-    for path, (asked, _) in moved.items():
-        _refuse_missing(sensor, path, asked)
-    with _naming({path: asked for path, (asked, _) in moved.items()}):
-        values = [(path, _typed(_field(sensor, path), to, path)) for path, (_, to) in moved.items()]
+    """Set the effects that act on a sensor (see `apply`)."""
+    changes = {
+        path: change for path, change in _changes(settings).items() if not path.startswith(_SCENE)
+    }
+    for path, (name, _) in changes.items():
+        _refuse_missing(sensor, path, name)
+    with _naming({path: name for path, (name, _) in changes.items()}):
+        values = [
+            (path, _typed(_field(sensor, path), new, path)) for path, (_, new) in changes.items()
+        ]
         return edits.with_values(sensor, values)
 
 
-def is_scenes(asked: str) -> bool:
-    """Return whether an effect, or one parameter of it, moves nothing of a sensor."""
-    return all(path.startswith(_SCENE) for path in parameter_of(asked)[1].paths)
+def acts_on_scene_only(name: str) -> bool:
+    """Return whether an effect, or one parameter of it, sets no field of a sensor."""
+    return all(path.startswith(_SCENE) for path in parameter_of(name)[1].paths)
 
 
 def on_scene(scene: Scene, settings: Mapping[str, Value]) -> Scene:
-    """Set those effects that move a scene (see `apply`)."""
-    for path, (asked, to) in _moved(settings).items():
+    """Set the effects that act on a scene (see `apply`)."""
+    for path, (name, new) in _changes(settings).items():
         if path.startswith(_SCENE):
-            with _naming({path: asked}):
-                scene = _in_scene(scene, path.removeprefix(_SCENE), to)
+            with _naming({path: name}):
+                scene = _in_scene(scene, path.removeprefix(_SCENE), new)
     return scene
 
 
-def _moved(settings: Mapping[str, Value]) -> dict[str, tuple[str, Value]]:
-    """Return by path what was asked for and the value it sets there."""
-    moved: dict[str, tuple[str, Value]] = {}
-    for asked, to in settings.items():
-        effect, parameter = parameter_of(asked)
-        to = _admitted(effect, parameter, to)
+def _changes(settings: Mapping[str, Value]) -> dict[str, tuple[str, Value]]:
+    """Return the effect's name and the new value by path."""
+    changes: dict[str, tuple[str, Value]] = {}
+    for name, new in settings.items():
+        effect, parameter = parameter_of(name)
+        new = _admitted(effect, parameter, new)
         for path in _spread(parameter.paths):
-            before, other = moved.setdefault(path, (asked, to))
-            if other != to:
+            first_name, first_value = changes.setdefault(path, (name, new))
+            if first_value != new:
                 raise errors.refuse(
-                    f"effects {before} and {asked}",
+                    f"effects {first_name} and {name}",
                     f"must not set {path} to two values",
-                    f"{other} and {to}",
+                    f"{first_value} and {new}",
                     "Drop one of them.",
                 )
-    return moved
+    return changes
 
 
 def value(parameter: Parameter, sensor: Sensor, scene: Scene | None = None) -> Value | None:
-    """Return where a parameter stands: the base that an effect departs from.
+    """Return the current value of a parameter.
 
-    None where the sensor has no such field (another matcher's), or no scene is at hand.
+    It is None if the sensor has no such field (other matchers have other fields), or if the field
+    belongs to the scene and `scene` is None.
     """
     path = _spread(parameter.paths)[0]
     tree = scene if path.startswith(_SCENE) else sensor
     if tree is None:
         return None
     try:
-        found = _field(tree, path.removeprefix(_SCENE))
+        current = _field(tree, path.removeprefix(_SCENE))
     except errors.InputError:
         return None
-    return found if isinstance(found, str) else float(found)
+    return current if isinstance(current, str) else float(current)
 
 
 def whole(parameter: Parameter, sensor: Sensor) -> bool:
-    """Return whether a parameter's field takes whole numbers alone."""
+    """Return whether a parameter's field accepts only whole numbers."""
     path = _spread(parameter.paths)[0]
     if path.startswith(_SCENE):
         return False
@@ -109,14 +114,14 @@ def whole(parameter: Parameter, sensor: Sensor) -> bool:
 
 
 def neutral(parameter: Parameter, sensor: Sensor, scene: Scene | None = None) -> Value | None:
-    """Return a parameter's neutral: the ideal, or where there is none the value at hand."""
+    """Return a parameter's neutral value: the ideal, or the current value if there is no ideal."""
     if parameter.neutral is None:
         return value(parameter, sensor, scene)
     return parameter.neutral
 
 
 def ideal(sensor: Sensor, scene: Scene) -> tuple[Sensor, Scene]:
-    """Set every row that has an ideal to it."""
+    """Set every parameter that has an ideal value to that value."""
     settings = {
         f"{effect.name}.{parameter.name}": parameter.neutral
         for effect in effects.table()
@@ -127,10 +132,10 @@ def ideal(sensor: Sensor, scene: Scene) -> tuple[Sensor, Scene]:
 
 
 def parse(texts: Iterable[str]) -> dict[str, Value]:
-    """Read `NAME[.PARAMETER]=VALUE` texts.
+    """Parse texts of the form `NAME[.PARAMETER]=VALUE`.
 
     Raises:
-        InputError: a text of another form, or one parameter given twice.
+        InputError: if a text has another form, or a parameter occurs twice.
     """
     settings: dict[str, Value] = {}
     for text in texts:
@@ -148,13 +153,13 @@ def parse(texts: Iterable[str]) -> dict[str, Value]:
     return settings
 
 
-def parameter_of(asked: str) -> tuple[Effect, Parameter]:
-    """Return the row and parameter of `NAME` or `NAME.PARAMETER`.
+def parameter_of(specifier: str) -> tuple[Effect, Parameter]:
+    """Return the row and the parameter of `NAME` or `NAME.PARAMETER`.
 
     Raises:
-        InputError: unknown ones, nearest name first.
+        InputError: if either is unknown; the message starts with the most similar name.
     """
-    name, dot, part = asked.partition(".")
+    name, dot, part = specifier.partition(".")
     effect = effects.named(name)
     if not dot:
         return effect, effect.parameters[0]
@@ -163,20 +168,20 @@ def parameter_of(asked: str) -> tuple[Effect, Parameter]:
     return effect, known[part]
 
 
-def _admitted(effect: Effect, parameter: Parameter, given: Value) -> Value:
-    """Refuse words for numbers, what is not finite and what is none of the choices."""
+def _admitted(effect: Effect, parameter: Parameter, new: Value) -> Value:
+    """Check a value: a finite number, or one of the choices."""
     name = f"{effect.name}.{parameter.name}"
     if parameter.choices:
-        if given not in parameter.choices:
+        if new not in parameter.choices:
             known = ", ".join(map(written, parameter.choices))
-            raise errors.refuse(name, f"must be one of {known}", given, "Choose one of them.")
-    elif isinstance(given, str) or not math.isfinite(given):
-        raise errors.refuse(name, "must be a number", repr(given), f"Its unit is {parameter.unit}.")
-    return given
+            raise errors.refuse(name, f"must be one of {known}", new, "Choose one of them.")
+    elif isinstance(new, str) or not math.isfinite(new):
+        raise errors.refuse(name, "must be a number", repr(new), f"Its unit is {parameter.unit}.")
+    return new
 
 
 def _spread(paths: Iterable[str]) -> list[str]:
-    """Write out what moves both imagers."""
+    """Expand `imager.` to the paths of both imagers."""
     return [
         side + path.removeprefix(_BOTH) if path.startswith(_BOTH) else path
         for path in paths
@@ -184,18 +189,22 @@ def _spread(paths: Iterable[str]) -> list[str]:
     ]
 
 
-def _in_scene(scene: Scene, path: str, given: Value) -> Scene:
+def _in_scene(scene: Scene, path: str, new: Value) -> Scene:
     holder, _, axis = path.rpartition(".")
     if axis not in _AXES:
-        return structure.edit(scene, path, given)
+        return structure.edit(scene, path, new)
     old = _field(scene, holder)
     return structure.edit(
-        scene, holder, [given if a == axis else o for a, o in zip(_AXES, old, strict=True)]
+        scene, holder, [new if a == axis else o for a, o in zip(_AXES, old, strict=True)]
     )
 
 
 def _field(tree: Any, path: str) -> Any:
-    """Return the field at a dotted path, refusing what is not there."""
+    """Return the field at a dotted path.
+
+    Raises:
+        InputError: if there is no such field.
+    """
     for name in path.split("."):
         if isinstance(tree, tuple):
             return tree[_AXES.index(name)]
@@ -205,42 +214,42 @@ def _field(tree: Any, path: str) -> Any:
     return tree
 
 
-def _refuse_missing(sensor: Sensor, path: str, asked: str) -> None:
-    """Refuse an effect on a field that the sensor lacks: other matchers have other fields."""
+def _refuse_missing(sensor: Sensor, path: str, name: str) -> None:
+    """Refuse an effect on a field that the sensor lacks; other matchers have other fields."""
     try:
         _field(sensor, path)
     except errors.InputError as error:
         raise errors.refuse(
-            f"effect {asked}",
+            f"effect {name}",
             f"needs a sensor with {path}",
             f"{sensor.name} with {type(sensor.matcher.engine).__name__}",
             "Set matcher.setting to d4xx, which has it.",
         ) from error
 
 
-def _typed(old: Any, given: Value, path: str) -> Any:
-    """Turn a number into the field's own type."""
+def _typed(old: Any, new: Value, path: str) -> Any:
+    """Convert a number to the field's type."""
     if isinstance(old, bool):
-        return bool(given)
-    if isinstance(old, int) and not isinstance(given, str):
-        if given != int(given):
-            raise errors.refuse(path, "must be a whole number", given, "Round it.")
-        return int(given)
-    return given
+        return bool(new)
+    if isinstance(old, int) and not isinstance(new, str):
+        if new != int(new):
+            raise errors.refuse(path, "must be a whole number", new, "Round it.")
+        return int(new)
+    return new
 
 
 @contextmanager
-def _naming(asked: Mapping[str, str]) -> Iterator[None]:
-    """Put the effects' names before what their fields refuse; `asked` has an effect by path."""
+def _naming(names_by_path: Mapping[str, str]) -> Iterator[None]:
+    """Prefix errors of the fields with the effects' names; `names_by_path` maps path to name."""
     try:
         yield
     except errors.InputError as error:
-        blamed = [name for path, name in asked.items() if _speaks_of(path, str(error))]
-        names = ", ".join(dict.fromkeys(blamed or asked.values()))
+        blamed = [name for path, name in names_by_path.items() if _speaks_of(path, str(error))]
+        names = ", ".join(dict.fromkeys(blamed or names_by_path.values()))
         raise errors.InputError(f"effect {names}: {error}") from error
 
 
 def _speaks_of(path: str, message: str) -> bool:
-    """Whether a refusal names the field that a path ends at."""
+    """Return whether an error message names the last field of a path."""
     *_, field = (part for part in path.split(".") if part not in _AXES)
     return re.search(rf"\b{field}\b", message) is not None

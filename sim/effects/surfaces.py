@@ -1,10 +1,10 @@
-"""Rows of the effect table: what surfaces and other lights do.
+"""Rows of the effect table for surfaces and other light sources (scene stage).
 
-What a row shows was measured on `tabletop` under 0.1 W m^-2 with the D415 preset's geometry and
-less noise than its own, where both imagers and the projector see a point. Without effects: all
-points filled to 98.7 %, 0.09 px of noise in the disparity (1.4826 times the median deviation);
-things on the table 95.0 % and 0.12 px. The preset as it is has 0.15 px, without its
-speckle 0.11 px.
+The figures in `shows` were measured on `tabletop` under 0.1 W m^-2, with the D415 preset's geometry
+and reduced noise. Only points that both imagers and the projector see count. Without effects,
+98.7 % of all points have depth, with a disparity noise of 0.09 px (1.4826 times the median absolute
+deviation). On the objects it is 95.0 % and 0.12 px. The unmodified preset has 0.15 px, and 0.11 px
+without speckle.
 """
 
 from __future__ import annotations
@@ -33,10 +33,9 @@ NIR_REFLECTANCE = Effect(
     imitates="A reflectance taken from visible colours: black dye is bright in the near infrared.",
     law="Diffuse reflectance is the material's times scale, at most 1, under every light.",
     shows=(
-        "Infrared: the level of a material off from its model's, dots and ambient texture by "
-        "the same factor; covariate is the body, not the place. "
-        "At 0.2: noise 0.14 px on things, fill as before; auto exposure hides what all bodies "
-        "share."
+        "Infrared: a material's level differs from its model, by the same factor in dots and "
+        "ambient texture; it depends on the body, not on the position. At 0.2: noise 0.14 px on "
+        "objects, fill as before; auto exposure hides a change that all bodies share."
     ),
     confused_with=("projector_power", "ambient_gradient", "transparency"),
     source="docs/materials.md: black nylon returns 0.35 at 850 nm, carbon black 0.03",
@@ -58,13 +57,12 @@ SPECULAR = Effect(
         ),
         _ROUGHNESS,
     ),
-    imitates="Varnish, glaze, a tiled or polished floor: a clear coat over a matt ground.",
+    imitates="Varnish, glaze, a tiled or polished floor: a clear coat over a matt base.",
     law="f = (1 - share) f_material + share f_coat; the coat has a GGX lobe of slope roughness.",
     shows=(
         "Infrared: highlights where the projector's light mirrors towards an imager, at other "
-        "places in left and right; "
-        "dots elsewhere dimmer (high-passed deviation 10.8 to 8.0 DN at share 1). Holes hardly "
-        "move; wrong by more than 1 px: 3.0 to 3.2 % on things."
+        "places in left and right; dots elsewhere dimmer (high-passed deviation 10.8 to 8.0 DN at "
+        "share 1). Holes hardly move; wrong by more than 1 px: 3.0 to 3.2 % on objects."
     ),
     confused_with=("metal",),
     source=f"{_WALTER}, eq. 20 and 33; librealsense issue 10229 (epoxy floors)",
@@ -86,12 +84,12 @@ METAL = Effect(
         ),
         _ROUGHNESS,
     ),
-    imitates="Bare metal: what light it returns it returns near the mirror's direction.",
+    imitates="Bare metal: it reflects light close to the mirror direction.",
     law="f = (1 - share) f_material + share f_metal, a GGX lobe of slope roughness.",
     shows=(
-        "Infrared: a few glaring dots, the rest dark; it differs between left and right. "
-        "At share 1 no depth in 24 % of the image (without 4 %), noise 0.13 px; at share 0.5 "
-        "nothing to see but dimmer dots (7.7 DN). Holes on the bodies' flanks."
+        "Infrared: a few glaring dots, the rest dark; it differs between left and right. At share "
+        "1 no depth in 24 % of the image (without 4 %), noise 0.13 px; at share 0.5 only dimmer "
+        "dots (7.7 DN). Holes on the bodies' flanks."
     ),
     confused_with=("specular",),
     source=f"{_WALTER}, eq. 20 and 33; the base colour is the material's reflectance",
@@ -115,11 +113,10 @@ TRANSPARENCY = Effect(
     imitates="Film, gauze, thin plastic: part of the light goes straight through.",
     law="L = (1 - t) L_front + t L_behind; the projector's light passes twice: t^2.",
     shows=(
-        "Disparity: what lies behind, or between, at the body's pixels: bimodal, bias towards "
-        "the background. "
-        "Share 0.5: 67 % of the things' pixels off by more than 1 px, filled to 92 %; 0.9: 96 %"
-        " off, filled to 98 %. Depth that is wrong, not missing, and the body's own dots dim. "
-        "Nothing is refracted: for that there are bodies of glass."
+        "Disparity: what lies behind, or between, at the body's pixels: bimodal, bias towards the "
+        "background. Share 0.5: 67 % of the objects' pixels off by more than 1 px, filled to 92 %; "
+        "0.9: 96 % off, filled to 98 %. Depth that is wrong, not missing, and the body's own dots "
+        "dim. Nothing is refracted: for that there are bodies of glass."
     ),
     confused_with=("nir_reflectance", "model_shift"),
     source="geometry; librealsense issues 2550 and 7570 (glass and clear plastic)",
@@ -143,10 +140,9 @@ SUBSURFACE = Effect(
     imitates="Wax, skin, marble, milky plastic: light spreads inside before it returns.",
     law="The projector's light on a body is blurred by sigma = fx sigma_m / z pixels.",
     shows=(
-        "Infrared: dots wide and dim on the body alone, wider in pixels the nearer it is; "
-        "ambient texture stays. "
-        "1 mm: dots 8.0 of 10.8 DN, noise as before; 3 mm: 2.5 DN, 0.23 px on things, filled to"
-        " 90 %; 10 mm: filled to 67 %."
+        "Infrared: dots wide and dim on the body alone, wider in pixels the nearer it is; ambient "
+        "texture stays. 1 mm: dots 8.0 of 10.8 DN, noise as before; 3 mm: 2.5 DN, 0.23 px on "
+        "objects, filled to 90 %; 10 mm: filled to 67 %."
     ),
     confused_with=("dot_blur", "dot_defocus", "lens_blur", "interreflection"),
     source="Jensen et al., A practical model for subsurface light transport, 2001, eq. 4 and table",
@@ -167,15 +163,17 @@ SUNLIGHT = Effect(
         ),
     ),
     imitates="Sun through a window or out of doors: one direction, sharp shadows.",
-    law="L = f E cos(theta) where nothing is in the way; dots keep their amplitude before noise.",
+    law="L = f E cos(theta) where the sun is not occluded; dots keep their amplitude before noise.",
     shows=(
         "Infrared: shading and shadows with sharp borders that stay where they are with the "
-        "projector off; exposure goes down and takes the dots along. "
-        "3 W m^-2 (28 times the projector's mean at 1 m): noise 0.23 px, things filled to 87 %; "
-        "30: all filled to 50 %. An exposure held at 8.5 ms is full at 50: depth stays in shadows."
+        "projector off; exposure goes down and takes the dots along. 3 W m^-2 (28 times the "
+        "projector's mean at 1 m): noise 0.23 px, objects filled to 87 %; 30: all filled to 50 %. "
+        "An exposure held at 8.5 ms is full at 50: depth stays in shadows."
     ),
     confused_with=("ambient", "projector_power"),
-    source="ASTM G173 in the band of the imager (starling.sim.scene.spectra); librealsense issue 10022",
+    source=(
+        "ASTM G173 in the band of the imager (starling.sim.scene.spectra); librealsense issue 10022"
+    ),
     rerender="shadows depend on the sun's direction; its strength alone does not",
 )
 
@@ -204,10 +202,9 @@ SECOND_PROJECTOR = Effect(
     imitates="Another depth camera that looks at the same scene.",
     law="Its light on a surface point is the same for both imagers and adds to the rest.",
     shows=(
-        "Infrared: more dots, on the same surface points in left and right, where the own "
-        "pattern has none. "
-        "Same power: noise 0.083 px, was 0.088; no depth 3.7 %, was 3.6. Ten times: 0.083 px, "
-        "3.8 %."
+        "Infrared: more dots, on the same surface points in left and right, where the camera's own "
+        "pattern has none. Same power: noise 0.083 px, was 0.088; no depth 3.7 %, was 3.6. Ten "
+        "times: 0.083 px, 3.8 %."
     ),
     confused_with=("projector_power", "ambient"),
     source="librealsense issues 6607 (no harm by design) and 8592 (beats between exposures)",

@@ -1,4 +1,4 @@
-"""Frames and poses: OpenCV's axes everywhere, Mitsuba's converted here and nowhere else.
+"""Frames and poses. All code uses OpenCV's axes; only this module converts to Mitsuba's.
 
 OpenCV camera frame: x right, y down, z forward, integer coordinate = pixel centre. Mitsuba's
 camera looks along +z with +x to the left and +y up, and its pixel centres lie at +0.5.
@@ -30,7 +30,7 @@ def rotation(rotation_deg: tuple[float, float, float]) -> NDArray[np.float64]:
 def pose(
     position_m: tuple[float, float, float], rotation_deg: tuple[float, float, float] = (0, 0, 0)
 ) -> Pose:
-    """Pose of a part at `position_m`, turned by `rotation_deg`: `frame_from_part` (4, 4)."""
+    """Pose `frame_from_part` (4, 4) of a part at `position_m`, turned by `rotation_deg`."""
     frame_from_part = np.eye(4)
     frame_from_part[:3, :3] = rotation(rotation_deg)
     frame_from_part[:3, 3] = position_m
@@ -38,7 +38,7 @@ def pose(
 
 
 def right_of(world_from_left: Pose, baseline_m: float) -> Pose:
-    """Pose of the right imager of a rectified pair from the left one's."""
+    """Pose of the right imager of a rectified pair."""
     return world_from_left @ pose((baseline_m, 0.0, 0.0))
 
 
@@ -72,12 +72,12 @@ def mitsuba_to_world(world_from_camera: Pose) -> Pose:
 
 
 def opencv_from_mitsuba(to_world: Pose) -> Pose:
-    """OpenCV pose `world_from_camera` from Mitsuba's `to_world` (the inverse of the above)."""
+    """OpenCV pose `world_from_camera` from Mitsuba's `to_world`; inverse of `mitsuba_to_world`."""
     return to_world @ _MITSUBA_FROM_OPENCV
 
 
 def principal_point_offset(
     cx_px: float, cy_px: float, width: int, height: int
 ) -> tuple[float, float]:
-    """Mitsuba's relative `principal_point_offset_x`, `_y` for OpenCV's principal point [px]."""
+    """Mitsuba's relative `principal_point_offset_x`, `_y` of OpenCV's principal point [px]."""
     return 0.5 - (cx_px + 0.5) / width, 0.5 - (cy_px + 0.5) / height

@@ -1,9 +1,8 @@
-"""The sensor in motion: an exposure is the average of views from the poses it passes through.
+"""Motion blur and rolling shutter: an exposure averages the views along the sensor's path.
 
-The rig moves as one, imagers and projector, while the scene keeps still. Every row of an imager
-with a rolling shutter is exposed at its own time. Time is counted from the middle of the exposure
-of the left imager's middle row, to which the truth belongs; both imagers' middle rows are exposed
-together.
+Imagers and projector move as a rigid unit through a static scene. With a rolling shutter each row
+is exposed at its own time. Time 0 is the middle of the middle row's exposure, the same in both
+imagers. The ground truth belongs to time 0.
 """
 
 from __future__ import annotations
@@ -19,63 +18,68 @@ from starling.patterns import errors
 from starling.sim.geometry import frames
 from starling.sim.render import backend
 from starling.sim.render.lights import Lights
-from starling.sim.render.mitsuba_scene import Stage
-from starling.sim.render.rays import Camera, Placed, opaque, pixels
+from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.render.rays import JitCamera, JitPose, opaque, pixels
 from starling.sim.scene.scene import Motion
 from starling.sim.sensor.sensor import Sensor
 
-STEP_PX = 0.5  # Image motion between one moment and the next.
-_MOST_PX = 100.0  # Longer blur is no image, and takes minutes.
-_GRID_PX = 8  # Of the pixels whose motion is looked at.
-_NEAREST_M = 0.01  # What comes nearer counts as that near.
+STEP_PX = 0.5  # Largest image motion between two averaged views [px].
+_MOST_PX = 100.0  # Longest blur; longer ones are not useful and take minutes [px].
+_GRID_PX = 8  # Spacing of the pixels at which image motion is measured [px].
+_NEAREST_M = 0.01  # Lower limit of depth in the projection [m].
 
 
 @dataclass(frozen=True, slots=True)
-class Path:
-    """One imager's way, and the projector's with it, through one exposure."""
+class ExposureMotion:
+    """Motion of one imager and the projector through one exposure."""
 
-    pivot: Any  # Point3f: the left imager at time 0, about which the rig turns.
+    pivot: Any  # Point3f: the left imager at time 0, the centre of rotation.
     velocity: Any  # Vector3f, world [m/s]
     axis: Any  # Vector3f, world, unit length
     rate: Any  # Float [rad/s]
-    delay: Any  # Float: by which each pixel is exposed later than the middle row [s].
+    delay: Any  # Float: exposure time of each pixel after the middle row's [s].
     exposure_s: float
-    steps: int  # Moments that follow one another.
+    steps: int  # Number of time samples.
 
-    def at(self, time_s: Any, place: Placed) -> Placed:
-        """Place of a part of the rig at times of all pixels in turn, by each one's own delay."""
+    def pose_at(self, time_s: Any, pose: JitPose) -> JitPose:
+        """Pose of a part of the rig at `time_s`, plus each pixel's own delay."""
         dr = backend.drjit()
         time = time_s + dr.tile(self.delay, dr.width(time_s) // dr.width(self.delay))
         sine, cosine = dr.sincos(self.rate * time)
 
-        def turned(vector: Any) -> Any:  # Rodrigues' formula.
+        def rotate(vector: Any) -> Any:  # Rodrigues' formula.
             along = self.axis * dr.dot(self.axis, vector)
             return along + (vector - along) * cosine + dr.cross(self.axis, vector) * sine
 
-        origin = self.pivot + self.velocity * time + turned(place.origin - self.pivot)
-        return Placed(turned(place.x), turned(place.y), turned(place.z), origin)
+        origin = self.pivot + self.velocity * time + rotate(pose.origin - self.pivot)
+        return JitPose(rotate(pose.x), rotate(pose.y), rotate(pose.z), origin)
 
 
-def paths(
-    stage: Stage, sensor: Sensor, left: Camera, exposure_s: float, *, step_px: float = STEP_PX
-) -> tuple[Path | None, Path | None]:
-    """Ways of the left and the right imager through one exposure; None where nothing moves.
+def exposure_motions(
+    mi_scene: MitsubaScene,
+    sensor: Sensor,
+    left: JitCamera,
+    exposure_s: float,
+    *,
+    step_px: float = STEP_PX,
+) -> tuple[ExposureMotion | None, ExposureMotion | None]:
+    """Motion of the left and the right imager through one exposure; None for a still sensor.
 
     Args:
-        stage: with the scene's motion.
-        sensor: with the imagers' rolling shutters.
-        left: the left imager at time 0.
-        exposure_s: integration time.
-        step_px: image motion between one moment and the next.
+        mi_scene: Scene with its motion.
+        sensor: Sensor with the imagers' rolling shutters.
+        left: Left imager at time 0.
+        exposure_s: Integration time [s].
+        step_px: Largest image motion between two time samples [px].
 
     Raises:
         BackendError: in a variant that cannot trace moving rays.
-        InputError: if something blurs over more than 100 px.
+        InputError: if the blur of any point exceeds 100 px.
     """
-    motion = stage.scene.motion
+    motion = mi_scene.scene.motion
     if motion.still:
         return None, None
-    blur_px = _longest_blur_px(stage, left, exposure_s)
+    blur_px = _longest_blur_px(mi_scene, left, exposure_s)
     if blur_px > _MOST_PX:
         raise errors.refuse(
             "scene.motion",
@@ -83,14 +87,14 @@ def paths(
             f"{blur_px:.0f} px in {exposure_s:g} s",
             "Slow it down, or shorten the exposure.",
         )
-    world_from_left = stage.scene.world_from_left
+    world_from_left = mi_scene.scene.world_from_left
     velocity = opaque("Vector3f", world_from_left[:3, :3] @ motion.velocity_m_s)
     turn = np.deg2rad(world_from_left[:3, :3] @ motion.turn_deg_s)
     rate = float(np.linalg.norm(turn))
     axis = opaque("Vector3f", turn / rate if rate else (0.0, 0.0, 1.0))
     row = pixels(left.size).y / (left.size[1] - 1) - 0.5
-    found = [
-        Path(
+    left_motion, right_motion = (
+        ExposureMotion(
             pivot=left.place.origin,
             velocity=velocity,
             axis=axis,
@@ -100,55 +104,59 @@ def paths(
             steps=int(np.ceil(blur_px / step_px)),
         )
         for imager in (sensor.left, sensor.right)
-    ]
-    return found[0], found[1]
+    )
+    return left_motion, right_motion
 
 
-def moments(subpixels: int, path: Path | None) -> list[tuple[float, float, float]]:
-    """Give the positions in a pixel, and the times, whose average is the exposure.
+def moments(subpixels: int, path: ExposureMotion | None) -> list[tuple[float, float, float]]:
+    """List the sub-pixel positions and times whose average is the exposure.
 
     Args:
         subpixels: n of the n x n fixed positions in a pixel.
-        path: None where nothing moves.
+        path: Motion through the exposure; None for a still sensor.
 
     Returns:
-        Tuples of x, y [px from the pixel's centre] and time [s]. Times are evenly spread over
-        the exposure; each position is taken at t and -t, so that none leads the others.
+        Tuples of x, y [px from the pixel's centre] and time [s]. Times are spread evenly over the
+        exposure. Each position is sampled at t and -t, so that positions have equal mean times.
     """
-    places = [
+    positions = [
         ((column + 0.5) / subpixels - 0.5, (row + 0.5) / subpixels - 0.5)
         for row, column in np.ndindex(subpixels, subpixels)
     ]
     if path is None:
-        return [(x, y, 0.0) for x, y in places]
-    half = len(places) * int(np.ceil(max(path.steps, 1) / (2 * len(places))))
+        return [(x, y, 0.0) for x, y in positions]
+    half = len(positions) * int(np.ceil(max(path.steps, 1) / (2 * len(positions))))
     times = (np.arange(half) + 0.5) / (2 * half) * path.exposure_s
     return [
-        (*places[number % len(places)], float(sign * time))
+        (*positions[number % len(positions)], float(sign * time))
         for number, time in enumerate(times)
         for sign in (-1, 1)
     ]
 
 
-def at(path: Path | None, time_s: Any, camera: Camera, lights: Lights) -> tuple[Camera, Lights]:
-    """Give imager and lights at times of all pixels in turn; the same where nothing moves.
+def at_time(
+    path: ExposureMotion | None, time_s: Any, camera: JitCamera, lights: Lights
+) -> tuple[JitCamera, Lights]:
+    """Return imager and lights at the given times; unchanged for a still sensor.
 
-    The sun and other devices keep still.
+    The sun and other devices do not move.
     """
     if path is None:
         return camera, lights
-    moved = dataclasses.replace(lights.projector, place=path.at(time_s, lights.projector.place))
+    moved = dataclasses.replace(
+        lights.projector, place=path.pose_at(time_s, lights.projector.place)
+    )
     return (
-        dataclasses.replace(camera, place=path.at(time_s, camera.place)),
+        dataclasses.replace(camera, place=path.pose_at(time_s, camera.place)),
         dataclasses.replace(lights, projector=moved),
     )
 
 
 def refuse_without_compiler(motion: Motion) -> None:
-    """Refuse motion in a variant that renders by Mitsuba's own integrators.
+    """Refuse motion in the variant that renders with Mitsuba's own integrators.
 
     Raises:
-        BackendError: if anything moves.
+        BackendError: if the sensor moves.
     """
     if not motion.still:
         raise backend.BackendError(
@@ -157,30 +165,30 @@ def refuse_without_compiler(motion: Motion) -> None:
         )
 
 
-def _longest_blur_px(stage: Stage, left: Camera, exposure_s: float) -> float:
-    """Longest way of a surface point over the left image within the exposure [px]."""
+def _longest_blur_px(mi_scene: MitsubaScene, left: JitCamera, exposure_s: float) -> float:
+    """Longest image motion of a surface point during the exposure, left imager [px]."""
     mi, dr = backend.mitsuba(), backend.drjit()
     columns, rows = (np.arange(0, size, _GRID_PX, dtype=np.float32) for size in left.size)
     grid = np.meshgrid(columns, rows)
     pixel = mi.Vector2f(*(mi.Float(axis.ravel()) for axis in grid))
-    si = stage.mitsuba.ray_intersect(left.ray(pixel))
-    local, seen = left.place.local(si.p), si.is_valid()
-    dr.eval(local, seen)
-    points = np.array(local, np.float64).T[np.array(seen)]
+    si = mi_scene.mitsuba.ray_intersect(left.ray(pixel))
+    local, valid = left.place.local(si.p), si.is_valid()
+    dr.eval(local, valid)
+    points = np.array(local, np.float64).T[np.array(valid)]
     if len(points) == 0:
         return 0.0
-    motion, half = stage.scene.motion, exposure_s / 2
+    motion, half = mi_scene.scene.motion, exposure_s / 2
     start, end = (_projected(points, motion, time, left) for time in (-half, half))
     return float(np.linalg.norm(end - start, axis=1).max())
 
 
 def _projected(
-    points: NDArray[np.float64], motion: Motion, time_s: float, left: Camera
+    points: NDArray[np.float64], motion: Motion, time_s: float, left: JitCamera
 ) -> NDArray[np.float64]:
-    """Pixels (n, 2) at which points of the left frame at time 0 are seen at another time."""
+    """Image positions (n, 2) at `time_s` of points given in the left frame at time 0."""
     vx, vy, vz = (value * time_s for value in motion.velocity_m_s)
     wx, wy, wz = (value * time_s for value in motion.turn_deg_s)
     moved = frames.pose((vx, vy, vz), (wx, wy, wz))
-    seen = (points - moved[:3, 3]) @ moved[:3, :3]
-    slope = seen[:, :2] / np.maximum(seen[:, 2:], _NEAREST_M)
+    local = (points - moved[:3, 3]) @ moved[:3, :3]
+    slope = local[:, :2] / np.maximum(local[:, 2:], _NEAREST_M)
     return slope * np.array(left.focal, np.float64).ravel()

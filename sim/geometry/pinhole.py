@@ -1,4 +1,4 @@
-"""Where an imager's pixels look: size and intrinsics of one camera."""
+"""Pinhole camera: image size and intrinsics."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from starling.patterns import errors
-from starling.sim.render.layers import Image
+from starling.sim.arrays import Image
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pinhole:
-    """Size and intrinsics of one camera, or of both imagers of a rectified pair."""
+    """Image size and intrinsics of a camera, or of both imagers of a rectified pair."""
 
     width: int  # [px]
     height: int  # [px]
@@ -34,13 +34,13 @@ class Pinhole:
             )
 
     @classmethod
-    def of(cls, camera: Any) -> Pinhole:
-        """The pinhole of whatever has its fields: a sensor, captures, a colour camera."""
+    def from_camera(cls, camera: Any) -> Pinhole:
+        """Copy the fields of a sensor, capture information or colour camera."""
         return cls(**{field.name: getattr(camera, field.name) for field in dataclasses.fields(cls)})
 
     @property
     def half_diagonal_px(self) -> float:
-        """Half the image's diagonal [px]: the radius at which what grows outwards is stated."""
+        """Half the image's diagonal [px], the reference radius of corner blur and distortion."""
         return float(np.hypot(self.width, self.height)) / 2
 
     def tangent_squared(self) -> Image:

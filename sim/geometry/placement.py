@@ -1,7 +1,8 @@
-"""Where sensor and scene truly stand to each other: the baseline's error and the model's.
+"""Baseline error of the sensor and placement error of the scene model.
 
-Neither touches geometry. A scene moved and turned is the sensor moved the other way; a scene
-enlarged by s is a sensor shrunk by s, whose lengths and light are enlarged afterwards.
+Both errors are applied to the sensor, so that the scene's meshes stay unchanged. A moved scene
+equals a sensor moved the opposite way. A scene enlarged by s equals a sensor shrunk by s, with
+depth and projector light scaled after rendering.
 """
 
 from __future__ import annotations
@@ -11,49 +12,48 @@ import dataclasses
 import numpy as np
 
 from starling.sim.geometry import frames
-from starling.sim.render.layers import Layers, View
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.layers import Layers, ViewLayers
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.scene import ModelError, Scene
 from starling.sim.sensor.projector import Projector
 from starling.sim.sensor.sensor import Sensor
 
 
-def in_model(stage: Stage, sensor: Sensor) -> tuple[Stage, Sensor]:
-    """Return the rig as it truly stands, in the lengths and the world of the scene's model.
+def rig_in_model(mi_scene: MitsubaScene, sensor: Sensor) -> tuple[MitsubaScene, Sensor]:
+    """Express the true rig in the model's world frame and units.
 
-    A point p of the model, in the left imager's frame, truly stands at s R p + t (scale s, turn
-    R, shift t). So the imager stands at -R' t / s, turned by R', and all its lengths are over s.
+    The true position of a model point p, in the left imager's frame, is s R p + t (scale s,
+    rotation R, shift t). In the model's frame the imager is at -R' t / s, rotated by R', and all
+    lengths of the rig are divided by s.
 
     Args:
-        stage: of the model; it is shared, not built again.
-        sensor: as its data sheet says.
+        mi_scene: Scene model with its error. Its Mitsuba shapes are shared, not rebuilt.
+        sensor: Sensor with its nominal geometry.
 
     Returns:
-        Stage and sensor without these errors, to be rendered in their stead; the same objects
-        where there are none.
+        Scene and sensor to render, without errors; the same objects if there are no errors.
     """
-    scene, true = rig(stage.scene, sensor)
-    if scene is stage.scene:
-        return stage, sensor
-    return stage.of(scene), true
+    scene, true = true_rig(mi_scene.scene, sensor)
+    if scene is mi_scene.scene:
+        return mi_scene, sensor
+    return mi_scene.with_scene(scene), true
 
 
-def rig(scene: Scene, sensor: Sensor) -> tuple[Scene, Sensor]:
-    """As `in_model`, of a scene that need not stand in Mitsuba."""
+def true_rig(scene: Scene, sensor: Sensor) -> tuple[Scene, Sensor]:
+    """As `rig_in_model`, for a scene that is not loaded in Mitsuba."""
     if scene.model_error == ModelError() and sensor.baseline_error == 0:
         return scene, sensor
-    return _scene(scene), _sensor(sensor, scene.model_error.scale)
+    return _true_scene(scene), _true_sensor(sensor, scene.model_error.scale)
 
 
-def enlarged(layers: Layers, scene: Scene) -> Layers:
-    """Turn what `in_model`'s rig saw into what the true rig sees.
+def scale_layers(layers: Layers, scene: Scene) -> Layers:
+    """Scale layers rendered in the model's units to the true scale s.
 
-    At s times the distance a projector's watt lays 1 / s^2 of the irradiance; light from the sky
-    does not mind. Depths are s times as long.
+    The projector's irradiance falls by 1 / s^2. Ambient light does not change. Depth grows by s.
 
     Args:
-        layers: rendered with `in_model`'s stage and sensor.
-        scene: with the model's error.
+        layers: Layers rendered with the scene and sensor of `rig_in_model`.
+        scene: Scene with its model error.
     """
     scale = scene.model_error.scale
     if scale == 1:
@@ -61,13 +61,13 @@ def enlarged(layers: Layers, scene: Scene) -> Layers:
     depth = layers.truth.depth_m * np.float32(scale)
     return dataclasses.replace(
         layers,
-        left=_enlarged(layers.left, scale),
-        right=None if layers.right is None else _enlarged(layers.right, scale),
+        left=_scale_view(layers.left, scale),
+        right=None if layers.right is None else _scale_view(layers.right, scale),
         truth=dataclasses.replace(layers.truth, depth_m=depth),
     )
 
 
-def _enlarged(view: View, scale: float) -> View:
+def _scale_view(view: ViewLayers, scale: float) -> ViewLayers:
     dimmed = np.float32(1 / scale**2)
     return dataclasses.replace(
         view,
@@ -77,52 +77,52 @@ def _enlarged(view: View, scale: float) -> View:
     )
 
 
-def _scene(scene: Scene) -> Scene:
+def _true_scene(scene: Scene) -> Scene:
     error = scene.model_error
     true_from_model = frames.pose(error.shift_m, error.turn_deg)
     true_from_model[:3, :3] *= error.scale
     rigid = np.linalg.inv(true_from_model)
-    rigid[:3, :3] *= error.scale  # The rig keeps its angles; its lengths are `_shrunk`.
-    other = scene.other_projector
+    rigid[:3, :3] *= error.scale  # Restores the rotation; `_shrink` scales the lengths.
+    projector = scene.other_projector
     return dataclasses.replace(
         scene,
         world_from_left=scene.world_from_left @ rigid,
-        other_projector=_shrunk(
-            dataclasses.replace(other, power_w=other.power_w / error.scale**2), error.scale
+        other_projector=_shrink(
+            dataclasses.replace(projector, power_w=projector.power_w / error.scale**2), error.scale
         ),
         finish=dataclasses.replace(
             scene.finish, subsurface_m=scene.finish.subsurface_m / error.scale
         ),
         motion=dataclasses.replace(
-            scene.motion, velocity_m_s=_over(scene.motion.velocity_m_s, error.scale)
+            scene.motion, velocity_m_s=_divide(scene.motion.velocity_m_s, error.scale)
         ),
         model_error=ModelError(),
     )
 
 
-def _sensor(sensor: Sensor, scale: float) -> Sensor:
+def _true_sensor(sensor: Sensor, scale: float) -> Sensor:
     baseline = sensor.baseline_m * (1 + sensor.baseline_error)
     part = sensor.projector
-    if sensor.kind == "structured_light":  # The projector stands where the baseline ends.
+    if sensor.kind == "structured_light":  # The projector takes the right imager's position.
         part = dataclasses.replace(part, position_m=(baseline, 0.0, 0.0))
     colour = sensor.colour
     if colour:
-        colour = dataclasses.replace(colour, position_m=_over(colour.position_m, scale))
+        colour = dataclasses.replace(colour, position_m=_divide(colour.position_m, scale))
     return dataclasses.replace(
         sensor,
         baseline_m=baseline / scale,
         baseline_error=0.0,
-        projector=_shrunk(part, scale),
+        projector=_shrink(part, scale),
         colour=colour,
     )
 
 
-def _shrunk(projector: Projector, scale: float) -> Projector:
+def _shrink(projector: Projector, scale: float) -> Projector:
     return dataclasses.replace(
         projector,
-        position_m=_over(projector.position_m, scale),
+        position_m=_divide(projector.position_m, scale),
         emitters=tuple(
-            dataclasses.replace(emitter, offset_m=_over(emitter.offset_m, scale))
+            dataclasses.replace(emitter, offset_m=_divide(emitter.offset_m, scale))
             for emitter in projector.emitters
         ),
         focus_m=projector.focus_m / scale,
@@ -130,6 +130,6 @@ def _shrunk(projector: Projector, scale: float) -> Projector:
     )
 
 
-def _over(vector: tuple[float, float, float], scale: float) -> tuple[float, float, float]:
+def _divide(vector: tuple[float, float, float], scale: float) -> tuple[float, float, float]:
     x, y, z = vector
     return x / scale, y / scale, z / scale

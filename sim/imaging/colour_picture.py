@@ -8,29 +8,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim.arrays import Image
 from starling.sim.geometry import frames, placement
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render import direct
-from starling.sim.render.layers import Image
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.scene import Body, Scene
 from starling.sim.sensor.projector import Projector
 from starling.sim.sensor.sensor import Colour, Sensor
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. ITU-R BT.709-6, 3.2.
-_LINEAR_END = 0.0031308  # IEC 61966-2-1: sRGB's curve is a line below.
+_LINEAR_END = 0.0031308  # The sRGB curve is linear below this value (IEC 61966-2-1).
 
 
 def picture(scene: Scene, sensor: Sensor) -> NDArray[np.uint8]:
     """Render what the colour camera sees of a scene under its ambient light and sun.
 
-    The lights are taken as white and the projector as invisible, as the camera's own filter
-    makes it. A textured body keeps its texture, tinted by its material's colour. There is no
-    noise; the exposure brings the mean luminance to `colour.level`.
+    Ambient light and sun are assumed white. The projector is invisible, because the camera's
+    filter blocks near infrared. A textured body keeps its texture, tinted by its material's
+    colour. There is no noise; the exposure brings the mean luminance to `colour.level`.
 
     Args:
-        scene: with visible reflectances where its materials have them; grey elsewhere.
-        sensor: that carries the camera.
+        scene: materials without visible reflectances (`rgb`) are grey.
+        sensor: sensor with a colour camera.
 
     Returns:
         (h, w, 3) red, green, blue in sRGB.
@@ -38,7 +38,7 @@ def picture(scene: Scene, sensor: Sensor) -> NDArray[np.uint8]:
     Raises:
         InputError: if the sensor has no colour camera.
     """
-    scene, sensor = placement.rig(scene, sensor)
+    scene, sensor = placement.true_rig(scene, sensor)
     if sensor.colour is None:
         raise errors.refuse(
             "colour",
@@ -50,7 +50,7 @@ def picture(scene: Scene, sensor: Sensor) -> NDArray[np.uint8]:
     camera = _as_imager(sensor, colour)
     pose = scene.world_from_left @ frames.pose(colour.position_m, colour.rotation_deg)
     scene = dataclasses.replace(scene, world_from_left=pose)
-    # A scene of which no colour is known is grey: one render serves all three channels.
+    # Without any material colour the scene is grey, and one render serves all three channels.
     coloured = any(body.material.rgb is not None for body in scene.bodies)
     channels = [_channel(_visible(scene, index), camera) for index in range(3 if coloured else 1)]
     linear = np.stack(channels if coloured else 3 * channels, axis=-1)
@@ -58,18 +58,18 @@ def picture(scene: Scene, sensor: Sensor) -> NDArray[np.uint8]:
 
 
 def _as_imager(sensor: Sensor, colour: Colour) -> Sensor:
-    """The colour camera in the place of the left imager, nothing else left of the device."""
+    """Return a sensor whose left imager is the colour camera, without projector."""
     return dataclasses.replace(
         sensor,
         kind="stereo",
         projector=Projector(power_w=0.0),
         colour=None,
-        **dataclasses.asdict(Pinhole.of(colour)),
+        **dataclasses.asdict(Pinhole.from_camera(colour)),
     )
 
 
 def _visible(scene: Scene, index: int) -> Scene:
-    """The scene as one channel reflects it."""
+    """Return the scene with the reflectances of one colour channel."""
     return dataclasses.replace(
         scene,
         bodies=tuple(_tinted(body, index) for body in scene.bodies),
@@ -93,14 +93,14 @@ def _tinted(body: Body, index: int) -> Body:
 
 
 def _channel(scene: Scene, camera: Sensor) -> Image:
-    seen = direct.view(Stage(scene), camera)
+    seen = direct.view(MitsubaScene(scene), camera)
     ambient = np.float32(scene.ambient.irradiance_w_m2)
     return seen.ambient * ambient + seen.other
 
 
 def _srgb(linear: NDArray[np.float32], level: float) -> NDArray[np.uint8]:
     """Expose and encode linear light (h, w, 3)."""
-    # Brought to the level after encoding, about: the curve is near to a square root.
+    # The encoded mean is then near `level`, because the sRGB curve is close to a square root.
     gain = level**2 / max(float((linear @ _LUMINANCE).mean()), 1e-30)
     exposed = np.clip(linear * np.float32(gain), 0, 1)
     encoded = np.where(

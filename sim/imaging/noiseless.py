@@ -1,4 +1,4 @@
-"""Infrared images without what is drawn by lot: what a sensor is to see in the mean."""
+"""Expected infrared images: without noise, speckle and flicker."""
 
 from __future__ import annotations
 
@@ -7,26 +7,27 @@ import dataclasses
 import numpy as np
 
 from starling.sim import simulate
+from starling.sim.arrays import Image
 from starling.sim.imaging.imager import Infrared
 from starling.sim.imaging.steady import steady
-from starling.sim.render.layers import Image, Layers
+from starling.sim.render.layers import Layers
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Imager, Sensor
 from starling.sim.simulate import Side
 
-_BITS = 16  # Codes too fine to matter.
+_BITS = 16  # Bit depth at which quantisation is negligible.
 
 
 def noiseless(layers: Layers, scene: Scene, sensor: Sensor) -> dict[Side, Image]:
     """Take rendered layers through optics and imagers without noise, speckle and flicker.
 
-    Speckle and flicker have one draw for all scenes of a seed: what is compared with such images
-    would show it in every one.
+    All scenes of one seed share one draw of speckle and flicker. It would appear as the same
+    deviation in every comparison with such images.
 
     Args:
-        layers: rendered with this sensor.
-        scene: they are of.
-        sensor: whose optics, crosstalk, averaging, gamma and range act.
+        layers: layers of the scene, rendered with this sensor.
+        scene: the rendered scene.
+        sensor: its optics, crosstalk, averaging, gamma and range apply.
 
     Returns:
         (h, w) by view, above the black level [DN].
@@ -38,10 +39,10 @@ def noiseless(layers: Layers, scene: Scene, sensor: Sensor) -> dict[Side, Image]
         right=_quiet(sensor.right),
     )
     pair = simulate.infrared(layers, scene, quiet)
-    found: dict[Side, Image] = {"left": _above_black(pair.left, sensor.left)}
+    images: dict[Side, Image] = {"left": _above_black(pair.left, sensor.left)}
     if pair.right is not None:
-        found["right"] = _above_black(pair.right, sensor.right)
-    return found
+        images["right"] = _above_black(pair.right, sensor.right)
+    return images
 
 
 def _quiet(imager: Imager) -> Imager:

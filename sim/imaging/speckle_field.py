@@ -1,9 +1,9 @@
-"""Laser speckle: the grain that coherent light has on rough surfaces.
+"""Laser speckle: the grain of coherent light on rough surfaces.
 
-Many mutually incoherent speckle patterns (polarisations, emitters, grains within a pixel) add up
-to N looks, and the sum is gamma-distributed with contrast C = 1 / sqrt(N). It belongs to place of
-surface and pupil: static while nothing moves, independent in two imagers, multiplied to laser
-light alone. Whoever moves scene or camera by more than a grain has to draw it anew.
+Mutually incoherent speckle patterns (polarisations, emitters, grains within a pixel) add up to
+N looks. The sum is gamma-distributed with contrast C = 1 / sqrt(N). Speckle depends on the position
+of surface and pupil: it is static while nothing moves, and independent in two imagers. It
+multiplies laser light only. A motion of scene or camera by more than a grain needs a new draw.
 
 Sources: Goodman, Some fundamental properties of speckle, J. Opt. Soc. Am. 66 (1976) 1145; Goodman,
 Speckle Phenomena in Optics (2007), ch. 3 (sums), 4 (size, gamma law of integrated speckle).
@@ -20,32 +20,32 @@ from numpy.typing import NDArray
 from scipy import special
 
 from starling.patterns import errors
-from starling.sim.render.layers import Image
+from starling.sim.arrays import Image
 
 _FWHM_PER_SIGMA = float(2 * np.sqrt(2 * np.log(2)))
-_LEAST_WEIGHT = 1e-3  # Taps below this share of the filter's largest are left out.
-_REACH = 6.0  # Standard deviations that the quantile table spans.
-_ENTRIES = 4096
+_LEAST_WEIGHT = 1e-3  # Smaller taps, relative to the filter's largest, are left out.
+_REACH = 6.0  # Range of the quantile table [standard deviations].
+_ENTRIES = 4096  # Entries of the quantile table.
 
 
 def grain_px(*, wavelength_nm: float, f_number: float, pixel_pitch_m: float) -> float:
-    """Full width at half maximum of a grain, lambda N over the pixel's pitch [px].
+    """Return the full width at half maximum of a grain, lambda N over the pixel pitch [px].
 
-    The intensity correlates as |2 J1(v) / v|^2 with v = pi r / (lambda N) behind a circular pupil,
-    1.03 lambda N wide (Goodman 2007, sec. 4.4). A Gaussian of lambda N stands for it: pixels
-    average it to the same contrast within 3 % from N = 0.5 to 16 (at 3 um and 850 nm).
-    The lens's aberrations do not change it: they turn phases that are random already.
+    Behind a circular pupil the intensity correlates as |2 J1(v) / v|^2, v = pi r / (lambda N),
+    which is 1.03 lambda N wide (Goodman 2007, sec. 4.4). A Gaussian of width lambda N approximates
+    it: pixel averages have the same contrast within 3 % for N = 0.5 to 16 (at 3 um and 850 nm).
+    Lens aberrations do not change the width, because they shift phases that are already random.
 
     Args:
-        wavelength_nm: of the laser.
+        wavelength_nm: wavelength of the laser [nm].
         f_number: aperture number N of the lens.
-        pixel_pitch_m: side of a pixel.
+        pixel_pitch_m: side of a pixel [m].
     """
     return wavelength_nm * 1e-9 * f_number / pixel_pitch_m
 
 
 def looks_in_pixel(grain_px: float) -> float:
-    """Independent looks that a pixel's area averages, Goodman's M.
+    """Return the number of independent looks that a pixel's area averages, Goodman's M.
 
     Source: Goodman 2007, sec. 4.6, for a square pixel and a Gaussian correlation.
     """
@@ -55,16 +55,16 @@ def looks_in_pixel(grain_px: float) -> float:
 def field(
     shape: tuple[int, int], *, contrast: float, grain_px: float, rng: np.random.Generator
 ) -> Image:
-    """Draw the factor by which speckle changes what each pixel receives of the laser's light.
+    """Draw the factor that speckle applies to each pixel's laser light.
 
     Args:
         shape: (h, w) of the image.
-        contrast: standard deviation over mean in a pixel, its own averaging included, in (0, 1].
+        contrast: standard deviation over mean in a pixel, after averaging over it, in (0, 1].
         grain_px: see `grain_px`; neighbouring pixels share the grains on their border.
-        rng: of this imager; the other one needs another.
+        rng: generator of this imager; the other imager needs another generator.
 
     Returns:
-        (h, w), mean 1, gamma-distributed of shape 1 / contrast^2.
+        (h, w), mean 1, gamma-distributed with shape 1 / contrast^2.
 
     Raises:
         InputError: if the contrast is not in (0, 1] or the grain not in (0, 50] px.
@@ -80,14 +80,14 @@ def field(
 
 
 def _pixel_covariance(lag_px: NDArray[np.float64], grain_px: float) -> NDArray[np.float64]:
-    """Covariance of two pixels' shares of the grain along one axis, over that of two points.
+    """Covariance of two pixels' averages along one axis, relative to the variance at a point.
 
-    Averaging over pixels convolves the correlation with a triangle of two pixels' width.
+    Averaging over pixels convolves the correlation with a triangle two pixels wide.
     """
     sigma = grain_px / _FWHM_PER_SIGMA
 
     def second_integral(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of the Gaussian exp(-x^2 / 2 sigma^2), twice from 0."""
+        """Second antiderivative of the Gaussian exp(-x^2 / 2 sigma^2)."""
         u = x / (np.sqrt(2) * sigma)
         return sigma * np.sqrt(np.pi / 2) * x * special.erf(u) + sigma**2 * np.exp(-(u**2))
 
@@ -96,7 +96,7 @@ def _pixel_covariance(lag_px: NDArray[np.float64], grain_px: float) -> NDArray[n
 
 @lru_cache(maxsize=8)
 def _taps(grain_px: float) -> NDArray[np.float32]:
-    """Filter along one axis that makes white noise correlate as neighbouring pixels do."""
+    """Filter along one axis that gives white noise the correlation of neighbouring pixels."""
     reach = int(np.ceil(2 + 3 * grain_px))
     lag = np.arange(-4 * reach, 4 * reach + 1, dtype=np.float64)
     covariance = _pixel_covariance(lag, grain_px)

@@ -1,4 +1,4 @@
-"""Projectors without what is drawn by lot of their light."""
+"""Projectors without random fluctuation of their light."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ from starling.sim.sensor.sensor import Projector
 
 
 def steady(projector: Projector) -> Projector:
-    """The same projector without speckle and flicker: the mean of its light does not move."""
+    """Return the projector without speckle and flicker; its mean light is unchanged."""
     return dataclasses.replace(projector, speckle_contrast=0.0, flicker=0.0)

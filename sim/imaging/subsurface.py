@@ -8,37 +8,37 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
-from starling.sim.render.layers import Image
+from starling.sim.arrays import Image
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
 
-_LEAST_PX = 0.5  # A narrower Gaussian is mixed of this one and none: its samples say nothing.
-_STEP = 2**0.5  # From one computed width to the next.
-_COARSE_PX = 8.0  # Wider ones are computed on a smaller image.
+_LEAST_PX = 0.5  # Narrower Gaussians are mixed from this one and no blur; they are undersampled.
+_STEP = 2**0.5  # Ratio of successive computed widths.
+_COARSE_PX = 8.0  # Wider Gaussians are computed on a smaller image [px].
 
 
 def spread(
     light: Image, depth_m: Image, body: NDArray[np.uint32], scene: Scene, sensor: Sensor
 ) -> Image:
-    """Spread the light of the finish's bodies by a Gaussian fixed in millimetres on the surface.
+    """Spread the light of the finish's bodies by a Gaussian of fixed size on the surface.
 
-    Sigma is fx sigma_m / z in pixels, z being a pixel's own depth. Each body keeps its light: the
-    Gaussian is normalised over the body's pixels. The surface is taken to face the imager (on a
-    tilted one the blur is not foreshortened), and a body's parts at different depths, one behind
-    the other, mix.
+    In pixels, sigma is fx sigma_m / z with the pixel's depth z. Each body keeps its light: the
+    Gaussian is normalised over the body's pixels. The surface is assumed to face the imager, so
+    the blur on a tilted surface is not foreshortened. Parts of a body at different depths mix
+    where one occludes the other.
 
     Args:
-        light: (h, w) radiance, of the projector alone where only its dots are to spread.
-        depth_m: (h, w) as in a `View`.
-        body: (h, w) as in a `View`: numbers from 1 in the order of bodies.
-        scene: whose finish says which bodies and how far.
-        sensor: whose focal lengths count.
+        light: (h, w) radiance; pass the projector's light only, to spread only its dots.
+        depth_m: (h, w) z [m] of the rendered view.
+        body: (h, w) body numbers of the rendered view, from 1 in the order of the bodies.
+        scene: its finish names the bodies and the width.
+        sensor: supplies the focal lengths.
 
     Returns:
-        The spread light; the input itself where nothing spreads.
+        The spread light, or the input array if no light spreads.
 
-    Source: the dipole's exponential profile (Jensen et al., A practical model for subsurface
-    light transport, 2001, eq. 4), replaced by a Gaussian of the same second moment.
+    Source: exponential profile of the dipole (Jensen et al., A practical model for subsurface
+    light transport, 2001, eq. 4), replaced by a Gaussian with the same second moment.
     """
     finish = scene.finish
     if finish.subsurface_m == 0 or not light.any():
@@ -58,22 +58,22 @@ def spread(
 def _spread(
     out: Image, light: Image, inside: NDArray[np.bool_], sigma_px: Image, aspect: float
 ) -> None:
-    """Fill `out` inside with Gaussians of fixed widths, mixed to the variance of each sigma."""
+    """Fill `out` inside the body: Gaussians of fixed widths, mixed to each pixel's variance."""
     widths = _widths(
         float(sigma_px.min(where=inside, initial=np.inf)),
         float(sigma_px.max(where=inside, initial=0)),
     )
     weight = inside.astype(np.float32)
-    own = light * weight
+    light_inside = light * weight
     totals, shares = np.empty((2, len(widths), *light.shape), np.float32)
     for total, share, width in zip(totals, shares, widths, strict=True):
-        total[:], share[:] = (_gaussian(image, width, aspect) for image in (own, weight))
+        total[:], share[:] = (_gaussian(image, width, aspect) for image in (light_inside, weight))
     _mix(out, inside, sigma_px, np.array(widths, np.float32), totals, shares)
 
 
 @nb.njit(nogil=True, cache=True)
 def _mix(out, inside, sigma_px, widths, totals, shares):  # pragma: no cover - compiled
-    """Normalise by the share of the body under each Gaussian, and mix the two nearest widths."""
+    """Normalise by the body's share of each Gaussian, and mix the two nearest widths."""
     last = len(widths) - 1
     least = np.float32(1e-6)
     for row in range(out.shape[0]):
@@ -94,7 +94,7 @@ def _mix(out, inside, sigma_px, widths, totals, shares):  # pragma: no cover - c
 
 
 def _widths(least: float, most: float) -> list[float]:
-    """Sigmas [px] to compute, from one not above the least wanted to one not below the most."""
+    """Return the sigmas [px] to compute, which enclose `least` to `most`."""
     widths = [0.0, _LEAST_PX] if least < _LEAST_PX else [least]
     start = widths[-1]
     count = int(np.ceil(np.log(max(most / start, 1)) / np.log(_STEP)))
@@ -102,9 +102,9 @@ def _widths(least: float, most: float) -> list[float]:
 
 
 def _gaussian(image: Image, sigma_px: float, aspect: float) -> Image:
-    """Gaussian blur with nothing beyond the border; wide ones on a smaller image.
+    """Gaussian blur with a zero border; wide Gaussians are computed on a smaller image.
 
-    There light lies in the middle of its large pixel, by up to an eighth of sigma off its place.
+    The smaller image moves light to the centre of a large pixel, by up to an eighth of sigma.
     """
     if sigma_px == 0:
         return image
@@ -117,10 +117,12 @@ def _gaussian(image: Image, sigma_px: float, aspect: float) -> Image:
     )
     size = padded.shape[::-1]
     small = cv2.resize(padded, (size[0] // shrink, size[1] // shrink), interpolation=cv2.INTER_AREA)
-    # Shrinking (a box) and enlarging (a triangle) add to the variance themselves.
-    own = float(np.sqrt(sigma_px**2 - shrink**2 / 4)) / shrink
+    # Shrinking (box filter) and enlarging (triangle filter) already add variance.
+    small_sigma_px = float(np.sqrt(sigma_px**2 - shrink**2 / 4)) / shrink
     large = cv2.resize(
-        _blurred(np.asarray(small, np.float32), own, aspect), size, interpolation=cv2.INTER_LINEAR
+        _blurred(np.asarray(small, np.float32), small_sigma_px, aspect),
+        size,
+        interpolation=cv2.INTER_LINEAR,
     )
     return np.asarray(large[shrink : shrink + rows, shrink : shrink + columns], np.float32)
 

@@ -1,4 +1,4 @@
-"""Empty figures and the bytes of their picture files; no window system is needed."""
+"""Creation and encoding of figures without a window system."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_JPEG_QUALITY = 62
+_JPEG_QUALITY = 62  # Small files at adequate quality.
 
 
-def empty(size_in: tuple[float, float], dpi: float, **options: Any) -> Figure:
-    """Make a white figure.
+def new_figure(size_in: tuple[float, float], dpi: float, **options: Any) -> Figure:
+    """Create a white figure.
 
     Args:
-        size_in: width and height [inch].
-        dpi: pixels an inch.
-        options: of matplotlib's `Figure`.
+        size_in: Width and height [inch].
+        dpi: Pixels per inch.
+        options: Options of matplotlib's `Figure`.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -27,8 +27,8 @@ def empty(size_in: tuple[float, float], dpi: float, **options: Any) -> Figure:
     return figure
 
 
-def encoded(figure: Figure, kind: Literal["png", "jpeg"] = "png") -> bytes:
-    """The figure as a picture file."""
+def encode(figure: Figure, kind: Literal["png", "jpeg"] = "png") -> bytes:
+    """Encode a figure as a picture file."""
     buffer = io.BytesIO()
     quality = {"quality": _JPEG_QUALITY} if kind == "jpeg" else None
     figure.savefig(buffer, format=kind, pil_kwargs=quality)

@@ -1,4 +1,4 @@
-"""One picture of a capture: infrared, depth, why depth is missing, and the error against truth."""
+"""Picture of a capture: infrared, depth, reasons for missing depth, and error."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from starling.sim.reason import Reason
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _View:
-    """What is drawn of one frame, every image (h, w)."""
+class _FramePanels:
+    """Content of the panels of one frame, each image (h, w)."""
 
     heading: str
     frame: Frame
@@ -28,21 +28,21 @@ class _View:
 
 
 def picture(scene: CapturedScene, frame: int = 0, *, against: CapturedScene | None = None) -> bytes:
-    """Draw one frame, or two beside each other.
+    """Draw one frame, or frames of two scenes side by side.
 
     Args:
-        scene: the captured scene.
-        frame: number of the frame.
-        against: a second scene, drawn to the right on the same depth scale: the simulated one.
+        scene: Captured scene.
+        frame: Number of the frame.
+        against: Second scene, such as a simulation, drawn on the right on the same depth scale.
 
     Returns:
-        The picture as the bytes of a PNG file.
+        Bytes of a PNG file.
 
     Raises:
         InputError: if a scene cannot be read or the two differ in size.
     """
     if against is None:
-        return sheet.draw(_one(_view(scene, frame)), scene.info.shape)
+        return sheet.draw(_single_layout(_view(scene, frame)), scene.info.shape)
     if scene.info.shape != against.info.shape:
         raise errors.refuse(
             "the two captures",
@@ -50,16 +50,16 @@ def picture(scene: CapturedScene, frame: int = 0, *, against: CapturedScene | No
             f"{scene.info.shape} and {against.info.shape}",
             "Show them one by one.",
         )
-    return sheet.draw(_two(_view(scene, frame), _view(against, frame)), scene.info.shape)
+    return sheet.draw(_pair_layout(_view(scene, frame), _view(against, frame)), scene.info.shape)
 
 
-def _view(scene: CapturedScene, number: int) -> _View:
+def _view(scene: CapturedScene, number: int) -> _FramePanels:
     frame, truth_m = scene.frame(number), scene.truth_m()
     error_px = None
     if frame.depth_m is not None and truth_m is not None:
-        found, true = (scene.info.disparity_px(z) for z in (frame.depth_m, truth_m))
-        error_px = found - true
-    return _View(
+        measured, true = (scene.info.disparity_px(z) for z in (frame.depth_m, truth_m))
+        error_px = measured - true
+    return _FramePanels(
         heading=f"{scene.path.parent.name}/{scene.name}/{number}",
         frame=frame,
         truth_m=truth_m,
@@ -69,7 +69,7 @@ def _view(scene: CapturedScene, number: int) -> _View:
 
 
 def _reason(scene: CapturedScene, frame: Frame) -> NDArray[np.uint32] | None:
-    """Take the reasons a simulated frame knows; a real device gives none."""
+    """Read the reasons of a simulated frame; a real frame has UNKNOWN reasons."""
     path = scene.path / str(frame.number) / "frame.exr"
     if path.exists():
         reason = exr.read(path)[1].reason
@@ -86,8 +86,8 @@ def _reason(scene: CapturedScene, frame: Frame) -> NDArray[np.uint32] | None:
     return np.where(np.isnan(frame.depth_m), np.uint32(Reason.UNKNOWN), np.uint32(Reason.VALID))
 
 
-def _one(view: _View) -> list[list[Panel]]:
-    """Lay one view out in rows of two."""
+def _single_layout(view: _FramePanels) -> list[list[Panel]]:
+    """Arrange the panels of one frame in rows of two."""
     limits = panels.depth_limits(view.frame.depth_m, view.truth_m)
     drawn = [
         *_infrared(view, "left"),
@@ -100,8 +100,8 @@ def _one(view: _View) -> list[list[Panel]]:
     return [drawn[start : start + 2] for start in range(0, len(drawn), 2)]
 
 
-def _two(left: _View, right: _View) -> list[list[Panel]]:
-    """Lay two views out in columns; a row shows what both have."""
+def _pair_layout(left: _FramePanels, right: _FramePanels) -> list[list[Panel]]:
+    """Arrange two frames in columns, with rows for the panels that both have."""
     limits = panels.depth_limits(left.frame.depth_m, right.frame.depth_m)
     columns = [
         (_infrared(view, "left"), _depth(view, limits), _reasons(view), _error(view))
@@ -118,7 +118,7 @@ def _two(left: _View, right: _View) -> list[list[Panel]]:
     return rows
 
 
-def _infrared(view: _View, side: str) -> list[Panel]:
+def _infrared(view: _FramePanels, side: str) -> list[Panel]:
     image = view.frame.ir_left if side == "left" else view.frame.ir_right
     if image is None or view.frame.ir_left is None:
         return []
@@ -127,7 +127,7 @@ def _infrared(view: _View, side: str) -> list[Panel]:
     return [Panel(draw=partial(panels.infrared, image=image, limits=limits, title=title))]
 
 
-def _depth(view: _View, limits: tuple[float, float]) -> list[Panel]:
+def _depth(view: _FramePanels, limits: tuple[float, float]) -> list[Panel]:
     if view.frame.depth_m is None:
         return []
     title = f"{view.heading}: depth"
@@ -135,21 +135,21 @@ def _depth(view: _View, limits: tuple[float, float]) -> list[Panel]:
     return [Panel(draw=draw, below_in=panels.BAR_IN)]
 
 
-def _truth(view: _View, limits: tuple[float, float]) -> list[Panel]:
+def _truth(view: _FramePanels, limits: tuple[float, float]) -> list[Panel]:
     if view.truth_m is None:
         return []
     draw = partial(panels.depth, depth_m=view.truth_m, limits=limits, title="truth")
     return [Panel(draw=draw, below_in=panels.BAR_IN)]
 
 
-def _reasons(view: _View) -> list[Panel]:
+def _reasons(view: _FramePanels) -> list[Panel]:
     if view.reason is None:
         return []
     draw = partial(panels.reasons, reason=view.reason, title="why depth is missing")
     return [Panel(draw=draw, below_in=panels.legend_in(view.reason))]
 
 
-def _error(view: _View) -> list[Panel]:
+def _error(view: _FramePanels) -> list[Panel]:
     if view.error_px is None:
         return []
     draw = partial(panels.error, error_px=view.error_px, title="error against truth")

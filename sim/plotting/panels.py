@@ -1,12 +1,12 @@
-"""The panels that pictures of captures are made of, each drawn on one matplotlib axes."""
+"""Panels of capture pictures, each drawn on one matplotlib axes."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from starling.sim.arrays import Image, Labels
 from starling.sim.captures.png import GreyImage
 from starling.sim.reason import LABELS, Reason
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
 
 INK = "#23262b"
 ERROR_LIMIT_PX = 1.0
-BAR_IN = 0.62  # Room that a scale bar takes below its panel [inch].
-_LEAST_SPAN = 0.05  # Of the depth itself: on a wall, noise shall not fill the scale.
+BAR_IN = 0.62  # Height of a scale bar below its panel [inch].
+_LEAST_SPAN = 0.05  # Least depth range, relative to depth, so that noise does not fill the scale.
 _LEGEND_COLUMNS = 3
 _LEGEND_LINE_IN = 0.2
-_HOLE = "#ffffff"  # No colour of the maps below.
+_HOLE = "#ffffff"  # Not a colour of the maps below.
 _FRAME = "#c9ccd1"
 _DEPTH_COLOURS = "viridis_r"  # Perceptually uniform; near is bright.
 _ERROR_COLOURS = "RdBu_r"
 _UNKNOWN_TRUTH = "#d8dade"
 
-# Causes that follow from geometry are blue to green, from light yellow to red, the matcher's own
-# purple to brown; what cannot be told is grey.
+# Geometric causes are blue to green, photometric ones yellow to red, the matcher's purple to brown.
+# Unknown causes are grey.
 _REASON_COLOURS: dict[Reason, str] = {
     Reason.VALID: "#f1f2f4",
     Reason.NO_SURFACE: "#0b2545",
@@ -46,13 +46,13 @@ _REASON_COLOURS: dict[Reason, str] = {
 
 
 def infrared_limits(image: GreyImage) -> tuple[float, float]:
-    """Choose the darkest and brightest level shown [DN]: dots show, highlights may burn."""
+    """Choose the range of shown levels [DN], in which highlights may saturate."""
     low, high = np.percentile(image, (0.5, 99.7))
     return float(low), float(max(high, low + 1))
 
 
-def depth_limits(*depths_m: NDArray[np.float32] | None) -> tuple[float, float]:
-    """Choose the nearest and farthest depth shown [m], over several images."""
+def depth_limits(*depths_m: Image | None) -> tuple[float, float]:
+    """Choose the range of shown depth over several images [m]."""
     known = [depth[np.isfinite(depth)] for depth in depths_m if depth is not None]
     values = np.concatenate([*known, np.empty(0, np.float32)])
     if values.size == 0:
@@ -63,17 +63,15 @@ def depth_limits(*depths_m: NDArray[np.float32] | None) -> tuple[float, float]:
 
 
 def infrared(axes: Axes, image: GreyImage, limits: tuple[float, float], title: str) -> None:
-    """Draw an infrared image, brightened by a square root so that dark surfaces show."""
+    """Draw an infrared image; a square root brightens dark surfaces."""
     low, high = limits
     shown = np.sqrt(np.clip((image.astype(np.float32) - low) / (high - low), 0, 1))
     axes.imshow(shown, cmap="gray", vmin=0, vmax=1, interpolation="antialiased")
     finish(axes, title, f"mean {image.mean():.1f} DN, shown {low:.0f} to {high:.0f} DN")
 
 
-def depth(
-    axes: Axes, depth_m: NDArray[np.float32], limits: tuple[float, float], title: str
-) -> None:
-    """Draw depth with a scale bar in metres; where there is none stays white."""
+def depth(axes: Axes, depth_m: Image, limits: tuple[float, float], title: str) -> None:
+    """Draw depth with a scale bar in metres; holes are white."""
     shown = axes.imshow(
         depth_m,
         cmap=_map(_DEPTH_COLOURS, _HOLE),
@@ -86,14 +84,14 @@ def depth(
     _bar(axes, shown, "depth [m]")
 
 
-def legend_in(reason: NDArray[np.uint32]) -> float:
-    """Room that the legend of `reasons` takes below its panel [inch]."""
+def legend_in(reason: Labels) -> float:
+    """Height of the legend of `reasons` below its panel [inch]."""
     lines = -(-len(np.unique(reason)) // _LEGEND_COLUMNS)
     return 0.15 + lines * _LEGEND_LINE_IN
 
 
-def reasons(axes: Axes, reason: NDArray[np.uint32], title: str) -> None:
-    """Draw why depth is missing, with a legend of the reasons that occur and their shares."""
+def reasons(axes: Axes, reason: Labels, title: str) -> None:
+    """Draw the reasons of missing depth, with a legend of their shares."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
@@ -124,7 +122,7 @@ def reasons(axes: Axes, reason: NDArray[np.uint32], title: str) -> None:
     )
 
 
-def error(axes: Axes, error_px: NDArray[np.float32], title: str) -> None:
+def error(axes: Axes, error_px: Image, title: str) -> None:
     """Draw the disparity error against truth; grey where either is unknown."""
     shown = axes.imshow(
         error_px,
@@ -144,7 +142,7 @@ def error(axes: Axes, error_px: NDArray[np.float32], title: str) -> None:
 
 
 def finish(axes: Axes, title: str, note: str) -> None:
-    """Give a panel its heading and a quiet frame."""
+    """Set a panel's heading and frame."""
     axes.set_title(title, loc="left", fontsize=11, fontweight="bold", color=INK, pad=6)
     axes.set_title(note, loc="right", fontsize=8.5, color="#6b7178", pad=6)
     axes.set_xticks([])
@@ -164,9 +162,9 @@ def _map(name: str, missing: str) -> Any:
 
 
 def _bar(axes: Axes, shown: Any, label: str) -> None:
-    """Add a scale bar below the panel, so that all panels stay equally wide."""
+    """Add a scale bar below the panel, so that all panels have equal widths."""
     figure = axes.get_figure(root=True)
-    assert figure is not None  # Axes are made by a figure.
+    assert figure is not None  # Axes belong to a figure.
     height_in = figure.get_size_inches()[1] * axes.get_position().height
     place = axes.inset_axes((0.0, -0.21 / height_in, 1.0, 0.11 / height_in))
     bar = figure.colorbar(shown, cax=place, orientation="horizontal", extend="both")

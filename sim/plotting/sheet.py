@@ -1,4 +1,4 @@
-"""A sheet of panels in rows, as the bytes of a picture."""
+"""A sheet of panels in rows."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from starling.sim.plotting import canvas
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_GAP_IN = 0.25  # Between columns.
-_HEADING_IN = 0.36  # Above each panel.
+_GAP_IN = 0.25  # Gap between columns [inch].
+_HEADING_IN = 0.36  # Height of a panel's heading [inch].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Panel:
-    """One drawing and the room its scale bar or legend takes below it."""
+    """A drawing and the height of the scale bar or legend below it [inch]."""
 
     draw: Callable[[Axes], None]
     below_in: float = 0.05
@@ -31,21 +31,21 @@ def draw(
     dpi: float = 110,
     kind: Literal["png", "jpeg"] = "png",
 ) -> bytes:
-    """Draw panels that all show images of one shape.
+    """Draw panels of images of one shape.
 
     Args:
-        rows: from the top, each from the left.
-        shape: (h, w) that gives the panels their form.
-        panel_in: width of a panel [inch].
-        dpi: pixels an inch.
-        kind: of the picture file.
+        rows: Rows of panels from the top, each from the left.
+        shape: (h, w) of the images.
+        panel_in: Width of a panel [inch].
+        dpi: Pixels per inch.
+        kind: Type of the picture file.
     """
     columns = max(map(len, rows))
     high_in = panel_in * shape[0] / shape[1]
     below_in = [max(panel.below_in for panel in row) for row in rows]
     width = columns * (panel_in + _GAP_IN) + _GAP_IN
     height = len(rows) * (_HEADING_IN + high_in) + sum(below_in) + 0.1
-    figure = canvas.empty((width, height), dpi)
+    figure = canvas.new_figure((width, height), dpi)
     y = height
     for row, below in zip(rows, below_in, strict=True):
         y -= _HEADING_IN + high_in
@@ -54,4 +54,4 @@ def draw(
             place = (x / width, y / height, panel_in / width, high_in / height)
             panel.draw(figure.add_axes(place))
         y -= below
-    return canvas.encoded(figure, kind)
+    return canvas.encode(figure, kind)

@@ -1,4 +1,4 @@
-"""The one place that chooses Mitsuba's variant and finds the LLVM library it needs."""
+"""Selection of Mitsuba's variant and of its LLVM library."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from starling.patterns import errors
 from starling.sim.console import record
 
 VARIANTS = ("cuda_ad_mono", "llvm_ad_mono", "scalar_rgb")
-_OLDEST_LLVM = 16  # 15 aborts the whole process on AVX-512 machines, 14 is refused by Dr.Jit.
-_PLACES = (
+_OLDEST_LLVM = 16  # 15 aborts the process on AVX-512 machines; Dr.Jit refuses 14.
+_PATTERNS = (
     "/usr/lib/*/libLLVM*.so*",
     "/usr/lib/llvm-*/lib/libLLVM*.so*",
     "/usr/lib64/libLLVM*.so*",
@@ -25,26 +25,26 @@ _PLACES = (
 
 
 class BackendError(RuntimeError):
-    """No usable Mitsuba variant, or one that cannot do what is asked."""
+    """No Mitsuba variant is usable, or the variant does not support the request."""
 
 
 class ScalarFallbackWarning(UserWarning):
-    """No libLLVM was found: rendering goes on, slowly, without just-in-time compilation."""
+    """No libLLVM was found: rendering is slow, without just-in-time compilation."""
 
 
 def llvm_libraries() -> dict[str, int]:
     """Find the machine's LLVM libraries: path to major version, newest first."""
-    found: dict[str, int] = {}
-    for place in _PLACES:
-        for path in glob.glob(place):
+    libraries: dict[str, int] = {}
+    for pattern in _PATTERNS:
+        for path in glob.glob(pattern):
             version = re.search(r"libLLVM[-.](?:so\.|dylib\.)?(\d+)", os.path.basename(path))
-            if version and os.path.realpath(path) not in map(os.path.realpath, found):
-                found[path] = int(version[1])
-    return dict(sorted(found.items(), key=lambda item: -item[1]))
+            if version and os.path.realpath(path) not in map(os.path.realpath, libraries):
+                libraries[path] = int(version[1])
+    return dict(sorted(libraries.items(), key=lambda item: -item[1]))
 
 
 def llvm_library() -> str | None:
-    """Return the library Dr.Jit shall load: the user's choice, else the newest that works."""
+    """Return the library for Dr.Jit: the user's choice, else the newest supported one."""
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     if chosen:
         return chosen
@@ -53,17 +53,17 @@ def llvm_library() -> str | None:
 
 @cache
 def mitsuba() -> Any:
-    """Import Mitsuba with the variant set, once a process.
+    """Import Mitsuba and set its variant, once per process.
 
-    `STARLING_VARIANT` forces one of `VARIANTS`; else a GPU where there is one, else LLVM, else
-    the scalar variant with a `ScalarFallbackWarning`.
+    `STARLING_VARIANT` forces one of `VARIANTS`. Otherwise the order is GPU, LLVM, and the scalar
+    variant with a `ScalarFallbackWarning`.
 
     Raises:
-        InputError: if `STARLING_VARIANT` names no known variant.
+        InputError: if `STARLING_VARIANT` is not a known variant.
         BackendError: if the forced variant cannot run here.
     """
     library = llvm_library()
-    if library:  # Must stand before the first import of Dr.Jit.
+    if library:  # Must be set before the first import of Dr.Jit.
         os.environ["DRJIT_LIBLLVM_PATH"] = library
     import drjit as dr
     import mitsuba as mi
@@ -90,13 +90,13 @@ def mitsuba() -> Any:
             stacklevel=2,
         )
     mi.set_variant(variant)
-    # Its warnings go to standard output, which belongs to results.
+    # Mitsuba would write warnings to standard output, which is reserved for results.
     mi.set_log_level(mi.LogLevel.Error)
     return mi
 
 
 def drjit() -> Any:
-    """Dr.Jit, imported only after its LLVM library has been named."""
+    """Import Dr.Jit after its LLVM library is set."""
     mitsuba()
     import drjit as dr
 
@@ -104,12 +104,12 @@ def drjit() -> Any:
 
 
 def is_jit() -> bool:
-    """Tell whether the chosen variant compiles kernels (and can differentiate)."""
+    """Whether the variant compiles kernels and can differentiate."""
     return "_ad_" in str(mitsuba().variant())
 
 
 def report() -> dict[str, Any]:
-    """Say what this machine can do: variant, LLVM, GPU and the versions that matter."""
+    """Report variant, LLVM, GPU and relevant versions of this machine."""
     mi, dr = mitsuba(), drjit()
     return {
         "variant": str(mi.variant()),
@@ -125,10 +125,10 @@ def report() -> dict[str, Any]:
 
 
 def renderer() -> dict[str, Any]:
-    """Tell what renders: Mitsuba's variant and the major version of LLVM, None where not used."""
+    """Return Mitsuba's variant and the major version of LLVM, None if unused or unknown."""
     variant = str(mitsuba().variant())
     if not variant.startswith("llvm"):
         return {"variant": variant, "llvm": None}
     used = os.path.realpath(llvm_library() or "")
     majors = {os.path.realpath(path): major for path, major in llvm_libraries().items()}
-    return {"variant": variant, "llvm": majors.get(used)}  # None: one the machine does not list.
+    return {"variant": variant, "llvm": majors.get(used)}

@@ -14,44 +14,44 @@ from starling.sim.scene.scene import Body, Finish, Material
 Dict = dict[str, Any]
 
 
-def of(body: Body, finish: Finish) -> Dict:
-    """BSDF dict of a body; one that the finish does not touch has its material's alone.
+def from_body(body: Body, finish: Finish) -> Dict:
+    """BSDF dict of a body with its material and finish.
 
-    A share of 0 is left out and a share of 1 stands alone, so both ends are exactly the materials
-    that they name. Mirrors and glass stay what they are but for the reflectance of a mirror.
+    Blends with shares of 0 or 1 are omitted, so that both limits are exactly the pure materials.
+    The finish changes only the reflectance of mirrors, and nothing of glass.
     """
-    return _opened(_twosided(_blend(body, finish)), body, finish)
+    return _with_transparency(_twosided(_blend(body, finish)), body, finish)
 
 
-def evenly_lit(body: Body, finish: Finish) -> Dict | None:
+def albedo_bsdf(body: Body, finish: Finish) -> Dict | None:
     """BSDF dict whose diffuse reflectance is the body's reflectance.
 
-    Mitsuba knows none of a blend or a metal, and of a coated surface that beneath the coat. None
-    where the body's own BSDF says it.
+    Mitsuba has no diffuse reflectance of blends and metals, and ignores the coat of coated
+    surfaces. None if the body's own BSDF already reports its reflectance.
     """
-    if not mirrors(body, finish):
+    if not is_shiny(body, finish):
         return None
     return _twosided({"type": "diffuse", "reflectance": _spectrum(_value(body, finish))})
 
 
 def ambient_share(body: Body, largest: float) -> Dict:
-    """BSDF dict whose diffuse reflectance is the body's share of ambient light over the largest.
+    """BSDF dict whose diffuse reflectance is the body's ambient share over the largest.
 
-    Mitsuba reports no reflectance above 1.
+    The division is needed because Mitsuba limits reflectance to 1.
     """
     share = body.ambient_share
     value = 1 / largest if share is None else share / np.float32(largest)
     return _twosided({"type": "diffuse", "reflectance": _spectrum(value)})
 
 
-def mirrors(body: Body, finish: Finish) -> bool:
-    """Whether a coat or metal is on a body, so that it is not matt all over."""
-    laid = changes(body, finish) and (finish.gloss > 0 or finish.metal > 0)
-    return laid or body.material.kind in ("glossy", "metal")
+def is_shiny(body: Body, finish: Finish) -> bool:
+    """Whether a body is coated or metallic, at least in part."""
+    shiny_finish = finish_applies(body, finish) and (finish.gloss > 0 or finish.metal > 0)
+    return shiny_finish or body.material.kind in ("glossy", "metal")
 
 
 def grey_bitmap(image: NDArray[np.float32]) -> Dict:
-    """Texture dict of a linear grey image; uv (0, 0) is the image's first corner."""
+    """Texture dict of a linear grey image; uv (0, 0) is the corner of pixel (0, 0)."""
     mi = backend.mitsuba()
     channels = 1 if backend.is_jit() else 3
     data = np.repeat(np.ascontiguousarray(image, np.float32)[..., None], channels, axis=2)
@@ -64,13 +64,13 @@ def grey_bitmap(image: NDArray[np.float32]) -> Dict:
     }
 
 
-def changes(body: Body, finish: Finish) -> bool:
+def finish_applies(body: Body, finish: Finish) -> bool:
     """Whether the finish's shares apply to a body."""
     return finish.touches(body.name) and body.material.kind not in ("mirror", "glass")
 
 
 def _value(body: Body, finish: Finish) -> Reflectance:
-    """Reflectance: a number, or a texture."""
+    """Reflectance of a body with its finish: a number, or a texture."""
     scale = finish.reflectance_scale if finish.touches(body.name) else 1.0
     if body.texture is None or body.material.kind == "mirror":
         return (
@@ -84,7 +84,7 @@ def _value(body: Body, finish: Finish) -> Reflectance:
 def _blend(body: Body, finish: Finish) -> Dict:
     value = _value(body, finish)
     surface = _plain(body.material, value)
-    if not changes(body, finish):
+    if not finish_applies(body, finish):
         return surface
     surface = _share(finish.gloss, surface, _coated(value, finish.roughness))
     return _share(finish.metal, surface, _metal(value, finish.roughness))
@@ -97,7 +97,7 @@ def _share(share: float, below: Dict, above: Dict) -> Dict:
 
 
 def _plain(material: Material, value: Reflectance) -> Dict:
-    """BSDF of a material, on its front alone."""
+    """BSDF of a material on the front side."""
     if material.kind == "diffuse":
         return {"type": "diffuse", "reflectance": _spectrum(value)}
     if material.kind == "glossy":
@@ -115,7 +115,7 @@ def _coated(value: Reflectance, roughness: float) -> Dict:
         "distribution": "ggx",
         "alpha": roughness,
         "int_ior": coat.IOR,
-        "diffuse_reflectance": _spectrum(coat.beneath(value, roughness)),
+        "diffuse_reflectance": _spectrum(coat.base_albedo(value, roughness)),
         "nonlinear": True,
     }
 
@@ -130,14 +130,14 @@ def _metal(value: Reflectance, roughness: float) -> Dict:
 
 
 def _twosided(bsdf: Dict) -> Dict:
-    if bsdf["type"] == "dielectric":  # It has two different sides.
+    if bsdf["type"] == "dielectric":  # A dielectric's sides differ.
         return bsdf
     return {"type": "twosided", "bsdf": bsdf}
 
 
-def _opened(bsdf: Dict, body: Body, finish: Finish) -> Dict:
-    """Let the finish's share of light straight through."""
-    if finish.transparency == 0 or not changes(body, finish):
+def _with_transparency(bsdf: Dict, body: Body, finish: Finish) -> Dict:
+    """Add the finish's straight transmission."""
+    if finish.transparency == 0 or not finish_applies(body, finish):
         return bsdf
     return {"type": "mask", "opacity": 1 - finish.transparency, "bsdf": bsdf}
 

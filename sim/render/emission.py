@@ -1,4 +1,4 @@
-"""The projector's light: which irradiance it lays on the plane at unit distance."""
+"""The projector's irradiance on the plane at unit distance."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ from starling.sim import randomness
 from starling.sim.sensor.emitter import Emitter
 from starling.sim.sensor.sensor import Projector
 
-# The lattices of a D415's two emitters, fitted to one unit in nine rooms (docs/figures.md): cycles
-# over a unit of direction cosine, angle from x towards y; means over both directions of a lattice
-# that is 0.4 degrees off square. The angles of another unit differ from these by -0.6 and 0.8
-# degrees. Its dots' powers spread by less than 9 %, noise included: here they are alike.
+# Lattices of a D415's two emitters, fitted to one unit in nine rooms
+# (docs/results/calibration.md): cycles per unit of direction cosine, and angle from x towards y.
+# Each lattice is 0.4 degrees off square; the numbers are means over its directions. The angles of
+# another unit differ by -0.6 and 0.8 degrees. The dots' powers spread by less than 9 % including
+# noise, so they are taken as equal.
 _d415 = partial(patterns.lattice, units=1, power_spread=0.0)
 GENERATORS: dict[str, Callable[..., patterns.Pattern]] = {
-    "d415": patterns.lattice,  # Both lattices in one image, for one emitter.
+    "d415": patterns.lattice,  # Both lattices in one image, for a single emitter.
     "d415-left": partial(_d415, rotation_deg=60.32, pitch_mrad=1e3 / 81.70),
     "d415-right": partial(_d415, rotation_deg=49.22, pitch_mrad=1e3 / 81.28, stream=1),
     "d435": patterns.quasirandom,
     "kinect": patterns.tiled,
     "uniform": patterns.uniform,
 }
-# Which arguments of generators go with `dot_density`, and with which power of it.
+# Generator arguments that depend on `dot_density`, and the exponent of the dependence.
 _DENSITY = {"pitch_mrad": -0.5, "dots_per_deg2": 1.0, "sites_x": 0.5, "sites_y": 0.5}
-NEAREST_M = 0.1  # Nearer surfaces get no wider dots by defocus.
-_STEP = 1.5  # Variance of one level of `Defocus` over the one before.
+NEAREST_M = 0.1  # Defocus on closer surfaces is that at this distance [m].
+_STEP = 1.5  # Ratio of the variances of consecutive levels of `Defocus`.
 
 
 def half_tangents(projector: Projector) -> tuple[float, float]:
@@ -46,7 +47,7 @@ def half_tangents(projector: Projector) -> tuple[float, float]:
 
 
 def emitters(projector: Projector) -> tuple[Emitter, ...]:
-    """The emitters of a projector, at least one; each has its pattern, shares sum to 1."""
+    """The emitters of a projector, at least one, with their patterns and shares of sum 1."""
     several = projector.emitters or (Emitter(),)
     total = sum(emitter.power_share for emitter in several)
     return tuple(
@@ -63,18 +64,18 @@ def emitters(projector: Projector) -> tuple[Emitter, ...]:
 def pattern(
     name: str, fov_x_deg: float, fov_y_deg: float, seed: int, density: float = 1.0
 ) -> patterns.Pattern:
-    """Make a pattern by a generator's name or load it from an image file.
+    """Generate a pattern by a generator's name, or load it from an image file.
 
     Args:
-        name: of a generator, or an image file.
-        fov_x_deg: full horizontal field [deg].
-        fov_y_deg: full vertical field [deg].
-        seed: of the generator.
-        density: dots in a solid angle over the generator's own. Spots keep their width.
+        name: Name of a generator, or image file.
+        fov_x_deg: Full horizontal field [deg].
+        fov_y_deg: Full vertical field [deg].
+        seed: Seed of the generator.
+        density: Dots per solid angle over the generator's default. Spots keep their width.
 
     Raises:
-        InputError: if the name is neither a generator's nor a readable image's, or another
-            density is asked of an image.
+        InputError: if the name is neither a generator nor a readable image, or if `density` is not
+            1 for an image.
     """
     if name in GENERATORS:
         make = GENERATORS[name]
@@ -92,49 +93,50 @@ def pattern(
 
 
 def _denser(name: str, density: float) -> dict[str, float]:
-    """Arguments that give a generator's pattern another density than its own."""
+    """Generator arguments for a density relative to the default."""
     if density == 1:
         return {}
-    own = inspect.signature(GENERATORS[name]).parameters
+    parameters = inspect.signature(GENERATORS[name]).parameters
     scaled = {
-        key: own[key].default * density**power for key, power in _DENSITY.items() if key in own
+        key: parameters[key].default * density**power
+        for key, power in _DENSITY.items()
+        if key in parameters
     }
     return {
-        key: round(value) if isinstance(own[key].default, int) else value
+        key: round(value) if isinstance(parameters[key].default, int) else value
         for key, value in scaled.items()
     }
 
 
 def irradiance_at_unit_distance(projector: Projector, number: int = 0) -> NDArray[np.float32]:
-    """Irradiance [W m^-2] that 1 W lays on the plane 1 m in front, perpendicular to the axis.
+    """Irradiance [W m^-2] of 1 W on the plane at 1 m, perpendicular to the axis.
 
     Args:
-        projector: its `pattern_scale` is left to who looks the light up (see `starling.sim.render.beam`).
-        number: of the emitter whose part of the light, axis and place are meant.
+        projector: Projector. `starling.sim.render.beam` applies its `pattern_scale`.
+        number: Number of the emitter.
 
     Returns:
-        (h, w) over the projector's field in tangent coordinates, OpenCV orientation, in focus.
-        A share `haze` of the light is spread evenly in place of dots, and no fault befalls it.
-        With `falloff` n the light at angle a from the axis is dimmed by cos^n a; what this takes
-        away is lost, as behind a real lens. So is the light of dropped dots, and what wider or
-        shifted dots throw out of the field.
+        (h, w) over the projector's field in tangent coordinates, OpenCV orientation, in focus. A
+        share `haze` of the light is spread evenly and has no faults. With `falloff` n, light at
+        angle a off the axis is dimmed by cos^n a. The light removed by falloff, dropped dots and
+        dots outside the field is lost.
 
     Raises:
-        InputError: if the pattern cannot be had, or has not the dots that are dropped or shifted.
+        InputError: if the pattern is not available, or has no dot list for its faults.
     """
     source = _faulty(projector, number)
     return _on_plane(projector, number, _relative(source, projector.dot_blur_mrad))
 
 
-def as_stored(projector: Projector) -> Projector:
-    """The projector as it was when a structured-light camera's reference was stored.
+def reference_projector(projector: Projector) -> Projector:
+    """The projector at the time a structured-light camera's reference was stored.
 
-    What befell the dots later, and how the projector has turned since, is not in the reference:
-    that is what makes such a camera err. Nor is what heat has made of the pattern's scale.
+    The reference excludes later faults, rotation and changes of the pattern's scale. They cause
+    the errors of such a camera.
 
     Raises:
-        InputError: if the projector has several emitters: seen from one place, the pattern of
-            another looks different at every distance.
+        InputError: if the projector has several emitters, whose combined pattern depends on the
+            distance.
     """
     if projector.emitters:
         raise errors.refuse(
@@ -155,30 +157,26 @@ def as_stored(projector: Projector) -> Projector:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Defocus:
-    """The pattern at growing widths of its dots.
+    """The pattern at increasing dot widths.
 
-    Level k holds spots of the variance `variance_mrad2` times 1.5^k, so that between two levels
-    a linear mixture has the variance in between, its peak at most 4 % high.
+    Level k has spots of variance `variance_mrad2` times 1.5^k. A linear mixture of two levels has
+    the variance in between, with a peak at most 4 % too high.
     """
 
     levels: NDArray[np.float32]  # (n, h, w) [W m^-2] on the plane at unit distance, from 1 W
-    variance_mrad2: float  # Of a spot in focus.
+    variance_mrad2: float  # Variance of a spot in focus.
     ratio: float = _STEP
 
 
-def defocused(projector: Projector, number: int = 0) -> Defocus:
-    """The levels that an emitter needs for surfaces from 0.1 m to infinity.
+def defocus_levels(projector: Projector, number: int = 0) -> Defocus:
+    """Compute an emitter's levels for surfaces from 0.1 m to infinity.
 
-    Args:
-        projector, number: as `irradiance_at_unit_distance`.
-
-    Raises:
-        InputError: likewise.
+    Arguments and errors are those of `irradiance_at_unit_distance`.
     """
     source = _faulty(projector, number)
-    made = pattern(*source[:5])
-    # A drawn image has no narrower spots than its pixels hold.
-    fwhm_mrad = made.fwhm_mrad or 1e3 * dots.NARROWEST_PX / max(made.field.focal_px(made.shape))
+    base = pattern(*source[:5])
+    # The spots of an image are at least as wide as its pixels allow.
+    fwhm_mrad = base.fwhm_mrad or 1e3 * dots.NARROWEST_PX / max(base.field.focal_px(base.shape))
     variance = (dots.SIGMA_PER_FWHM * fwhm_mrad) ** 2 + projector.dot_blur_mrad**2
     focus = 1 / projector.focus_m
     widest = projector.defocus_mrad_m * max(focus, 1 / NEAREST_M - focus)
@@ -208,7 +206,7 @@ _Source = tuple[str, float, float, int, float, float, float, int, int]
 
 
 def _faulty(projector: Projector, number: int) -> _Source:
-    """What tells one pattern with its dark and displaced dots from another."""
+    """Cache key of a pattern with its faults."""
     return (
         emitters(projector)[number].pattern,
         projector.fov_x_deg,
@@ -217,7 +215,7 @@ def _faulty(projector: Projector, number: int) -> _Source:
         projector.dot_density,
         projector.dropped_dots,
         projector.shifted_dots_mrad,
-        projector.faults_seed if projector.faulty else 0,  # Intact, equal patterns are one.
+        projector.faults_seed if projector.faulty else 0,  # Intact equal patterns share a key.
         number if projector.faulty else 0,
     )
 
@@ -232,7 +230,7 @@ def _relative(source: _Source, blur_mrad: float) -> NDArray[np.float32]:
         dropped=dropped,
         shifted_mrad=shifted_mrad,
         widened_mrad=blur_mrad,
-        # The faults belong to the piece of glass, as the pattern does: not to a capture.
+        # Faults belong to the device's optical element, not to a capture.
         rng=randomness.generator(seed, device, "light", drawn),
     )
     image.flags.writeable = False

@@ -1,9 +1,8 @@
-"""The projector's light after two bounces and more: path-traced coarsely, low-passed, raised.
+"""The projector's light after two or more bounces: coarse path tracing and joint upsampling.
 
-This light is smooth over a surface, so it is sampled on a quarter of the pixels a side, divided
-by the albedo, low-passed without crossing edges of depth or normal, and multiplied by the albedo
-again. Left to itself its noise would differ between the imagers, and such noise makes holes that
-no camera has.
+This light is smooth over a surface, so it is sampled at a quarter of the resolution. It is divided
+by the albedo, low-passed within edges of depth and normal, upsampled, and multiplied by the albedo.
+Without the low-pass, Monte-Carlo noise would differ between the imagers and cause false holes.
 """
 
 from __future__ import annotations
@@ -15,55 +14,58 @@ import cv2
 import numpy as np
 
 from starling.sim import randomness
+from starling.sim.arrays import Image
 from starling.sim.geometry import frames, placement
 from starling.sim.render import backend, paths, paths_scalar
 from starling.sim.render import emission as projector
-from starling.sim.render.layers import Image, Layers
+from starling.sim.render.layers import Layers
 from starling.sim.render.lights import Lights
-from starling.sim.render.mitsuba_scene import Stage
-from starling.sim.render.rays import Camera, Placed, opaque
+from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.render.rays import JitCamera, JitPose, opaque
 from starling.sim.sensor.sensor import Sensor
 
-_SHRINK = 4
-_DOT_SHRINK = 8  # A pattern without dots needs no more than an eighth of its pixels a side.
-_DOT_MEAN_PX = 4.0  # Sigma over which it is averaged, in these pixels.
-_SIGMA_PX = 5.0  # Of the low-pass, in coarse pixels, at this many
-_SAMPLES = 16  # paths a pixel; fewer are averaged over more pixels.
-_OTHER_DEPTH = 0.05  # Relative step of depth, and
-_OTHER_NORMAL = 0.3  # step of a normal's component, that mean another surface.
-_LEAST_ALBEDO = 0.02  # Darker surfaces return too little to divide by.
+_SHRINK = 4  # Reduction of the resolution of path tracing.
+_DOT_SHRINK = 8  # Reduction of the averaged pattern's resolution.
+_DOT_MEAN_PX = 4.0  # Sigma of the pattern's average [reduced px].
+_SIGMA_PX = 5.0  # Sigma of the low-pass at `_SAMPLES` paths per pixel [coarse px].
+_SAMPLES = 16  # Paths per pixel for `_SIGMA_PX`; fewer paths widen the low-pass.
+_OTHER_DEPTH = 0.05  # Relative depth step that separates surfaces.
+_OTHER_NORMAL = 0.3  # Step of a normal's component that separates surfaces.
+_LEAST_ALBEDO = 0.02  # Least divisor; darker surfaces reflect too little light.
 
 
-def add(layers: Layers, stage: Stage, sensor: Sensor, *, samples: int, seed: int) -> Layers:
-    """Add the indirect layer to both views, of a sensor that keeps still.
+def add(
+    layers: Layers, mi_scene: MitsubaScene, sensor: Sensor, *, samples: int, seed: int
+) -> Layers:
+    """Add the indirect layer to both views, for a sensor at rest.
 
     Args:
-        layers: as rendered directly.
-        stage: the same scene.
-        sensor: the same sensor.
-        samples: paths a coarse pixel.
-        seed: of the paths.
+        layers: Direct layers.
+        mi_scene: Scene of the layers.
+        sensor: Sensor of the layers.
+        samples: Paths per coarse pixel.
+        seed: Seed of the paths.
     """
-    scene, (stage, sensor) = stage.scene, placement.in_model(stage, sensor)
+    scene, (mi_scene, sensor) = mi_scene.scene, placement.rig_in_model(mi_scene, sensor)
     part = sensor.projector
     irradiances = [
         _without_dots(projector.irradiance_at_unit_distance(part, number))
         for number in range(len(projector.emitters(part)))
     ]
-    make = _traced if backend.is_jit() else _plugged
-    share = np.float32(1 / scene.model_error.scale**2)  # See `placement.enlarged`.
-    made = [image * share for image in make(stage, sensor, irradiances, samples, seed)]
-    views = (layers.left, layers.right)[: len(made)]
+    render = _trace_jit if backend.is_jit() else _trace_scalar
+    share = np.float32(1 / scene.model_error.scale**2)  # See `placement.scale_layers`.
+    images = [image * share for image in render(mi_scene, sensor, irradiances, samples, seed)]
+    views = (layers.left, layers.right)[: len(images)]
     left, *right = (
         dataclasses.replace(view, projector_indirect=image)
-        for view, image in zip(views, made, strict=True)
+        for view, image in zip(views, images, strict=True)
         if view is not None
     )
     return dataclasses.replace(layers, left=left, right=right[0] if right else None)
 
 
 def _without_dots(irradiance: Image) -> Image:
-    """Average the pattern: a surface lit by its neighbours cannot tell, but samples can."""
+    """Average the pattern: it hardly changes indirect light, but reduces the noise."""
     height, width = irradiance.shape
     size = (max(width // _DOT_SHRINK, 1), max(height // _DOT_SHRINK, 1))
     small = cv2.resize(irradiance, size, interpolation=cv2.INTER_AREA)
@@ -72,7 +74,7 @@ def _without_dots(irradiance: Image) -> Image:
 
 
 class _Averaged:
-    """A pattern without dots, in place of the projector's own."""
+    """An averaged pattern that replaces the projector's."""
 
     def __init__(self, irradiance: Image) -> None:
         mi = backend.mitsuba()
@@ -82,37 +84,37 @@ class _Averaged:
         return self._texture.eval(texel, active)[0]
 
 
-def _traced(
-    stage: Stage, sensor: Sensor, irradiances: list[Image], samples: int, seed: int
+def _trace_jit(
+    mi_scene: MitsubaScene, sensor: Sensor, irradiances: list[Image], samples: int, seed: int
 ) -> list[Image]:
-    """The imagers' views by own rays."""
-    lights = Lights.of(stage, sensor)
+    """Indirect light of the imagers by `starling.sim.render.paths`."""
+    lights = Lights.from_sensor(mi_scene, sensor)
     averaged: list[Any] = [_Averaged(irradiance) for irradiance in irradiances]
     emissions = tuple(
         dataclasses.replace(emission, pattern=pattern)
         for emission, pattern in zip(lights.projector.emissions, averaged, strict=True)
     )
     mean = dataclasses.replace(lights.projector, emissions=emissions)
-    lights = dataclasses.replace(lights, projector=mean, other=None, sun=None)
+    lights = dataclasses.replace(lights, projector=mean, other_projector=None, sun=None)
     images = []
-    for side, pose in _poses(stage, sensor).items():
+    for side, pose in _poses(mi_scene, sensor).items():
         draw = randomness.generator(seed, 0, "scene", f"interreflection {side}")
-        place = Placed.of(pose)
+        place = JitPose.from_pose(pose)
         coarse, fine = (_camera(sensor, place, shrink) for shrink in (_SHRINK, 1))
-        sampled = paths.radiance(stage, coarse, lights, samples, int(draw.integers(2**63)))
-        seen = [paths.surfaces(stage, camera) for camera in (coarse, fine)]
-        images.append(_smooth(sampled, seen[0], seen[1], samples))
+        sampled = paths.radiance(mi_scene, coarse, lights, samples, int(draw.integers(2**63)))
+        surfaces = [paths.surfaces(mi_scene, camera) for camera in (coarse, fine)]
+        images.append(_smooth(sampled, surfaces[0], surfaces[1], samples))
     return images
 
 
-def _plugged(
-    stage: Stage, sensor: Sensor, irradiances: list[Image], samples: int, seed: int
+def _trace_scalar(
+    mi_scene: MitsubaScene, sensor: Sensor, irradiances: list[Image], samples: int, seed: int
 ) -> list[Image]:
-    """The imagers' views by Mitsuba's path tracer."""
+    """Indirect light of the imagers by Mitsuba's path tracer."""
     images = []
-    for number, pose in enumerate(_poses(stage, sensor).values()):
+    for number, pose in enumerate(_poses(mi_scene, sensor).values()):
         sampled = paths_scalar.radiance(
-            stage,
+            mi_scene,
             sensor,
             pose,
             irradiances,
@@ -121,25 +123,25 @@ def _plugged(
             seed=(2 * seed + number) % 2**31,
         )
         coarse, fine = (
-            paths_scalar.surfaces(stage, sensor, pose, shrink=shrink) for shrink in (_SHRINK, 1)
+            paths_scalar.surfaces(mi_scene, sensor, pose, shrink=shrink) for shrink in (_SHRINK, 1)
         )
         images.append(_smooth(sampled, coarse, fine, samples))
     return images
 
 
-def _poses(stage: Stage, sensor: Sensor) -> dict[str, frames.Pose]:
-    """Poses of the imagers there are."""
-    left = stage.scene.world_from_left
+def _poses(mi_scene: MitsubaScene, sensor: Sensor) -> dict[str, frames.Pose]:
+    """Poses of the imagers by side."""
+    left = mi_scene.scene.world_from_left
     if sensor.kind == "structured_light":
         return {"left": left}
     return {"left": left, "right": frames.right_of(left, sensor.baseline_m)}
 
 
-def _camera(sensor: Sensor, place: Placed, shrink: int) -> Camera:
-    """One imager, its image smaller by a factor; it sees the same field."""
+def _camera(sensor: Sensor, place: JitPose, shrink: int) -> JitCamera:
+    """An imager with a reduced resolution and the same field."""
     width, height = sensor.width // shrink, sensor.height // shrink
     x, y = width / sensor.width, height / sensor.height
-    return Camera(
+    return JitCamera(
         size=(width, height),
         focal=opaque("Vector2f", (sensor.fx_px * x, sensor.fy_px * y)),
         centre=opaque("Vector2f", ((sensor.cx_px + 0.5) * x - 0.5, (sensor.cy_px + 0.5) * y - 0.5)),
@@ -148,24 +150,24 @@ def _camera(sensor: Sensor, place: Placed, shrink: int) -> Camera:
 
 
 def _smooth(sampled: Image, coarse: paths.Surfaces, fine: paths.Surfaces, samples: int) -> Image:
-    """Low-pass what a unit albedo would return, raise it to the fine size, and dim it again."""
+    """Low-pass and upsample the light at unit albedo, then apply the albedo."""
     irradiance = np.asarray(sampled / np.maximum(coarse.albedo, _LEAST_ALBEDO), np.float32)
     low, sigma_px = _guide(coarse), _SIGMA_PX * (_SAMPLES / samples) ** 0.25
-    return fine.albedo * _raised(_low_passed(irradiance, low, sigma_px), low, _guide(fine))
+    return fine.albedo * _upsample(_low_pass(irradiance, low, sigma_px), low, _guide(fine))
 
 
-def _guide(seen: paths.Surfaces) -> Image:
-    """Depth and normal (h, w, 3) in units in which 1 means another surface."""
-    depth = np.log(np.maximum(seen.depth_m, np.float32(1e-3)))[..., None]
-    turned = seen.normal[..., :2]
-    return np.concatenate([depth / _OTHER_DEPTH, turned / _OTHER_NORMAL], -1, dtype=np.float32)
+def _guide(surfaces: paths.Surfaces) -> Image:
+    """Log depth and normal (h, w, 3), scaled so that a difference of 1 separates surfaces."""
+    depth = np.log(np.maximum(surfaces.depth_m, np.float32(1e-3)))[..., None]
+    normal = surfaces.normal[..., :2]
+    return np.concatenate([depth / _OTHER_DEPTH, normal / _OTHER_NORMAL], -1, dtype=np.float32)
 
 
-def _low_passed(image: Image, guide: Image, sigma_px: float) -> Image:
-    """Average over neighbours on the same surface, and once more over what that took away.
+def _low_pass(image: Image, guide: Image, sigma_px: float) -> Image:
+    """Joint bilateral filter, followed by the filtered residual.
 
-    Light that rises towards a corner is averaged with darker neighbours only; the second pass
-    gives most of it back.
+    Near a corner, light is averaged with darker neighbours only. The second pass restores most of
+    this loss.
 
     Source: joint bilateral filter; the second pass is Tukey's "twicing" (Exploratory Data
     Analysis, 1977, sec. 16).
@@ -175,8 +177,8 @@ def _low_passed(image: Image, guide: Image, sigma_px: float) -> Image:
     return np.asarray(np.maximum(smooth + rest, 0), np.float32)
 
 
-def _raised(coarse: Image, coarse_guide: Image, guide: Image) -> Image:
-    """Interpolate to the guide's size between the coarse pixels on the same surface.
+def _upsample(coarse: Image, coarse_guide: Image, guide: Image) -> Image:
+    """Joint bilateral upsampling to the guide's size.
 
     Source: Kopf et al., Joint bilateral upsampling, 2007, eq. 3.
     """

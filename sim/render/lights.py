@@ -1,4 +1,4 @@
-"""The lights of a scene, and what surface points return of each of them."""
+"""The lights of a scene, and their radiance reflected by surface points."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from starling.sim.render import backend
-from starling.sim.render.beam import Light
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.beam import ProjectorLight
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.render.rays import opaque
 from starling.sim.render.skylight import MATT_TILT
 from starling.sim.scene.scene import Ambient, Scene, Sun
@@ -19,56 +19,56 @@ from starling.sim.sensor.sensor import Sensor
 
 @dataclass(frozen=True, slots=True)
 class Lights:
-    """The sensor's projector, ambient light, and where there are any: sun, another projector."""
+    """The sensor's projector, ambient light, and optionally sun and another projector."""
 
-    projector: Light
-    other: Light | None
+    projector: ProjectorLight
+    other_projector: ProjectorLight | None
     other_power_w: Any  # Float
     sun: _Directional | None
 
     @staticmethod
-    def of(stage: Stage, sensor: Sensor) -> Lights:
-        scene = stage.scene
+    def from_sensor(mi_scene: MitsubaScene, sensor: Sensor) -> Lights:
+        scene = mi_scene.scene
         return Lights(
-            projector=Light.of(sensor, scene.world_from_left),
-            other=_other(scene, sensor),
+            projector=ProjectorLight.from_sensor(sensor, scene.world_from_left),
+            other_projector=_other_projector(scene, sensor),
             other_power_w=opaque("Float", [scene.other_projector.power_w]),
-            sun=_Directional.of(scene.sun) if scene.sun.irradiance_w_m2 else None,
+            sun=_Directional.from_sun(scene.sun) if scene.sun.irradiance_w_m2 else None,
         )
 
     @property
     def count(self) -> int:
-        """How many radiances `returned` gives."""
-        return 2 + (self.other is not None or self.sun is not None)
+        """Number of radiances of `reflected`."""
+        return 2 + (self.other_projector is not None or self.sun is not None)
 
-    def returned(self, stage: Stage, si: Any) -> list[Any]:
-        """Radiance that surface points return of the projector, of ambient light, of all others.
+    def reflected(self, mi_scene: MitsubaScene, si: Any) -> list[Any]:
+        """Reflected radiance of the projector, of ambient light, and of all other lights.
 
-        The first two are for lights of unit strength, the third is left out where there are none.
+        The first two are for lights of unit strength. The third is omitted without other lights.
         """
-        parts = [self.projector.returned(stage, si), _ambient(stage, si)]
+        parts = [self.projector.reflected(mi_scene, si), _ambient(mi_scene, si)]
         if self.count == 2:
             return parts
         rest = backend.mitsuba().Float(0)
-        if self.other is not None:
-            rest = rest + self.other_power_w * self.other.returned(stage, si)
+        if self.other_projector is not None:
+            rest = rest + self.other_power_w * self.other_projector.reflected(mi_scene, si)
         if self.sun is not None:
-            rest = rest + self.sun.returned(stage, si)
+            rest = rest + self.sun.reflected(mi_scene, si)
         return [*parts, rest]
 
-    def sky(self, stage: Stage, way: Any) -> list[Any]:
-        """Radiance that comes from beyond the scene against directions `way`, of each light.
+    def sky(self, mi_scene: MitsubaScene, direction: Any) -> list[Any]:
+        """Radiance of each light on rays of this direction that leave the scene.
 
-        Only ambient light does: projectors and the sun are seen by what they light.
+        Only ambient light contributes, since projectors and sun are not visible themselves.
         """
         mi = backend.mitsuba()
-        ambient = stage.scene.ambient
-        radiance = (1 + _tilt(ambient, way, ambient.gradient)) / np.pi
+        ambient = mi_scene.scene.ambient
+        radiance = (1 + _tilt(ambient, direction, ambient.gradient)) / np.pi
         return [mi.Float(0), radiance, mi.Float(0)][: self.count]
 
 
 def towards_viewer(si: Any) -> Any:
-    """Normals of surface points, on the side they are seen from."""
+    """Normals of surface points on the visible side."""
     dr = backend.drjit()
     normal = si.sh_frame.n
     return dr.select(dr.dot(normal, si.to_world(si.wi)) < 0, -normal, normal)
@@ -82,54 +82,54 @@ class _Directional:
     irradiance: Any  # Float, on a surface that faces it [W m^-2]
 
     @staticmethod
-    def of(sun: Sun) -> _Directional:
+    def from_sun(sun: Sun) -> _Directional:
         towards = np.asarray(sun.towards) / np.linalg.norm(sun.towards)
         return _Directional(opaque("Vector3f", towards), opaque("Float", [sun.irradiance_w_m2]))
 
-    def returned(self, stage: Stage, si: Any) -> Any:
-        """Radiance that surface points return: f cos(theta) E where nothing is in the way.
+    def reflected(self, mi_scene: MitsubaScene, si: Any) -> Any:
+        """Reflected radiance: f cos(theta) E on unshadowed points.
 
-        A shadow ray starts as much above the surface as `shadow_tolerance` allows of the way to
-        the imager, for surfaces measured with noise would otherwise shadow themselves.
+        Shadow rays start above the surface, by `shadow_tolerance` times the distance to the
+        imager. Surfaces measured with noise would otherwise shadow themselves.
         """
         mi, dr = backend.mitsuba(), backend.drjit()
         ray = si.spawn_ray(self.towards)
-        ray.o += self.towards * (si.t * stage.scene.shadow_tolerance)
-        share = stage.passed(ray, si.is_valid())
+        ray.o += self.towards * (si.t * mi_scene.scene.shadow_tolerance)
+        share = mi_scene.transmittance(ray, si.is_valid())
         lit = share > 0
         brdf_cos = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(self.towards), lit)[0]
         return dr.select(lit, brdf_cos * self.irradiance * share, 0)
 
 
-def _other(scene: Scene, sensor: Sensor) -> Light | None:
-    """Another device's projector, as if it were a stereo camera's."""
+def _other_projector(scene: Scene, sensor: Sensor) -> ProjectorLight | None:
+    """Another device's projector, treated as a stereo camera's."""
     if not scene.other_projector.power_w:
         return None
     device = dataclasses.replace(sensor, kind="stereo", projector=scene.other_projector)
-    return Light.of(device, scene.world_from_left)
+    return ProjectorLight.from_sensor(device, scene.world_from_left)
 
 
-def _ambient(stage: Stage, si: Any) -> Any:
-    """Radiance that surface points return of ambient light of 1 W m^-2 [W m^-2 sr^-1]."""
+def _ambient(mi_scene: MitsubaScene, si: Any) -> Any:
+    """Reflected radiance of ambient light of 1 W m^-2 [W m^-2 sr^-1]."""
     mi, dr = backend.mitsuba(), backend.drjit()
-    ambient = stage.scene.ambient
-    albedo, normal = stage.albedo(si), towards_viewer(si)
-    local = stage.ambient_share(si)
-    if stage.skylight is None:
+    ambient = mi_scene.scene.ambient
+    albedo, normal = mi_scene.albedo(si), towards_viewer(si)
+    local = mi_scene.ambient_share(si)
+    if mi_scene.skylight is None:
         share = albedo * (1 + _tilt(ambient, normal, MATT_TILT * ambient.gradient))
         return dr.select(si.is_valid(), share * local / np.pi, 0)
     viewer = si.to_world(si.wi)
     cosine = dr.dot(normal, viewer)
-    across = normal * cosine - viewer  # Along the surface, on from the viewer.
+    across = normal * cosine - viewer  # Along the surface, away from the viewer.
     across /= dr.maximum(dr.norm(across), 1e-6)
     handle = dr.reinterpret_array(mi.UInt32, si.shape)
-    even, along, aside = stage.skylight.returned(handle, cosine, albedo, stage.opaque(si))
+    even, along, aside = mi_scene.skylight.reflected(handle, cosine, albedo, mi_scene.opaque(si))
     share = even + _tilt(ambient, normal * along + across * aside, ambient.gradient)
     return dr.select(si.is_valid(), dr.maximum(share, 0) * local / np.pi, 0)
 
 
 def _tilt(ambient: Ambient, direction: Any, gradient: float) -> Any:
-    """How much more light than the mean comes from, or falls on what faces, a direction."""
-    # Opaque: another gradient, or another up, recompiles nothing.
+    """Relative excess of ambient light in a direction, g w . up."""
+    # Opaque values, so that another gradient or up direction does not recompile kernels.
     along = backend.drjit().dot(direction, opaque("Vector3f", ambient.up))
     return along * opaque("Float", [gradient])

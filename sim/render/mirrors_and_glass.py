@@ -1,9 +1,8 @@
-"""What mirrors turn and glass lets pass: rays that go on until they meet a matt surface.
+"""Rays through mirrors and glass, followed until they meet a scattering surface.
 
-Rays from the imager are bent by Snell's law at every face of glass and lose what Fresnel's
-equations reflect; of the reflected light only that of the first face is followed. Rays from a
-light are not bent: they go straight through what lets light pass, and lose as much. So there are
-no caustics, and no light that mirrors throw onto other surfaces.
+Rays from the imager are refracted at each face of glass and lose the light that Fresnel's equations
+reflect. Only the reflection at the first face is followed. Rays from a light pass glass straight,
+with the same loss. There are no caustics, and mirrors throw no light onto other surfaces.
 """
 
 from __future__ import annotations
@@ -14,25 +13,25 @@ from typing import Any
 
 from starling.sim.render import backend
 
-_INTERFACES = 8  # Surfaces that a ray may pass or leave: two bottles, one behind the other.
-_MEETINGS = _INTERFACES + 1  # And what stands behind them; beyond it is dark.
+_INTERFACES = 8  # Most interfaces on a ray, enough for two bottles.
+_MEETINGS = _INTERFACES + 1  # Most intersections of a ray, with the surface behind.
 
-Shade = Callable[[Any, Any], list[Any]]  # Surface points and which count, to radiances.
-Sky = Callable[[Any], list[Any]]  # Directions of rays that left the scene, to radiances.
+Shade = Callable[[Any, Any], list[Any]]  # From surface points and a mask to radiances.
+Sky = Callable[[Any], list[Any]]  # From directions of rays that leave the scene to radiances.
 
 
 @dataclass(frozen=True, slots=True)
 class Specular:
-    """Which shapes of a stage turn rays or let them pass."""
+    """Mirrors, glass and transparent panes of a scene."""
 
-    mirrors: Any  # Float by shape handle: reflectance of a mirror, 0 of everything else.
-    indices: Any  # Float by shape handle: refractive index of glass, 0 of everything else.
+    mirrors: Any  # Float by shape handle: reflectance of mirrors, else 0.
+    indices: Any  # Float by shape handle: refractive index of glass, else 0.
     has_glass: bool
-    has_panes: bool  # Something lets light straight through.
+    has_panes: bool  # Some shape transmits light straight.
 
     @staticmethod
-    def of(shapes: Sequence[Any]) -> Specular | None:
-        """Sort shapes by what their BSDFs do; None where all of them are matt or rough."""
+    def from_shapes(shapes: Sequence[Any]) -> Specular | None:
+        """Classify shapes by their BSDFs; None if all of them are diffuse or rough."""
         mi = backend.mitsuba()
         flag = mi.BSDFFlags
         mirrors: dict[int, float] = {}
@@ -57,47 +56,47 @@ class Specular:
             has_panes=has_panes,
         )
 
-    def seen(self, scene: Any, ray: Any, shade: Shade, sky: Sky) -> list[Any]:
-        """Radiances along rays, with all that mirrors and glass show on the way.
+    def trace(self, scene: Any, ray: Any, shade: Shade, sky: Sky) -> list[Any]:
+        """Radiances along rays, including light by way of mirrors and glass.
 
         Args:
             scene: Mitsuba scene of all shapes.
-            ray: from the imager.
-            shade: radiances that surface points return, one for each light.
-            sky: radiances that reach a mirror from beyond the scene, likewise.
+            ray: Rays from the imager.
+            shade: Reflected radiances of surface points, one per light.
+            sky: Radiances that enter the scene along reflected rays, one per light.
         """
         mi, dr = backend.mitsuba(), backend.drjit()
 
         def step(
-            active: Any, left: Any, ray: Any, weight: Any, turned: Any, waiting: Any, *sums: Any
+            active: Any, budget: Any, ray: Any, weight: Any, turned: Any, waiting: Any, *sums: Any
         ) -> tuple[Any, ...]:
             si = scene.ray_intersect(ray, active)
             hit = active & si.is_valid()
             gone = active & ~hit & turned
             lit, beyond = shade(si, hit), sky(ray.d)
             sums = tuple(
-                total + dr.select(hit, weight * here, 0) + dr.select(gone, weight * far, 0)
-                for total, here, far in zip(sums, lit, beyond, strict=True)
+                total + dr.select(hit, weight * near, 0) + dr.select(gone, weight * far, 0)
+                for total, near, far in zip(sums, lit, beyond, strict=True)
             )
             out, share, turns, aside = self._leaving(si, hit)
             weighed = weight * share
             if aside is not None:
                 first = hit & (aside > 0) & waiting.unused
-                waiting.ray = dr.select(first, _leaves(si, mi.reflect(si.wi)), waiting.ray)
+                waiting.ray = dr.select(first, _spawn(si, mi.reflect(si.wi)), waiting.ray)
                 waiting.weight = dr.select(first, weight * aside, waiting.weight)
                 waiting.unused &= ~first
-            left = left - 1
-            active = hit & (share > 0) & (left > 0)
-            ray = _leaves(si, out)
+            budget = budget - 1
+            active = hit & (share > 0) & (budget > 0)
+            ray = _spawn(si, out)
             turned = turned | (hit & turns)
             if aside is not None:
                 now = ~active & (waiting.weight > 0)
                 ray = dr.select(now, waiting.ray, ray)
                 weighed = dr.select(now, waiting.weight, weighed)
                 waiting.weight = dr.select(now, 0, waiting.weight)
-                left = dr.select(now, _MEETINGS, left)
+                budget = dr.select(now, _MEETINGS, budget)
                 active, turned = active | now, turned | now
-            return active, left, ray, weighed, turned, waiting, *sums
+            return active, budget, ray, weighed, turned, waiting, *sums
 
         width = dr.width(ray)
         first = mi.Ray3f(ray)
@@ -113,27 +112,27 @@ class Specular:
         label = "mirrors and glass"
         return list(dr.while_loop(state, lambda active, *_: active, step, label=label)[6:])
 
-    def passed(self, scene: Any, ray: Any, active: Any) -> Any:
-        """Share of light that gets along rays, unbent, up to their ends; 0 where one is blocked.
+    def transmittance(self, scene: Any, ray: Any, active: Any) -> Any:
+        """Share of light that passes straight along rays to their ends; 0 if blocked.
 
-        One scene answers for what blocks and for what lets pass: OptiX knows only one in a kernel.
+        One scene holds opaque and transparent shapes, since OptiX supports one scene per kernel.
 
         Args:
             scene: Mitsuba scene of all shapes.
-            ray: from a light or towards it.
-            active: which rays count; the others' share is 0.
+            ray: Rays from a light or towards it.
+            active: Mask of the rays; the share of the others is 0.
         """
         mi, dr = backend.mitsuba(), backend.drjit()
 
-        def step(going: Any, left: Any, ray: Any, share: Any) -> tuple[Any, ...]:
+        def step(going: Any, budget: Any, ray: Any, share: Any) -> tuple[Any, ...]:
             si = scene.ray_intersect(ray, going)
             going = going & si.is_valid()
             share = dr.select(going, share * self._through(si, going), share)
-            left = left - 1
-            share = dr.select(going & (left == 0), 0, share)
+            budget = budget - 1
+            share = dr.select(going & (budget == 0), 0, share)
             onward = si.spawn_ray(ray.d)
             onward.maxt = ray.maxt - dr.dot(onward.o - ray.o, ray.d)  # It starts past the surface.
-            return going & (share > 0) & (onward.maxt > 0), left, onward, share
+            return going & (share > 0) & (onward.maxt > 0), budget, onward, share
 
         state = (
             mi.Bool(active),
@@ -145,14 +144,14 @@ class Specular:
         return dr.while_loop(state, lambda going, *_: going, step, label=label)[-1]
 
     def _through(self, si: Any, active: Any) -> Any:
-        """Share of light that passes a surface in its own direction."""
+        """Straight transmission of a surface."""
         mi, dr = backend.mitsuba(), backend.drjit()
         share = mi.Float(0)
         if self.has_panes:
             share = si.bsdf().eval_null_transmission(si, active)[0]
         if self.has_glass:
             index = self._gather(self.indices, si, active)
-            # Unbent, a ray meets both faces of a pane as from air.
+            # A straight ray meets both faces of a pane from outside.
             fresnel = mi.fresnel(abs(si.wi.z), dr.maximum(index, 1))[0]
             share = dr.select(index > 0, 1 - fresnel, share)
         return share
@@ -162,11 +161,11 @@ class Specular:
         return dr.gather(mi.Float, table, dr.reinterpret_array(mi.UInt32, si.shape), active)
 
     def _leaving(self, si: Any, hit: Any) -> tuple[Any, Any, Any, Any | None]:
-        """Where a ray goes from a surface.
+        """Continue a ray at a surface.
 
         Returns:
-            Its direction in the surface's frame, the share of light that goes there, whether it
-            was mirrored, and the share that glass mirrors beside (None without glass).
+            Direction in the surface's frame, share of light in that direction, whether the ray is
+            mirrored, and the share that glass reflects (None without glass).
         """
         mi, dr = backend.mitsuba(), backend.drjit()
         mirror = self._gather(self.mirrors, si, hit)
@@ -189,20 +188,20 @@ class Specular:
 
 @dataclass
 class _Waiting:
-    """What the first face of glass mirrored: it is followed when the light that passed is done."""
+    """Reflection at the first face of glass, which is followed after the transmitted ray."""
 
     ray: Any
-    weight: Any  # Float, 0 where nothing waits.
-    unused: Any  # Bool: no glass was met so far.
+    weight: Any  # Float, 0 if no ray is waiting.
+    unused: Any  # Bool: the ray has met no glass yet.
 
 
 def shape_handle(shape: Any) -> int:
-    """Number by which kernels know a shape."""
+    """Number of a shape in kernels."""
     mi, dr = backend.mitsuba(), backend.drjit()
     return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
 
 
-def _leaves(si: Any, local: Any) -> Any:
+def _spawn(si: Any, local: Any) -> Any:
     """Ray from a surface in a direction of the surface's frame."""
     return si.spawn_ray(si.to_world(local))
 
@@ -214,7 +213,7 @@ def _index(bsdf: Any) -> float:
 
 
 def _reflectance(bsdf: Any) -> float:
-    """Share of light that a perfect mirror returns at normal incidence."""
+    """Reflectance of a perfect mirror at normal incidence."""
     mi, dr = backend.mitsuba(), backend.drjit()
     si = dr.zeros(mi.SurfaceInteraction3f)
     si.wi = mi.Vector3f(0, 0, 1)

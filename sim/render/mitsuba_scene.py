@@ -1,4 +1,4 @@
-"""A scene set up in Mitsuba, ready to be lit and seen."""
+"""A scene loaded in Mitsuba."""
 
 from __future__ import annotations
 
@@ -16,44 +16,45 @@ from starling.sim.render.skylight import Skylight
 from starling.sim.scene.scene import Body, Scene
 
 
-class Stage:
-    """Mitsuba's shapes of one `Scene`; built once, rendered from any number of poses."""
+class MitsubaScene:
+    """Mitsuba's shapes of one `Scene`. They are built once and rendered from many poses."""
 
     def __init__(self, scene: Scene) -> None:
-        """Set up the shapes.
+        """Build the shapes.
 
         Raises:
-            InputError: if the scene is not in metres, or the camera stands inside a body.
+            InputError: if the scene is not in metres, or the camera is inside a body.
         """
         self.scene = scene
-        bodies = (_shape(body, bsdf.of(body, scene.finish)) for body in scene.bodies)
+        bodies = (_shape(body, bsdf.from_body(body, scene.finish)) for body in scene.bodies)
         shapes = [*bodies, *scene.shapes]
         self.shapes = shapes
         self.mitsuba: Any = _scene(shapes)
-        self.numbers = _numbers(shapes)  # From Dr.Jit's shape handle to the body's number.
+        self.numbers = _numbers(shapes)  # Body number by Dr.Jit's shape handle.
         self._diffuse = _diffuse(scene, shapes)
         shares = [body.ambient_share for body in scene.bodies if body.ambient_share is not None]
-        self.largest_share = max([1.0, *(float(one.max()) for one in shares)])  # Of ambient light.
+        # Largest ambient share of any body.
+        self.largest_share = max([1.0, *(float(share.max()) for share in shares)])
         self._shares = _shares(scene, shapes, self.largest_share)
-        self.skylight = _skylight(scene, shapes)  # None where all surfaces are matt.
-        # What turns rays or lets them pass; None where nothing does.
-        self.specular = Specular.of(shapes) if backend.is_jit() else None
+        self.skylight = _skylight(scene, shapes)  # None if all surfaces are diffuse.
+        # Mirrors and glass; None if there are none.
+        self.specular = Specular.from_shapes(shapes) if backend.is_jit() else None
         _refuse_extent(self)
         _refuse_inside(self)
 
     def albedo(self, si: Any) -> Any:
-        """Reflectance of surface points, less what goes straight through them."""
+        """Reflectance of surface points, times their opaque share."""
         mi, dr = backend.mitsuba(), backend.drjit()
         surface = si.bsdf()
         if self._diffuse:
             table, handle = mi.BSDFPtr(self._diffuse), dr.reinterpret_array(mi.UInt32, si.shape)
             surface = dr.gather(mi.BSDFPtr, table, handle, si.is_valid())
-        # A mirror's diffuse equivalent may exceed 1 in Mitsuba.
+        # Mitsuba's value for a mirror may exceed 1.
         albedo = dr.minimum(surface.eval_diffuse_reflectance(si, si.is_valid())[0], 1)
         return albedo * self.opaque(si)
 
     def ambient_share(self, si: Any) -> Any:
-        """Ambient light at surface points over the scene's."""
+        """Local ambient light at surface points over the scene's."""
         mi, dr = backend.mitsuba(), backend.drjit()
         if not self._shares:
             return mi.Float(1)
@@ -62,102 +63,102 @@ class Stage:
         return surface.eval_diffuse_reflectance(si, si.is_valid())[0] * self.largest_share
 
     def opaque(self, si: Any) -> Any:
-        """Share of surface points that lets no light straight through."""
+        """Share of light that does not pass straight through surface points."""
         if self.specular is None or not self.specular.has_panes:
             return backend.mitsuba().Float(1)
         return 1 - si.bsdf().eval_null_transmission(si, si.is_valid())[0]
 
     @cached_property
-    def evenly_lit(self) -> Any:
-        """The Mitsuba scene whose surfaces' own albedo is `albedo`, for variants that ask it."""
+    def albedo_scene(self) -> Any:
+        """Mitsuba scene whose surfaces report `albedo`, for the scalar variant."""
         bodies, finish = self.scene.bodies, self.scene.finish
-        return self._with([bsdf.evenly_lit(body, finish) for body in bodies])
+        return self._with_bsdfs([bsdf.albedo_bsdf(body, finish) for body in bodies])
 
     @cached_property
-    def shared(self) -> Any:
-        """The Mitsuba scene whose albedo is the share of ambient light over the largest.
+    def ambient_share_scene(self) -> Any:
+        """Mitsuba scene whose albedo is the ambient share over the largest share.
 
-        None where light is even.
+        None if ambient light is even.
         """
         if all(body.ambient_share is None for body in self.scene.bodies):
             return None
-        return self._with(
+        return self._with_bsdfs(
             [bsdf.ambient_share(body, self.largest_share) for body in self.scene.bodies]
         )
 
-    def _with(self, others: list[dict[str, Any] | None]) -> Any:
-        """The Mitsuba scene with another BSDF on each body for which there is one."""
-        if not any(others):
+    def _with_bsdfs(self, bsdfs: list[dict[str, Any] | None]) -> Any:
+        """Mitsuba scene with the given BSDFs; None keeps a body's BSDF."""
+        if not any(bsdfs):
             return self.mitsuba
         bodies = self.scene.bodies
         replaced = [
-            shape if other is None else _shape(body, other)
-            for shape, body, other in zip(self.shapes, bodies, others, strict=False)
+            shape if surface is None else _shape(body, surface)
+            for shape, body, surface in zip(self.shapes, bodies, bsdfs, strict=False)
         ]
         return _scene([*replaced, *self.shapes[len(bodies) :]])
 
-    def of(self, scene: Scene) -> Stage:
-        """The stage of another scene; where its surfaces are the same they are shared."""
-        mine = (self.scene.bodies, self.scene.shapes, self.scene.finish)
-        if (scene.bodies, scene.shapes, scene.finish) != mine:
-            return Stage(scene)
-        other = copy.copy(self)
-        other.scene = scene
-        return other
+    def with_scene(self, scene: Scene) -> MitsubaScene:
+        """Return another scene in Mitsuba; equal surfaces are shared."""
+        surfaces = (self.scene.bodies, self.scene.shapes, self.scene.finish)
+        if (scene.bodies, scene.shapes, scene.finish) != surfaces:
+            return MitsubaScene(scene)
+        shared = copy.copy(self)
+        shared.scene = scene
+        return shared
 
-    def passed(self, ray: Any, active: Any) -> Any:
-        """Share of light that gets along rays up to their ends: 0 where something throws a shadow.
+    def transmittance(self, ray: Any, active: Any) -> Any:
+        """Share of light that passes along rays to their ends; 0 in shadow.
 
-        Glass and panes let light pass, and keep their share of it.
+        Glass and panes transmit a share of the light.
         """
         dr, through = backend.drjit(), self.specular
         if through is None or not (through.has_glass or through.has_panes):
             return dr.select(active & ~self.mitsuba.ray_test(ray, active), 1.0, 0.0)
-        return through.passed(self.mitsuba, ray, active)
+        return through.transmittance(self.mitsuba, ray, active)
 
 
-_LARGEST_M = 100.0
-_DIRECTIONS = 64
+_LARGEST_M = 100.0  # Largest extent of a scene; larger ones are not in metres [m].
+_DIRECTIONS = 64  # Directions that test whether the camera is inside a body.
 
 
-def _refuse_extent(stage: Stage) -> None:
-    """Refuse what cannot be metres."""
-    bounds = stage.mitsuba.bbox()
+def _refuse_extent(mi_scene: MitsubaScene) -> None:
+    """Refuse a scene that is not in metres."""
+    bounds = mi_scene.mitsuba.bbox()
     extent = float(max(np.array(bounds.max).ravel() - np.array(bounds.min).ravel()))
     if extent > _LARGEST_M:
         raise errors.refuse(
             "scene extent",
             f"must be at most {_LARGEST_M:g} m",
-            f"{extent:g} m in {stage.scene.name}",
+            f"{extent:g} m in {mi_scene.scene.name}",
             "It looks like millimetres: scale the mesh by 0.001.",
         )
     if extent == 0:
         raise errors.refuse("scene extent", "must be > 0", "0 m", "Is the mesh a point?")
 
 
-def _refuse_inside(stage: Stage) -> None:
+def _refuse_inside(mi_scene: MitsubaScene) -> None:
     """Refuse a camera that sees the back of a surface in every direction."""
     mi = backend.mitsuba()
-    eye = stage.scene.world_from_left[:3, 3]
-    turn = np.pi * (3 - np.sqrt(5)) * np.arange(_DIRECTIONS)  # A spiral of even directions.
+    eye = mi_scene.scene.world_from_left[:3, 3]
+    turn = np.pi * (3 - np.sqrt(5)) * np.arange(_DIRECTIONS)  # Directions on an even spiral.
     height = 1 - 2 * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
     flat = np.sqrt(1 - height**2)
     for x, y, z in zip(flat * np.cos(turn), flat * np.sin(turn), height, strict=True):
         direction = mi.Vector3f(float(x), float(y), float(z))
-        hit = stage.mitsuba.ray_intersect(mi.Ray3f(mi.Point3f(*map(float, eye)), direction))
+        hit = mi_scene.mitsuba.ray_intersect(mi.Ray3f(mi.Point3f(*map(float, eye)), direction))
         back = np.array(hit.is_valid()).any() and np.dot(np.array(hit.n).ravel(), (x, y, z)) > 0
         if not back:
             return
     raise errors.refuse(
         "camera",
         "must stand outside every body",
-        f"{np.round(eye, 3).tolist()} in {stage.scene.name}",
+        f"{np.round(eye, 3).tolist()} in {mi_scene.scene.name}",
         "Move it, or turn the normals of a room inwards.",
     )
 
 
 def _numbers(shapes: list[Any]) -> NDArray[np.uint32]:
-    """Table from Dr.Jit's handle of a shape to its number, 1 for the first body."""
+    """Table from Dr.Jit's shape handle to the shape's number, 1 for the first body."""
     if not backend.is_jit():
         return np.arange(1, len(shapes) + 1, dtype=np.uint32)
     handles = list(map(shape_handle, shapes))
@@ -167,34 +168,34 @@ def _numbers(shapes: list[Any]) -> NDArray[np.uint32]:
 
 
 def _diffuse(scene: Scene, shapes: list[Any]) -> list[Any]:
-    """BSDFs by shape handle that tell what even light is returned; empty: the shapes' own do."""
-    others = [bsdf.evenly_lit(body, scene.finish) for body in scene.bodies]
-    if not any(others) or not backend.is_jit():
+    """BSDFs by shape handle that report the albedo; empty if the shapes' own BSDFs do."""
+    diffuse = [bsdf.albedo_bsdf(body, scene.finish) for body in scene.bodies]
+    if not any(diffuse) or not backend.is_jit():
         return []
     mi = backend.mitsuba()
-    own = [shape.bsdf() for shape in shapes]
-    for number, other in enumerate(others):
-        if other is not None:
-            own[number] = mi.load_dict(other)
-    return _by_handle(own, shapes)
+    surfaces = [shape.bsdf() for shape in shapes]
+    for number, surface in enumerate(diffuse):
+        if surface is not None:
+            surfaces[number] = mi.load_dict(surface)
+    return _by_handle(surfaces, shapes)
 
 
 def _shares(scene: Scene, shapes: list[Any], largest: float) -> list[Any]:
-    """BSDFs by shape handle whose reflectance is the share of ambient light over the largest.
+    """BSDFs by shape handle whose reflectance is the ambient share over the largest share.
 
-    Empty: it is 1 all over.
+    Empty if ambient light is even.
     """
     bodies = scene.bodies
     if all(body.ambient_share is None for body in bodies) or not backend.is_jit():
         return []
     mi = backend.mitsuba()
     even = mi.load_dict({"type": "diffuse", "reflectance": 1 / largest})
-    own = [mi.load_dict(bsdf.ambient_share(body, largest)) for body in bodies]
-    return _by_handle([*own, *([even] * (len(shapes) - len(own)))], shapes)
+    shares = [mi.load_dict(bsdf.ambient_share(body, largest)) for body in bodies]
+    return _by_handle([*shares, *([even] * (len(shapes) - len(shares)))], shapes)
 
 
 def _by_handle(surfaces: list[Any], shapes: list[Any]) -> list[Any]:
-    """A table of one BSDF a shape, by its handle."""
+    """Table of the shapes' BSDFs by shape handle."""
     table: list[Any] = [surfaces[0]] * (max(map(shape_handle, shapes)) + 1)
     for surface, shape in zip(surfaces, shapes, strict=True):
         table[shape_handle(shape)] = surface
@@ -202,10 +203,10 @@ def _by_handle(surfaces: list[Any], shapes: list[Any]) -> list[Any]:
 
 
 def _skylight(scene: Scene, shapes: list[Any]) -> Skylight | None:
-    """What shapes return of the sky; those with a BSDF of their own count as matt."""
-    if not backend.is_jit():  # There `starling.sim.render.scalar` looks tables up by itself.
+    """Tables of reflected skylight. Shapes with their own BSDF count as diffuse."""
+    if not backend.is_jit():  # `starling.sim.render.scalar` uses the tables itself.
         return None
-    tables = [skylight.of(body, scene.finish) for body in scene.bodies]
+    tables = [skylight.body_table(body, scene.finish) for body in scene.bodies]
     if all(table is None for table in tables):
         return None
     rest = [None] * (len(shapes) - len(tables))
@@ -213,13 +214,13 @@ def _skylight(scene: Scene, shapes: list[Any]) -> Skylight | None:
 
 
 def _scene(shapes: list[Any]) -> Any:
-    """Mitsuba's scene of shapes, in their order."""
+    """Build Mitsuba's scene of shapes, in their order."""
     named = {f"body_{number:04d}": shape for number, shape in enumerate(shapes)}
     return backend.mitsuba().load_dict({"type": "scene", **named})
 
 
 def _shape(body: Body, surface: dict[str, Any]) -> Any:
-    """Make one Mitsuba mesh with a BSDF."""
+    """Build a Mitsuba mesh with a BSDF."""
     mi = backend.mitsuba()
     mesh = body.mesh
     props = mi.Properties()

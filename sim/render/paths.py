@@ -1,6 +1,6 @@
-"""Light of two bounces and more along random paths, and the surfaces it is seen on, by own rays.
+"""Path tracing of the projector's light of two or more bounces.
 
-Where no compiler is, `starling.sim.render.paths_scalar` does the same with Mitsuba's path tracer.
+Without a compiler, `starling.sim.render.paths_scalar` uses Mitsuba's path tracer instead.
 """
 
 from __future__ import annotations
@@ -10,44 +10,46 @@ from typing import Any
 
 import numpy as np
 
+from starling.sim.arrays import Image
 from starling.sim.render import backend
-from starling.sim.render.layers import Image
 from starling.sim.render.lights import Lights, towards_viewer
-from starling.sim.render.mitsuba_scene import Stage
-from starling.sim.render.rays import Camera, pixels
+from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.render.rays import JitCamera, pixels
 
-_ROULETTE_FROM = 3  # Bounce from which dim paths end at random.
-_LONGEST = 512  # Bounces; in white rooms one path in 10^11 would be longer.
-_GOES_ON = 0.95  # Most that the odds of going on may be.
-# Powers of the plastic number's inverse in 32-bit fixed point: steps of the R2 sequence.
+_ROULETTE_FROM = 3  # First bounce with Russian roulette.
+_LONGEST = 512  # Most bounces; in white rooms one path in 10^11 would be longer.
+_GOES_ON = 0.95  # Largest probability of continuing a path.
+# Steps of the R2 sequence: powers of the plastic number's inverse in 32-bit fixed point.
 _SPREAD = (0xC13FA9A9, 0x91E10DA5)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Surfaces:
-    """What pixels' centres see, each (h, w); zeros where there is no surface."""
+    """Surfaces at the pixel centres, each (h, w); zeros where there is none."""
 
-    albedo: Image  # 1 where a mirror or glass shows something else.
+    albedo: Image  # 1 on mirrors and glass.
     depth_m: Image  # z along the camera's axis.
     normal: Image  # (h, w, 3), camera frame, towards the camera.
 
 
-def radiance(stage: Stage, camera: Camera, lights: Lights, samples: int, seed: int) -> Image:
-    """Radiance that a camera receives of the projector's light after two bounces and more.
+def radiance(
+    mi_scene: MitsubaScene, camera: JitCamera, lights: Lights, samples: int, seed: int
+) -> Image:
+    """Radiance of the projector's light after two or more bounces.
 
-    From what a pixel sees, paths go on as the surfaces scatter, and at every further surface the
-    projector's light is gathered. They end by Russian roulette, so no bounce is left out. First
-    directions of neighbours are spread evenly (R2 sequence), so that a low-pass has less to do.
+    Paths start at the surface that a pixel sees and scatter by the BSDFs. Each further surface
+    adds its direct projector light. Paths end by Russian roulette, which is unbiased. The first
+    directions follow the R2 sequence, which spreads neighbouring samples evenly.
 
     Args:
-        stage: the scene.
-        camera: whose pixels are sampled at random positions.
-        lights: whose projector counts, of 1 W.
-        samples: paths a pixel.
-        seed: of the paths.
+        mi_scene: Scene in Mitsuba.
+        camera: Camera, whose pixels are sampled at random positions.
+        lights: Lights; only the projector with 1 W counts.
+        samples: Paths per pixel.
+        seed: Seed of the paths.
 
     Returns:
-        (h, w) [W m^-2 sr^-1], the mean of each pixel's paths.
+        (h, w) [W m^-2 sr^-1], mean over each pixel's paths.
 
     Source: Pharr, Jakob and Humphreys, Physically Based Rendering, 4th ed., secs. 13.2 and 2.2.4;
     Roberts, The unreasonable effectiveness of quasirandom sequences, 2018.
@@ -56,24 +58,26 @@ def radiance(stage: Stage, camera: Camera, lights: Lights, samples: int, seed: i
     width, height = camera.size
     count = width * height * samples
     state = mi.UInt64(seed)
-    dr.make_opaque(state)  # Another seed compiles nothing.
+    dr.make_opaque(state)  # Another seed must not recompile kernels.
     rng = mi.PCG32(size=count, initstate=state)
     start = _spread(count, seed)
     pixel = dr.arange(mi.UInt32, count) // samples
     row = pixel // width
     corner = mi.Vector2f(mi.Float(pixel - row * width), mi.Float(row)) - 0.5
     ray = camera.ray(corner + mi.Vector2f(rng.next_float32(), rng.next_float32()))
-    if stage.specular is None:
-        seen = _scattered(stage, lights, stage.mitsuba.ray_intersect(ray), start, rng)
+    if mi_scene.specular is None:
+        radiances = _scattered(mi_scene, lights, mi_scene.mitsuba.ray_intersect(ray), start, rng)
     else:
         dr.eval(rng)
 
         def shade(si: Any, active: Any) -> list[Any]:
             si.t = dr.select(active, si.t, dr.inf)
-            return [_scattered(stage, lights, si, start, mi.PCG32(rng))]
+            return [_scattered(mi_scene, lights, si, start, mi.PCG32(rng))]
 
-        seen = stage.specular.seen(stage.mitsuba, ray, shade, lambda _: [mi.Float(0)])[0]
-    mean = dr.block_sum(seen, samples) / samples
+        radiances = mi_scene.specular.trace(mi_scene.mitsuba, ray, shade, lambda _: [mi.Float(0)])[
+            0
+        ]
+    mean = dr.block_sum(radiances, samples) / samples
     return np.asarray(mean.numpy().reshape(height, width), np.float32)
 
 
@@ -83,15 +87,15 @@ def _spread(count: int, seed: int) -> Any:
     shift = mi.Vector2u(*np.random.default_rng(seed).integers(2**32, size=2).tolist())
     dr.make_opaque(shift)
     index = dr.arange(mi.UInt32, count)
-    x, y = ((index * step + by) >> 8 for step, by in zip(_SPREAD, shift, strict=True))
+    x, y = ((index * step + offset) >> 8 for step, offset in zip(_SPREAD, shift, strict=True))
     return mi.Point2f(mi.Float(x), mi.Float(y)) * 2.0**-24
 
 
-def _scattered(stage: Stage, lights: Lights, si: Any, start: Any, rng: Any) -> Any:
-    """Indirect light that surface points return, one path each, first direction by `start`."""
+def _scattered(mi_scene: MitsubaScene, lights: Lights, si: Any, start: Any, rng: Any) -> Any:
+    """Indirect light reflected by surface points, one path each; `start` sets its direction."""
     mi, dr = backend.mitsuba(), backend.drjit()
     flag = mi.BSDFFlags
-    rough = mi.BSDFContext()  # What goes straight on, or is mirrored, is not scattered here.
+    rough = mi.BSDFContext()  # Straight and mirrored light is excluded.
     rough.type_mask = int(flag.Diffuse) | int(flag.Glossy)
 
     def scattered(context: Any, si: Any, position: Any, active: Any, rng: Any) -> tuple[Any, Any]:
@@ -105,9 +109,9 @@ def _scattered(stage: Stage, lights: Lights, si: Any, start: Any, rng: Any) -> A
     def step(
         active: Any, bounce: Any, ray: Any, weight: Any, total: Any, rng: Any
     ) -> tuple[Any, ...]:
-        si = stage.mitsuba.ray_intersect(ray, active)
+        si = mi_scene.mitsuba.ray_intersect(ray, active)
         active = active & si.is_valid()
-        lit = lights.returned(stage, si)[0]
+        lit = lights.reflected(mi_scene, si)[0]
         total = dr.select(active, total + weight * lit, total)
         position = mi.Point2f(rng.next_float32(), rng.next_float32())
         ray, factor = scattered(mi.BSDFContext(), si, position, active, rng)
@@ -129,12 +133,12 @@ def _scattered(stage: Stage, lights: Lights, si: Any, start: Any, rng: Any) -> A
     return dr.while_loop(state, more, step, label="interreflection")[4]
 
 
-def surfaces(stage: Stage, camera: Camera) -> Surfaces:
-    """Find the surfaces that a camera's pixels see."""
+def surfaces(mi_scene: MitsubaScene, camera: JitCamera) -> Surfaces:
+    """Find the surfaces at a camera's pixel centres."""
     mi, dr = backend.mitsuba(), backend.drjit()
-    si = stage.mitsuba.ray_intersect(camera.ray(pixels(camera.size)))
+    si = mi_scene.mitsuba.ray_intersect(camera.ray(pixels(camera.size)))
     hit, place = si.is_valid(), camera.place
-    albedo = stage.albedo(si)
+    albedo = mi_scene.albedo(si)
     flags = si.bsdf().flags()
     clear = (flags & int(mi.BSDFFlags.Delta)) != 0
     albedo = dr.select(hit, dr.select(clear, 1, albedo), 0)

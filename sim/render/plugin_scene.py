@@ -1,4 +1,4 @@
-"""A stage lit and seen by Mitsuba's own plugins: its projector emitter, its perspective sensor."""
+"""Mitsuba's own plugins for a scene: projector emitter, perspective sensor, integrator."""
 
 from __future__ import annotations
 
@@ -8,36 +8,37 @@ import cv2
 import numpy as np
 
 from starling.patterns import errors
+from starling.sim.arrays import Image
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.render import backend, emission
 from starling.sim.render.bsdf import grey_bitmap
-from starling.sim.render.layers import Image
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.sensor.sensor import Sensor
 
-_SQUARE = 2e-3  # How far from square a sensor's pixels may be.
+_SQUARE = 2e-3  # Tolerance of the pixels' aspect ratio.
 
 
-def lit(stage: Stage, sensor: Sensor, irradiance: Image, number: int = 0) -> Any:
-    """The stage's shapes lit by one of the projector's emitters (a Mitsuba scene).
+def lit(mi_scene: MitsubaScene, sensor: Sensor, irradiance: Image, number: int = 0) -> Any:
+    """Build a Mitsuba scene lit by one of the projector's emitters.
 
-    Mitsuba's `projector` makes radiance rho, not rho / pi, of irradiance 1: hence the pi.
+    Mitsuba's `projector` gives radiance rho for irradiance 1 instead of rho / pi. The irradiance is
+    therefore divided by pi.
 
     Args:
-        stage: the shapes.
-        sensor: whose projector it is.
-        irradiance: (h, w) on the plane at unit distance over its field [W m^-2].
-        number: of the emitter, which poses the light.
+        mi_scene: Scene with its shapes.
+        sensor: Sensor with its projector.
+        irradiance: (h, w) on the plane at unit distance over the field [W m^-2].
+        number: Number of the emitter.
     """
     mi = backend.mitsuba()
     part = sensor.projector
-    one = emission.emitters(part)[number]
+    source = emission.emitters(part)[number]
     place = frames.pose(part.position_m, part.rotation_deg)
-    place = place @ frames.pose(one.offset_m, one.rotation_deg)
+    place = place @ frames.pose(source.offset_m, source.rotation_deg)
     half_x, half_y = emission.half_tangents(part)
     columns = irradiance.shape[1]
-    # The plugin's vertical field follows from the texture's shape: its pixels have to be square.
+    # The texture's shape sets the plugin's vertical field, so its pixels must be square.
     square = cv2.resize(
         irradiance, (columns, round(columns * half_y / half_x)), interpolation=cv2.INTER_AREA
     )
@@ -46,25 +47,25 @@ def lit(stage: Stage, sensor: Sensor, irradiance: Image, number: int = 0) -> Any
         "irradiance": grey_bitmap(np.asarray(square, np.float32) / np.float32(np.pi)),
         "fov": part.fov_x_deg,
         "fov_axis": "x",
-        "to_world": _transform(stage.scene.world_from_left @ place),
+        "to_world": _transform(mi_scene.scene.world_from_left @ place),
     }
-    shapes = {f"body_{i:04d}": shape for i, shape in enumerate(stage.shapes)}
+    shapes = {f"body_{i:04d}": shape for i, shape in enumerate(mi_scene.shapes)}
     return mi.load_dict({"type": "scene", "projector": emitter, **shapes})
 
 
 def camera(
     sensor: Sensor, world_from_camera: Pose, *, sampler: dict[str, Any], shrink: int = 1
 ) -> Any:
-    """One imager as a Mitsuba sensor with a box filter.
+    """Build a Mitsuba sensor with a box filter for one imager.
 
     Args:
-        sensor: whose intrinsics it has.
+        sensor: Sensor with the intrinsics.
         world_from_camera: OpenCV pose.
-        sampler: `fixed(n)` for n x n fixed positions a pixel, or another of Mitsuba's.
-        shrink: render an image smaller by this factor; it sees the same field.
+        sampler: `fixed(n)` for n x n fixed positions per pixel, or another sampler of Mitsuba.
+        shrink: Reduction of the image's size, with the same field.
 
     Raises:
-        InputError: if the sensor's pixels are not square, as this camera's are.
+        InputError: if the sensor's pixels are not square.
     """
     mi = backend.mitsuba()
     errors.in_interval(
@@ -101,12 +102,12 @@ def camera(
 
 
 def fixed(subpixels: int) -> dict[str, Any]:
-    """Sampler of n x n fixed positions a pixel, the same in every pixel and for every seed."""
+    """Sampler of n x n fixed positions per pixel, equal for all pixels and seeds."""
     return {"type": "stratified", "sample_count": subpixels**2, "jitter": False}
 
 
 def direct() -> Any:
-    """Integrator of direct light alone: one primary and one shadow ray a position."""
+    """Integrator of direct light: one primary and one shadow ray per position."""
     return backend.mitsuba().load_dict(
         {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True}
     )

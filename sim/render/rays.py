@@ -1,4 +1,4 @@
-"""Pinhole cameras as Dr.Jit values: rays through pixels, and what falls inside an image."""
+"""Poses and pinhole cameras as Dr.Jit values."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from starling.sim.sensor.sensor import Sensor
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
-    """A part's place in the world as opaque device values: moving it recompiles nothing."""
+class JitPose:
+    """World pose of a part as opaque device values, so that moving it recompiles nothing."""
 
     x: Any
     y: Any
@@ -21,35 +21,35 @@ class Placed:
     origin: Any
 
     @staticmethod
-    def of(world_from_part: Pose) -> Placed:
+    def from_pose(world_from_part: Pose) -> JitPose:
         x, y, z = (opaque("Vector3f", world_from_part[:3, i]) for i in range(3))
-        return Placed(x, y, z, opaque("Point3f", world_from_part[:3, 3]))
+        return JitPose(x, y, z, opaque("Point3f", world_from_part[:3, 3]))
 
     def local(self, point: Any) -> Any:
-        """World point to the part's frame."""
+        """Transform a world point to the part's frame."""
         dr = backend.drjit()
         offset = point - self.origin
         return type(offset)(dr.dot(self.x, offset), dr.dot(self.y, offset), dr.dot(self.z, offset))
 
 
 @dataclass(frozen=True, slots=True)
-class Camera:
+class JitCamera:
     """A pinhole camera in the world."""
 
     size: tuple[int, int]  # width, height [px]
     focal: Any  # Vector2f [px]
     centre: Any  # Vector2f [px]
-    place: Placed
+    place: JitPose
 
     def ray(self, pixel: Any) -> Any:
-        """Ray through image coordinates (pixel centres are integers)."""
+        """Ray through image coordinates; pixel centres are integers."""
         mi, dr = backend.mitsuba(), backend.drjit()
         slope = (pixel - self.centre) / self.focal
         direction = self.place.x * slope.x + self.place.y * slope.y + self.place.z
         return mi.Ray3f(self.place.origin, dr.normalize(direction))
 
     def sees(self, point: Any) -> Any:
-        """Whether a world point falls inside the image (occlusion aside)."""
+        """Whether a world point projects into the image, without occlusion."""
         local = self.place.local(point)
         pixel = self.focal * type(self.focal)(local.x, local.y) / local.z + self.centre
         width, height = self.size
@@ -58,22 +58,22 @@ class Camera:
 
 
 def opaque(kind: str, values: Any) -> Any:
-    """Make a Mitsuba value that kernels read as data, not as a constant."""
+    """Create a Mitsuba value that kernels read as data, not as a constant."""
     dr = backend.drjit()
     value = getattr(backend.mitsuba(), kind)(*(float(v) for v in values))
     dr.make_opaque(value)
     return value
 
 
-def cameras(sensor: Sensor, world_from_left: Pose) -> tuple[Camera, Camera]:
+def cameras(sensor: Sensor, world_from_left: Pose) -> tuple[JitCamera, JitCamera]:
     """The left and the right imager in the world."""
     focal = opaque("Vector2f", (sensor.fx_px, sensor.fy_px))
     centre = opaque("Vector2f", (sensor.cx_px, sensor.cy_px))
     size = (sensor.width, sensor.height)
     world_from_right = frames.right_of(world_from_left, sensor.baseline_m)
     return (
-        Camera(size, focal, centre, Placed.of(world_from_left)),
-        Camera(size, focal, centre, Placed.of(world_from_right)),
+        JitCamera(size, focal, centre, JitPose.from_pose(world_from_left)),
+        JitCamera(size, focal, centre, JitPose.from_pose(world_from_right)),
     )
 
 

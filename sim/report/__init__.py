@@ -1,1 +1,1 @@
-"""HTML elements that all reports share."""
+"""HTML elements shared by all reports."""

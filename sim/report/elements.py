@@ -1,4 +1,4 @@
-"""What the pages of a report are made of: tables, pictures, numbers, lists, as HTML."""
+"""HTML elements of a report: tables, figures, numbers and lists."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ MINUS = "\N{MINUS SIGN}"
 def table(
     head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1, total: bool = False
 ) -> str:
-    """A table that scrolls by itself where it is wider than the page.
+    """Build a table that scrolls if it is wider than the page.
 
     Args:
-        head: column titles.
-        rows: cells as HTML, each row as long as `head`.
-        words: columns of words from the left; the others hold numbers.
-        total: whether the last row sums up the others.
+        head: Column titles.
+        rows: Cells as HTML, each row as long as `head`.
+        words: Number of text columns on the left; the others hold numbers.
+        total: Whether the last row is a total.
     """
     sides = ["" if i < words else ' class="number"' for i in range(len(head))]
     titles = "".join(
@@ -31,9 +31,9 @@ def table(
     )
     body, sums = [], ' class="total"'
     for place, row in enumerate(rows, 1):
-        first, *others = row
+        first, *rest = row
         cells = "".join(
-            f"<td{side}>{cell}</td>" for cell, side in zip(others, sides[1:], strict=True)
+            f"<td{side}>{cell}</td>" for cell, side in zip(rest, sides[1:], strict=True)
         )
         last = total and place == len(rows)
         body.append(f'<tr{sums if last else ""}><th scope="row">{first}</th>{cells}</tr>')
@@ -44,18 +44,18 @@ def table(
 
 
 def number(value: float, digits: str = ".4g") -> str:
-    """A number with a real minus sign; a dash where it is unknown."""
+    """Format a number with a minus sign; a dash if it is not finite."""
     return format(value, digits).replace("-", MINUS) if math.isfinite(value) else NONE
 
 
 def sentences(texts: Iterable[str], none: str) -> str:
-    """A list that catches the eye, or what to say where there is nothing to list."""
+    """Build a highlighted list, or the paragraph `none` if it is empty."""
     listed = "".join(f"<li>{escape(text)}</li>" for text in texts)
     return f'<ul class="open">{listed}</ul>' if listed else f"<p>{none}</p>"
 
 
 def figure(png: bytes, caption: str, over: str = "", *, zoomed: bool = False) -> str:
-    """A picture with its caption as HTML, and HTML that lies over it; zoomed ones stay sharp."""
+    """Build a figure with an HTML caption and an HTML overlay; zoomed figures keep sharp pixels."""
     kind = ' class="zoomed"' if zoomed else ""
     return (
         f'<figure{kind}><span class="frame"><img src="{_source(png)}" alt="">{over}</span>'
@@ -68,15 +68,15 @@ def _source(png: bytes) -> str:
 
 
 def bar(scale: bytes, low: str, high: str) -> str:
-    """The scale of a picture's colours, a PNG, between the limits that it begins and ends with."""
+    """Build a colour bar from a PNG, between its lower and upper limits."""
     return f'<span class="bar">{low}<img src="{_source(scale)}" alt="">{high}</span>'
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names in a row of words."""
+    """Join names with commas."""
     return ", ".join(escape(name) for name in names) or "none"
 
 
 def counted(count: int, noun: str) -> str:
-    """A noun with its number: 1 room, 2 rooms."""
+    """Return a number with its noun: 1 room, 2 rooms."""
     return f"{count} {noun}{'' if count == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""How a report looks: inline style, light and dark as the reader's system is."""
+"""Inline style of reports, light or dark as the reader's system."""
 
 STYLE = """
 :root { color-scheme: light dark; --page: #fbfbfa; --card: #ffffff; --ink: #23262b;

@@ -1,9 +1,9 @@
-"""A library of near-infrared materials: reflectance at 850 nm, visible colour, and the source.
+"""A library of near-infrared materials: reflectance at 850 nm, visible colour, and source.
 
-`reflectance` is hemispherical; of a metal and a mirror it is Fresnel's at normal incidence, from
-the index at 850 nm. `rgb` is linear sRGB under D65. Roughnesses are assumed throughout. Numbers
-without a measurement that we could read say "assumed". The same table, with 830 and 940 nm where
-measured: docs/materials.md.
+`reflectance` is hemispherical. For metals and mirrors it is the Fresnel reflectance at normal
+incidence, from the index at 850 nm. `rgb` is linear sRGB under D65. All roughnesses are assumed.
+The source of other numbers without a published measurement is "assumed". docs/materials.md has
+the same table, with 830 and 940 nm where measured.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ _Rgb = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Entry:
-    """A material and where its reflectance comes from."""
+    """A material and the source of its reflectance."""
 
     material: Material
     source: str
 
 
 def normal_reflectance(n: float, k: float) -> float:
-    """Fresnel reflectance at normal incidence of index n + ik, seen from air.
+    """Fresnel reflectance at normal incidence of index n + ik in air.
 
     Raises:
-        InputError: if n is not above 0 or k below 0.
+        InputError: if n is not above 0, or k is below 0.
 
     Source: Born and Wolf, Principles of Optics, 7th ed., sec. 14.2.
     """
@@ -75,7 +75,7 @@ _JACQUEZ = "assumed; pigment matters below 1 um (Jacquez et al., J. Appl. Physio
 _CHART = "rgb of the ColorChecker's patch of that name (Ohta 1997)"
 
 _ENTRIES = (
-    # People and what they wear. Dyes that are black to the eye are clear in the near infrared.
+    # People and clothes. Many dyes that look black are transparent in the near infrared.
     _matt(
         "light skin",
         0.61,
@@ -88,7 +88,7 @@ _ENTRIES = (
     _matt("black dyed cloth", 0.35, (0.13, 0.13, 0.14), f"{_SPLIB} GDS436, black coated nylon"),
     _matt("red nylon", 0.53, (0.31, 0.02, 0.03), f"{_SPLIB} GDS431, ripstop"),
     _matt("blue nylon", 0.64, (0.02, 0.14, 0.43), f"{_SPLIB} GDS433, ripstop"),
-    # Rooms and what stands in them.
+    # Rooms and furniture.
     _matt("paper", 0.81, (0.80, 0.80, 0.78), f"{_SPLIB} PAPR1, cotton bond; rgb assumed"),
     _matt("cardboard", 0.5, (0.35, 0.24, 0.14), "assumed"),
     _matt("wood", 0.63, (0.45, 0.32, 0.21), f"{_SPLIB} GDS363, new pine"),
@@ -116,7 +116,7 @@ _ENTRIES = (
     _metal("copper", 0.276, 5.42, 0.15, (0.93, 0.62, 0.52), _JOHNSON_CU),
     _metal("mirror", 2.588, 8.169, 0.01, (0.91, 0.92, 0.92), f"aluminium, {_RAKIC}", kind="mirror"),
     _matt("rust", 0.16, (0.14, 0.08, 0.05), f"{_SPLIB} GDS378, rusted tin can"),
-    # What light goes through.
+    # Transparent materials.
     _glass("glass", 1.516, "soda-lime, Rubin, Solar Energy Mater. 12 (1985) 275"),
     _glass("water", 1.329, "Hale and Querry, Appl. Opt. 12 (1973) 555"),
     # Outdoors.
@@ -135,10 +135,10 @@ def names() -> list[str]:
 
 
 def named(name: str) -> Material:
-    """Look a material up.
+    """Return a material by name.
 
     Raises:
-        InputError: if there is none of that name; the known ones are listed, nearest first.
+        InputError: if the name is unknown; the message lists the known names, nearest first.
 
     Example:
         >>> named("cotton").reflectance
@@ -148,7 +148,7 @@ def named(name: str) -> Material:
 
 
 def entry(name: str) -> Entry:
-    """Look a material up with its source; refuses as `named` does."""
+    """Return a material with its source (errors as `named`)."""
     errors.one_of("material", name, LIBRARY)
     return LIBRARY[name]
 

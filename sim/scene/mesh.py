@@ -1,4 +1,4 @@
-"""A mesh file (PLY, OBJ, GLB) as a scene."""
+"""Scenes from mesh files (PLY, OBJ, GLB)."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _SURFACE = Material(name="unnamed", reflectance=0.5)
 
 
 def load(path: Path, sensor: Sensor, world_from_left: frames.Pose | None = None) -> Scene:
-    """Load a mesh in metres, y up (glTF's convention), diffuse, reflectance 0.5.
+    """Load a mesh in metres, y up (glTF's convention), as diffuse surfaces of reflectance 0.5.
 
     Args:
-        path: the file.
-        sensor: whose field the default view fits.
-        world_from_left: pose of the left imager; by default it looks at the middle from the
-            front (+z) and a little above, from where all of it is seen.
+        path: Mesh file.
+        sensor: Sensor whose field of view the default pose fits.
+        world_from_left: Pose of the left imager. The default looks from the front (+z) and above,
+            and sees the whole mesh.
 
     Raises:
-        InputError: missing, corrupt or empty file.
+        InputError: if the file is missing, corrupt or empty.
     """
     bodies = tuple(
         Body(name=name, mesh=solids.mesh(part, smooth=False), material=_SURFACE)
@@ -41,12 +41,12 @@ def load(path: Path, sensor: Sensor, world_from_left: frames.Pose | None = None)
 
 
 def parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
-    """Name and triangles of each part of a mesh file, placed in its frame.
+    """Name and triangles of each part of a mesh file, in the file's frame.
 
     Raises:
-        InputError: missing, corrupt or empty file.
+        InputError: if the file is missing, corrupt or empty.
     """
-    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # Its refusals are ours below.
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # Its errors are reported below.
     if not path.is_file():
         raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
     try:
@@ -58,7 +58,7 @@ def parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
             for mesh in [loaded.geometry[name]]
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
         ]
-    except Exception as error:  # trimesh raises what its parsers meet, of any type.
+    except Exception as error:  # The parsers of trimesh raise errors of any type.
         raise errors.refuse(
             "scene", "must be a mesh", path, f"It cannot be read: {error}"
         ) from None
@@ -68,9 +68,9 @@ def parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
 
 
 def _front(bodies: tuple[Body, ...], sensor: Sensor) -> frames.Pose:
-    """View from the front, 20 degrees above, that holds the bounding sphere.
+    """Pose in front, 20 degrees above, that sees the whole bounding sphere.
 
-    It keeps the distance that the sensor's range and search need.
+    The distance respects the sensor's nearest depth and its search range.
     """
     points = np.concatenate([body.mesh.vertices for body in bodies])
     low, high = points.min(axis=0), points.max(axis=0)

@@ -1,4 +1,4 @@
-"""A Mitsuba XML as a scene: its shapes and its first sensor's pose; its lights are not taken."""
+"""Scenes from Mitsuba XML files: shapes and the first sensor's pose, without lights."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from starling.sim.geometry import frames
 from starling.sim.render import backend
 from starling.sim.scene.scene import Ambient, Scene
 
-_WHOLE = ("instance", "shapegroup")  # Shapes that hold others, which no list of shapes can.
+_WHOLE = ("instance", "shapegroup")  # Shapes with child shapes, which are not supported.
 
 
 def load(path: Path) -> Scene:
-    """Load a Mitsuba 3 scene, y up, seen by its first sensor, else by Mitsuba's default one.
+    """Load a Mitsuba 3 scene, y up, at the pose of its first sensor or Mitsuba's default pose.
 
-    The projector and the ambient light replace all emitters of the file, lamps' shapes stay.
+    Projector and ambient light replace all emitters of the file. The shapes of lamps remain.
 
     Raises:
-        InputError: if the file is missing, cannot be loaded, holds no shapes, or instances.
+        InputError: if the file is missing, cannot be loaded, has no shapes, or has instances.
     """
     if not path.is_file():
         raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
@@ -43,7 +43,7 @@ def load(path: Path) -> Scene:
 
 
 def _without_lights(path: Path) -> Any:
-    """Load the file with every emitter taken out, also those that shapes carry."""
+    """Load the file without emitters, including those attached to shapes."""
     mi = backend.mitsuba()
     try:
         root = ElementTree.fromstring(path.read_bytes())
@@ -58,7 +58,7 @@ def _without_lights(path: Path) -> Any:
         for light in parent.findall("emitter"):
             parent.remove(light)
     resolver = mi.file_resolver()
-    resolver.prepend(str(path.parent.resolve()))  # Files that the XML names lie beside it.
+    resolver.prepend(str(path.parent.resolve()))  # Paths in the XML start at its folder.
     try:
         return mi.load_string(ElementTree.tostring(root, encoding="unicode"))
     except (RuntimeError, OSError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""A scene: bodies with near-infrared materials, ambient light, and where the camera stands."""
+"""A scene: bodies with near-infrared materials, lights, and the camera's pose."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Kind = Literal["diffuse", "glossy", "metal", "mirror", "glass"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Material:
-    """How a surface returns light at the laser's wavelength."""
+    """Reflection of a surface at the laser's wavelength."""
 
     name: str
     kind: Kind = "diffuse"
-    reflectance: float = 0.5  # Diffuse share (of a metal: at normal incidence), in [0, 1].
+    reflectance: float = 0.5  # Diffuse reflectance (of metals at normal incidence), in [0, 1].
     roughness: float = 0.1  # Microfacet slope (GGX alpha) of glossy and metal.
     ior: float = 1.5  # Refractive index of glass.
     rgb: tuple[float, float, float] | None = None  # Visible reflectance, linear; None is grey.
@@ -61,26 +61,26 @@ class Mesh:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Body:
-    """One thing of the scene."""
+    """A mesh with one material."""
 
     name: str
     mesh: Mesh
     material: Material
     texture: NDArray[np.float32] | None = None  # (h, w) reflectance that replaces the material's
-    # (h, w) ambient light over the scene's, as shadows and near lamps make it; None: 1 all over.
+    # (h, w) local ambient light over the scene's, due to shadows and near lamps; None: 1.
     ambient_share: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ambient:
-    """Light that is not the projector's: an unoccluded sky of radiance L0 (1 + g w . up).
+    """Ambient light: an unoccluded sky of radiance L0 (1 + g w . up) from direction w.
 
-    A diffuse surface of normal n receives pi L0 (1 + 2/3 g n . up) in closed form, so this
-    layer has no Monte-Carlo noise. Its power is counted at the laser's wavelength.
+    A diffuse surface of normal n receives pi L0 (1 + 2/3 g n . up). This closed form has no
+    Monte-Carlo noise. Power is the equivalent power at the laser's wavelength.
     """
 
-    irradiance_w_m2: float = 0.1  # pi L0, in the band that the imager passes [W m^-2].
-    gradient: float = 0.5  # g: 0 is the same from everywhere, 1 is dark from below.
+    irradiance_w_m2: float = 0.1  # pi L0 in the imager's band [W m^-2].
+    gradient: float = 0.5  # g: 0 is uniform, 1 is dark from below.
     up: tuple[float, float, float] = (0.0, -1.0, 0.0)  # Unit, world frame.
 
     def __post_init__(self) -> None:
@@ -92,9 +92,9 @@ class Ambient:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sun:
-    """Light from one direction, with sharp shadows: the real one's half degree is left out."""
+    """Directional light with sharp shadows; the sun's diameter of half a degree is ignored."""
 
-    irradiance_w_m2: float = 0.0  # On a surface that faces it, counted as ambient light is.
+    irradiance_w_m2: float = 0.0  # On a surface facing it; units as `Ambient` [W m^-2].
     towards: tuple[float, float, float] = (0.3, -0.9, -0.3)  # World frame, any length.
 
     def __post_init__(self) -> None:
@@ -105,19 +105,19 @@ class Sun:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Finish:
-    """How surfaces differ from what their materials say; the defaults change nothing.
+    """Changes of the surfaces relative to their materials; the defaults change nothing.
 
-    It acts on bodies of every kind but glass; of mirrors it moves the reflectance alone. Shapes
-    that come with their own BSDF (`Scene.shapes`) keep it.
+    A finish has no effect on glass. For mirrors it changes only the reflectance. Shapes with their
+    own BSDF (`Scene.shapes`) are unaffected.
     """
 
-    of: str = "*"  # Which bodies, by name; `*` and `?` stand for any letters.
-    reflectance_scale: float = 1.0  # Near-infrared reflectance over the material's (at most 1).
+    of: str = "*"  # Names of the bodies, with wildcards `*` and `?`.
+    reflectance_scale: float = 1.0  # Factor of the reflectance, which stays at most 1.
     gloss: float = 0.0  # Share of the surface that has a clear coat.
     metal: float = 0.0  # Share of the surface that is bare metal.
     roughness: float = 0.1  # Microfacet slope (GGX alpha) of coat and metal.
-    transparency: float = 0.0  # Share of light that goes straight through, as through a thin pane.
-    subsurface_m: float = 0.0  # Sigma over which light spreads inside before it returns [m].
+    transparency: float = 0.0  # Share of light that passes straight through, as in a thin pane.
+    subsurface_m: float = 0.0  # Sigma of light's spread inside the surface [m].
 
     def __post_init__(self) -> None:
         errors.in_interval("finish.reflectance_scale", self.reflectance_scale, 0.0, 20.0)
@@ -131,19 +131,19 @@ class Finish:
             )
 
     def touches(self, name: str) -> bool:
-        """Whether it acts on the body of this name."""
+        """Whether the finish acts on the body of this name."""
         return fnmatchcase(name, self.of)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Motion:
-    """Steady motion of the sensor during an exposure, in the left imager's frame.
+    """Steady motion of the sensor, in the left imager's frame at the middle of the exposure.
 
-    The frame is that of the middle of the exposure; the rig turns about the left imager.
+    Rotation is about the left imager.
     """
 
     velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    turn_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector a second.
+    turn_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector per second.
 
     def __post_init__(self) -> None:
         for value in self.velocity_m_s:
@@ -153,20 +153,20 @@ class Motion:
 
     @property
     def still(self) -> bool:
-        """Whether nothing moves."""
+        """Whether the sensor is at rest."""
         return not any((*self.velocity_m_s, *self.turn_deg_s))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ModelError:
-    """How far the scene stands from where, and how large, its model says.
+    """Error of the scene's position and scale relative to its model.
 
-    A point p of the model, in the left imager's frame, truly stands at s R p + t.
+    The true position of a model point p, in the left imager's frame, is s R p + t.
     """
 
-    scale: float = 1.0  # About the left imager.
-    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Of the scene, left frame.
-    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Of the scene about the left imager.
+    scale: float = 1.0  # s, about the left imager.
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # t, left frame [m].
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector of R [deg].
 
     def __post_init__(self) -> None:
         errors.in_interval("model_error.scale", self.scale, 0.5, 2.0)
@@ -178,25 +178,24 @@ class ModelError:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Scene:
-    """Everything a sensor looks at; the world frame is free, lengths are metres."""
+    """A complete scene. The world frame is arbitrary; lengths are in metres."""
 
     name: str
     bodies: tuple[Body, ...] = ()
-    shapes: tuple[Any, ...] = ()  # Mitsuba shapes, loaded, that are there beside the bodies.
+    shapes: tuple[Any, ...] = ()  # Loaded Mitsuba shapes, in addition to the bodies.
     ambient: Ambient = field(default_factory=Ambient)
     sun: Sun = field(default_factory=Sun)
-    # Another device's projector, posed in the left imager's frame: beside this device, as two
-    # cannot be in one place.
+    # Another device's projector in the left imager's frame, by default at a plausible distance.
     other_projector: Projector = field(
         default_factory=lambda: Projector(power_w=0.0, position_m=(0.2, 0.0, 0.0))
     )
     finish: Finish = field(default_factory=Finish)
-    interreflection: float = 0.0  # Strength of light of two bounces and more: 1 is physical.
+    interreflection: float = 0.0  # Strength of light with two or more bounces; 1 is physical.
     motion: Motion = field(default_factory=Motion)
     model_error: ModelError = field(default_factory=ModelError)
     world_from_left: Pose = field(default_factory=lambda: np.eye(4))
-    # A ray from the projector counts as arrived when it ends this share of its length short:
-    # surfaces measured with noise would otherwise shadow themselves.
+    # Shadow rays end this share of their length before the surface, since surfaces measured with
+    # noise would otherwise shadow themselves.
     shadow_tolerance: float = 1e-3
 
     def __post_init__(self) -> None:

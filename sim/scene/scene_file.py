@@ -1,7 +1,7 @@
-"""What `scene.toml` says of a captured scene: geometry and pose known apart from the camera.
+"""Reading and writing of `scene.toml`: independently known geometry and pose of a capture.
 
-Reference depth is measured through a camera's own focal length; a mesh, or a builtin scene, seen
-from a known pose is not. Example of a file:
+Reference depth depends on a camera's focal length. A mesh or a builtin scene at a known pose does
+not. Example of a file:
 
     scene = "table.ply"
     left_from_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.8], [0, 0, 0, 1]]
@@ -32,16 +32,16 @@ FILE = "scene.toml"
 _Row = tuple[float, float, float, float]
 Rows = tuple[_Row, _Row, _Row, _Row]  # A 4x4 matrix, row by row.
 
-_ROUNDING = 1e-6  # By which the rows of a rotation may miss being orthonormal.
-_FARTHEST_M = 1e7  # World coordinates of maps stay below.
+_ROUNDING = 1e-6  # Tolerance of a rotation's orthonormality.
+_FARTHEST_M = 1e7  # Limit of the shift; world coordinates of maps are smaller [m].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class KnownMaterial:
-    """Near-infrared reflectance of some bodies, where it is known."""
+    """Known near-infrared reflectance of some bodies."""
 
-    body: str  # Which, by name; `*` and `?` stand for any letters.
-    reflectance: float  # In [0, 1], as `starling.sim.scene.scene.Material` means it.
+    body: str  # Names of the bodies, with wildcards `*` and `?`.
+    reflectance: float  # In [0, 1], as in `starling.sim.scene.scene.Material`.
 
     def __post_init__(self) -> None:
         if not self.body:
@@ -53,11 +53,11 @@ class KnownMaterial:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SceneFile:
-    """Which geometry stands before the camera, and where the camera stands."""
+    """Geometry of a captured scene, and the camera's pose."""
 
     scene: str  # A builtin name, a mesh or a Mitsuba XML; paths start at the scene's folder.
-    left_from_world: Rows  # Rigid, metres; world is the frame of the geometry.
-    materials: tuple[KnownMaterial, ...] = ()  # Of several for one body, the last holds.
+    left_from_world: Rows  # Rigid, metres; the world is the geometry's frame.
+    materials: tuple[KnownMaterial, ...] = ()  # The last match of a body applies.
 
     def __post_init__(self) -> None:
         if not self.scene.strip() or "\0" in self.scene:
@@ -76,14 +76,14 @@ def read(path: Path) -> SceneFile:
     """Read `scene.toml`.
 
     Raises:
-        InputError: if it is missing or no TOML, lacks a key, has an unknown one, or holds a value
-            that cannot be: a pose that is not rigid, a reflectance outside [0, 1].
+        InputError: if the file is missing or not TOML, or if a key is missing or unknown. Also if
+            the pose is not rigid, or a reflectance is outside [0, 1].
     """
     return toml_file.read(path, _from_table)
 
 
 def dumps(file: SceneFile) -> str:
-    """Write it as TOML text that `read` reads back equal."""
+    """Return TOML text that `read` reads back equal."""
     table = structure.to_table(file)
     materials = [structure.to_table(material) for material in file.materials]
     if not materials:
@@ -106,9 +106,9 @@ def _from_table(table: Mapping[str, Any]) -> SceneFile:
 
 
 def _check_rigid(pose: Pose) -> None:
-    """Refuse what is no rotation and shift: `[R t; 0 0 0 1]`, R orthonormal, determinant +1."""
+    """Refuse a pose that is not `[R t; 0 0 0 1]` with R orthonormal of determinant +1."""
     rotation = pose[:3, :3]
-    # No entry of a rotation exceeds 1; larger ones, whose squares may overflow, go no further.
+    # No entry of a rotation exceeds 1. The squares of larger entries may overflow.
     bounded = bool(np.abs(rotation).max() <= 1 + _ROUNDING)
     if not bounded or np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROUNDING:
         raise errors.refuse(

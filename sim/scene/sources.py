@@ -1,4 +1,4 @@
-"""Scenes by word: a builtin name, a mesh, a Mitsuba XML or a real capture."""
+"""Loading of scenes by specifier: builtin name, mesh, Mitsuba XML or real capture."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
 
 
-def load(word: str, sensor: Sensor) -> Scene:
-    """Load the scene that a word names.
+def load(specifier: str, sensor: Sensor) -> Scene:
+    """Load the scene of a specifier.
 
     Args:
-        word: `wall`, `staircase`, `tabletop`, `clutter` or `room`, each also as NAME:NUMBER (a
-            distance in metres or a seed); a `.ply`, `.obj` or `.glb` file; a Mitsuba `.xml`; or one
-            scene's folder of a capture set.
-        sensor: whose field a mesh's default view fits.
+        specifier: One of the following. A builtin name: `wall`, `staircase`, `tabletop`, `clutter`
+            or `room`, also as NAME:NUMBER with a distance in metres or a seed. A mesh file: `.ply`,
+            `.obj` or `.glb`. A Mitsuba `.xml`. The folder of a scene in a capture set.
+        sensor: Sensor whose field of view a mesh's default pose fits.
 
     Raises:
-        InputError: if the word names nothing of these, or what it names is refused.
+        InputError: if the specifier is unknown, or the scene is refused.
     """
     from starling.sim.scene import mesh, mitsuba_xml
     from starling.sim.scene.builtin import scenes
     from starling.sim.scene.captured import captured_scene
 
-    name, _, number = word.partition(":")
+    name, _, number = specifier.partition(":")
     if name in scenes.BUILTIN:
         return scenes.named(name, number)
-    path = Path(word)
+    path = Path(specifier)
     if path.suffix.lower() in mesh.SUFFIXES:
         return mesh.load(path, sensor)
     if path.suffix.lower() == ".xml":
@@ -36,8 +36,11 @@ def load(word: str, sensor: Sensor) -> Scene:
     if path.is_dir():
         return captured_scene.load(path, sensor)
     known = f"Builtin: {', '.join(scenes.BUILTIN)}; meshes: {', '.join(mesh.SUFFIXES)}."
-    if not path.exists() and "/" not in word:
+    if not path.exists() and "/" not in specifier:
         errors.one_of("scene", name, scenes.BUILTIN)
     raise errors.refuse(
-        "scene", "must be a builtin name, a mesh, a Mitsuba XML or a capture", repr(word), known
+        "scene",
+        "must be a builtin name, a mesh, a Mitsuba XML or a capture",
+        repr(specifier),
+        known,
     )

@@ -1,4 +1,4 @@
-"""The colour camera beside the infrared pair."""
+"""The colour camera next to the infrared pair."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from starling.patterns import errors
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Colour:
-    """A pinhole colour camera, posed in the left imager's frame; no projector lights it."""
+    """A pinhole colour camera in the left imager's frame; it does not see projector light."""
 
     width: int  # [px]
     height: int  # [px]
@@ -19,7 +19,7 @@ class Colour:
     cy_px: float
     position_m: tuple[float, float, float] = (-0.015, 0.0, 0.0)  # In the left imager's frame [m].
     rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector [deg].
-    level: float = 0.45  # Mean of the picture that its auto exposure aims at, of full scale.
+    level: float = 0.45  # Auto exposure target: mean of the picture, as a share of full scale.
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):

@@ -1,4 +1,4 @@
-"""Edits of a sensor by dotted path, as text or as values."""
+"""Edits of a sensor by dotted path, given as text or as values."""
 
 from __future__ import annotations
 
@@ -16,17 +16,16 @@ _BARE_WORD = re.compile(r"[A-Za-z_][\w./-]*")
 
 
 def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
-    """Apply edits in order; only what comes out at the end must be a possible sensor.
+    """Apply edits in order. Only the final sensor must be valid, not the intermediate ones.
 
     Args:
-        sensor: what to edit.
-        edits: `PATH=VALUE` each: a dotted path to a field and a TOML value (a bare word is text).
-            `imager.X` edits both imagers, `PATH.x` one component of three;
-            `matcher.setting` takes a stock setting by its name.
+        sensor: Sensor to edit.
+        edits: Edits of the form `PATH=VALUE`: a dotted path to a field, and a TOML value. A bare
+            word is text. `imager.X` edits both imagers, `PATH.x` one component of three.
+            `matcher.setting` loads a stock setting by name.
 
     Raises:
-        InputError: an edit that is no `PATH=VALUE`, an unknown path, a path to a whole table,
-            a refused value, or a pattern where every emitter has its own.
+        InputError: for an edit that is not `PATH=VALUE`, or as `with_values`.
 
     Example:
         >>> apply(sensors.load("d435"), ["projector.power_w=0.2"]).projector.power_w
@@ -39,8 +38,8 @@ def with_values(sensor: Sensor, values: Iterable[tuple[str, Any]]) -> Sensor:
     """Set fields in order, as `apply` does, by (path, value).
 
     Raises:
-        InputError: an unknown path, a path to a whole table, a refused value, or a pattern where
-            every emitter has its own.
+        InputError: for an unknown path, a path to a whole table, a refused value, or a pattern
+            when all emitters have their own.
     """
     table, values = structure.to_table(sensor), list(values)
     for path, value in values:
@@ -61,9 +60,9 @@ def with_values(sensor: Sensor, values: Iterable[tuple[str, Any]]) -> Sensor:
 
 
 def _refuse_hidden_pattern(sensor: Sensor, values: Mapping[str, Any]) -> None:
-    """Refuse a pattern that nothing would show: every emitter has one of its own."""
+    """Refuse a pattern without effect because all emitters have their own."""
     emitters = sensor.projector.emitters
-    if "projector.pattern" in values and emitters and all(one.pattern for one in emitters):
+    if "projector.pattern" in values and emitters and all(emitter.pattern for emitter in emitters):
         raise errors.refuse(
             "projector.pattern",
             "must not be set where every emitter has its own",
@@ -81,7 +80,7 @@ def _stock_matcher(name: Any) -> matcher.Matcher:
 
 
 def _as_typed(message: str, paths: Iterable[str]) -> str:
-    """Say `imager` where `left` was not typed: an edit of both fails at the left one first."""
+    """Replace `left` by `imager` in a message if the user edited `imager`."""
     heads = {path.partition(".")[0] for path in paths}
     if "imager" not in heads or "left" in heads:
         return message
@@ -89,17 +88,17 @@ def _as_typed(message: str, paths: Iterable[str]) -> str:
 
 
 def _set(table: dict[str, Any], path: str, value: Any, *, typed: str) -> None:
-    """Set one key; unknown keys are refused with the whole table."""
+    """Set one key. `from_table` refuses unknown keys later."""
     *folders, last = path.split(".")
     for depth, name in enumerate(folders, 1):
         holder, table = table, table.setdefault(name, {})
         if isinstance(table, list) and depth == len(folders) and last in _AXES[: len(table)]:
-            # Copied: both imagers may come from one list.
+            # A copy, because both imagers may share one list.
             holder[name] = [
                 value if axis == last else old for axis, old in zip(_AXES, table, strict=False)
             ]
             return
-        if isinstance(table, list) and table and all(isinstance(one, dict) for one in table):
+        if isinstance(table, list) and table and all(isinstance(item, dict) for item in table):
             number = folders[depth] if depth < len(folders) else last
             known = [str(i) for i in range(len(table))]
             errors.one_of(f"number in {'.'.join(folders[:depth])}", number, known)
@@ -113,7 +112,7 @@ def _set(table: dict[str, Any], path: str, value: Any, *, typed: str) -> None:
                 ".".join(folders[:depth]), "has no fields", f".{rest}", "Drop the last part."
             )
     old = table.get(last)
-    if isinstance(old, Mapping):  # It would bring back the defaults of all that it leaves out.
+    if isinstance(old, Mapping):  # A table would reset its missing fields to the defaults.
         raise errors.refuse(
             typed,
             "must be set field by field",
@@ -121,7 +120,7 @@ def _set(table: dict[str, Any], path: str, value: Any, *, typed: str) -> None:
             f"Its fields: {', '.join(f'{typed}.{field}' for field in old)}.",
         )
     if folders and last == "kind" and value != old:
-        table.clear()  # Another kind has other fields; they start from their defaults.
+        table.clear()  # The fields of another kind start from their defaults.
     table[last] = value
 
 
@@ -134,7 +133,7 @@ def _parse(edit: str) -> tuple[str, Any]:
     try:
         table = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):
-        if _BARE_WORD.fullmatch(text):  # The shell has eaten the quotes.
+        if _BARE_WORD.fullmatch(text):  # The shell removes quotes.
             return path, text
         table = {}
     if list(table) != ["value"]:

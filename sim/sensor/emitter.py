@@ -9,12 +9,12 @@ from starling.patterns import errors
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Emitter:
-    """One laser with its optics, posed in the projector's frame; it throws a pattern of its own."""
+    """One laser with its optics and pattern, posed in the projector's frame."""
 
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # In the projector's frame [m].
     rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector [deg].
-    pattern: str = ""  # As the projector's, whose own stands in where this is empty.
-    power_share: float = 1.0  # Its part of the projector's power, over the sum of all emitters'.
+    pattern: str = ""  # As `Projector.pattern`, which is used if this is empty.
+    power_share: float = 1.0  # Weight of its power; normalised over all emitters.
 
     def __post_init__(self) -> None:
         name = "projector.emitters"

@@ -1,11 +1,11 @@
-"""One near-infrared imager: its lens, its alignment and its electronics."""
+"""One near-infrared imager: lens, alignment and electronics."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 from starling.patterns import errors
-from starling.patterns.whole import whole
+from starling.patterns.errors import whole_number
 from starling.sim.sensor.lens import Alignment, Lens
 
 BIT_DEPTHS = (8, 10, 12, 16)
@@ -19,27 +19,27 @@ class Imager:
     alignment: Alignment = field(default_factory=Alignment)
     exposure_s: float = 8.5e-3  # Integration time with auto exposure off [s].
     gain: float = 1.0  # Analog gain, times the base conversion.
-    auto_exposure_level: float = 0.0  # Mean signal auto exposure aims at, of full scale; 0 is off.
-    auto_exposure_max_s: float = 33e-3  # Longest exposure auto exposure takes [s].
-    rolling_shutter_s: float = 0.0  # From the first row's exposure to the last's [s]; 0 is global.
+    auto_exposure_level: float = 0.0  # Auto exposure target: mean signal over full scale; 0 is off.
+    auto_exposure_max_s: float = 33e-3  # Longest exposure time of auto exposure [s].
+    rolling_shutter_s: float = 0.0  # Delay from the first to the last row [s]; 0 is global.
     quantum_efficiency: float = 1.0  # Electrons per photon at the laser's wavelength.
     pixel_pitch_m: float = 3.0e-6  # Side of a pixel's light-collecting square [m].
     full_well_e: float = 1.0e4  # Electrons that fill the scale at gain 1.
     crosstalk: float = 0.0  # Share of a pixel's charge that ends in its four neighbours.
-    prnu: float = 0.0  # Standard deviation of the pixels' sensitivities, of the mean; fixed.
+    prnu: float = 0.0  # Standard deviation / mean of the pixels' sensitivities; fixed.
     dark_current_e_s: float = 0.0  # Mean dark current [electrons / s].
     dsnu_e: float = 0.0  # Standard deviation of the pixels' offsets [electrons]; fixed.
     column_noise_e: float = 0.0  # Standard deviation of the columns' offsets [electrons]; fixed.
-    row_noise_e: float = 0.0  # Likewise of the rows' [electrons]; each frame anew.
+    row_noise_e: float = 0.0  # Standard deviation of the rows' offsets [electrons]; new per frame.
     hot_pixels: float = 0.0  # Share of pixels that are always full; fixed.
     shot_noise: float = 0.0  # Share of the Poisson deviation: 0 none, 1 physical.
     read_noise_e: float = 0.0  # RMS at the pixel [electrons].
     blooming: float = 0.0  # Share of the charge above the full well that spills along the column.
-    smoothing_px: float = 0.0  # Sigma of the averaging by which the device resamples [px].
+    smoothing_px: float = 0.0  # Sigma of the blur by the device's resampling [px].
     gamma: float = 1.0  # Level = ceiling (signal / ceiling)^(1 / gamma) + black level.
     black_level_dn: float = 0.0  # Pedestal [DN].
-    bit_depth: int = 16  # Bits of the images put out; DN are their codes.
-    dropped_bits: int = 0  # Finer bits that the converter has and the matcher reads.
+    bit_depth: int = 16  # Bits of the output images; DN are their codes.
+    dropped_bits: int = 0  # Finer bits of the converter, which only the matcher reads.
 
     def __post_init__(self) -> None:
         for name, high in _ABOVE_ZERO.items():
@@ -57,22 +57,22 @@ class Imager:
                 repr(self.bit_depth),
                 "Real depth cameras have 8 or 10.",
             )
-        whole("imager.dropped_bits", self.dropped_bits, 0, 8)
+        whole_number("imager.dropped_bits", self.dropped_bits, 0, 8)
         errors.in_interval("imager.black_level_dn", self.black_level_dn, 0.0, self.ceiling_dn / 2)
 
     @property
     def ceiling_dn(self) -> int:
-        """Highest code that is put out [DN]."""
+        """Highest output code [DN]."""
         return 2**self.bit_depth - 1
 
     @property
     def matched_bits(self) -> int:
-        """Bits of the converter, which the matcher reads; no more than 16."""
+        """Bits of the converter, which the matcher reads; at most 16."""
         return min(self.bit_depth + self.dropped_bits, 16)
 
     @property
     def saturation_dn(self) -> int:
-        """Code that a full pixel gives: the ceiling, or less at a gain below 1 [DN]."""
+        """Code of a full pixel [DN]: the ceiling, or less at a gain below 1."""
         share = self.gain ** (1 / self.gamma)
         return min(self.ceiling_dn, round(self.ceiling_dn * share + self.black_level_dn))
 
@@ -82,14 +82,14 @@ class Imager:
         return self.gain * self.ceiling_dn / self.full_well_e
 
 
-_ABOVE_ZERO = {  # Highest admitted values of what is never 0: beyond is another unit.
+_ABOVE_ZERO = {  # Upper limits of fields > 0; larger values are in a wrong unit.
     "exposure_s": 10.0,
     "auto_exposure_max_s": 10.0,
     "gain": 1e3,
     "pixel_pitch_m": 1e-3,
     "full_well_e": 1e7,
 }
-_FROM_ZERO = {  # Highest admitted values of what is neutral at 0.
+_FROM_ZERO = {  # Upper limits of fields that are neutral at 0.
     "rolling_shutter_s": 1.0,
     "crosstalk": 0.5,
     "prnu": 0.5,

@@ -1,4 +1,4 @@
-"""The lens before an imager, and how far rectification leaves its image off."""
+"""The lens of an imager, and its alignment error after rectification."""
 
 from __future__ import annotations
 
@@ -9,19 +9,23 @@ from starling.patterns import errors
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Lens:
-    """Lens and band-pass filter. The defaults of what departs from ideal are neutral."""
+    """Lens and band-pass filter. The defaults of all aberrations are neutral."""
 
     f_number: float = 2.0  # Aperture number.
-    transmission: float = 1.0  # Of lens and filter on the axis, at the middle of the band.
+    transmission: float = 1.0  # Transmission of lens and filter on the axis, at the band centre.
     blur_px: float = 0.0  # Sigma of the Gaussian spot [px].
-    corner_blur_px: float = 0.0  # Sigma added in quadrature at half the diagonal, as radius [px].
+    corner_blur_px: float = (
+        0.0  # Sigma added in quadrature, linear in the radius, at half the diagonal [px].
+    )
     defocus_px_m: float = 0.0  # Sigma [px] per |1/z - 1/focus_m| [1/m]: f^2 / (4 N pitch).
     focus_m: float = 1.0  # Distance in focus [m].
-    vignetting: float = 0.0  # Exponent n of cos^n of the angle off the axis; nature's is 4.
+    vignetting: float = (
+        0.0  # Exponent n of cos^n of the angle off the axis; natural vignetting has 4.
+    )
     filter_width_nm: float = 0.0  # Band-pass, full width at half maximum [nm]; 0 is no filter.
-    filter_centre_nm: float = 850.0  # Its centre on the axis [nm].
-    filter_index: float = 2.0  # Its effective index: how little it shifts with the angle.
-    veil: float = 0.0  # Share of the image's mean light that is spread over all of it (glare).
+    filter_centre_nm: float = 850.0  # Centre of the band on the axis [nm].
+    filter_index: float = 2.0  # Effective index; a larger one shifts less with the angle.
+    veil: float = 0.0  # Veiling glare: share of the mean light that is spread over the image.
 
     def __post_init__(self) -> None:
         errors.positive("lens.f_number", self.f_number)
@@ -41,11 +45,12 @@ class Lens:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Alignment:
-    """What rectification leaves over: where the image of a point lands, off from where it should.
+    """Residual alignment error of an imager after rectification.
 
-    Positive offsets move the image right and down. Angles turn the imager about its own axes by
-    the right-hand rule (OpenCV frame: pitch about x, yaw about y, roll about z): it looks up, looks
-    right, and turns clockwise; so its image moves down, left, and turns counter-clockwise.
+    Positive offsets move the image right and down. Angles rotate the imager about its own axes by
+    the right-hand rule (OpenCV frame: pitch about x, yaw about y, roll about z). With positive
+    angles the imager looks up, looks right, and turns clockwise. Its image then moves down, moves
+    left, and turns counter-clockwise.
     """
 
     offset_x_px: float = 0.0  # [px]
@@ -53,9 +58,9 @@ class Alignment:
     roll_deg: float = 0.0  # [deg]
     pitch_deg: float = 0.0  # [deg]
     yaw_deg: float = 0.0  # [deg]
-    magnification: float = 1.0  # Focal length over what the intrinsics say.
-    distortion_px: float = 0.0  # Shift outwards at half the diagonal, cubic in the radius [px].
-    # Shift right by cells of an even grid over the image, rows from the top [px]; () is none.
+    magnification: float = 1.0  # Focal length over that of the intrinsics.
+    distortion_px: float = 0.0  # Outward shift at half the diagonal, cubic in the radius [px].
+    # Rightward shift per cell of an even grid over the image, rows from the top [px]; () is none.
     warp_px: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:

@@ -1,7 +1,7 @@
-"""Settings of the stereo matcher: which engine, how far it searches, what it refines and refuses.
+"""Settings of the stereo matcher: engine, search range, refinement and checks.
 
-Plain frozen numbers only: nothing here computes, `starling.sim.stereo.matching` does. The thresholds of `Checks`
-and `Refinement` are single numbers, so that a table of effects can move each of them.
+`starling.sim.stereo.matching` implements them. Each threshold is a single number, so that an
+effect can change it.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import Literal
 
 from starling.patterns.errors import in_interval, one_of, refuse
 
-FIXED_POINT = 16  # OpenCV's disparities come in steps of 1/16 px; its search is a multiple of it.
-MOST_BITS = 100.0  # Highest penalty of the own engine: dearer than any disparity, so no jump.
+FIXED_POINT = 16  # OpenCV: disparities in 1/16 px, search range in multiples of 16.
+MOST_BITS = 100.0  # Highest penalty of CensusSemiGlobal; it exceeds any cost, so nothing jumps.
 
 
 def _odd(name: str, value: int, low: int, high: int) -> None:
@@ -56,7 +56,7 @@ class SemiGlobalBlock:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Block:
-    """OpenCV's StereoBM: sum of absolute differences over a block, the best one taken."""
+    """OpenCV's StereoBM: winner takes all by the sum of absolute differences over a block."""
 
     block_px: int = 15  # Side of the block.
     prefilter_cap: int = 31  # Clip of the horizontal derivative.
@@ -70,24 +70,25 @@ class Block:
 class CensusSemiGlobal:
     """Census + absolute difference, averaged over a cross-shaped support, then scanlines.
 
-    Cost of a pixel pair = bits that differ in the census [bit] + weighted, clipped absolute
-    difference [bit]. It is averaged over the support, which ends where the brightness steps: a
-    surface that looks different is likely another one. Penalties are in bits too, so that they do
-    not depend on the support's size. Brightness is in DN on the scale of 8 bits, whatever the
-    image's depth. Source of the scheme: Mei et al. 2011, AD-Census; Hirschmueller 2008, SGM.
+    Cost of a pixel pair [bit] = Hamming distance of the census + weighted, clipped absolute
+    difference. The cost is averaged over a support that ends at brightness steps, which often
+    separate surfaces. Penalties are in bits too, so they do not depend on the support's size.
+    Brightness is in DN of an 8-bit image at any bit depth.
+
+    Source: Mei et al. 2011, AD-Census; Hirschmueller 2008, SGM.
     """
 
-    census_px: int = 9  # Side of the census window; every second pixel of it is compared.
+    census_px: int = 9  # Side of the census window; every second pixel is compared.
     presmooth_px: float = 0.6  # Standard deviation of the Gaussian before the census [px].
-    tolerance_dn: float = 0.2  # A neighbour counts as darker only by more than this [DN].
+    tolerance_dn: float = 0.2  # Least difference for a neighbour to count as darker [DN].
     difference_weight: float = 0.125  # Cost of one DN of absolute difference [bit/DN].
-    difference_cap_dn: float = 8.0  # Differences count no further than this [DN].
+    difference_cap_dn: float = 8.0  # Upper limit of the absolute difference [DN].
     support_px: int = 11  # Largest side of the support.
-    arm_step_dn: float = 6.0  # It ends where the left image differs by more than this [DN].
+    arm_step_dn: float = 6.0  # The support ends at larger differences in the left image [DN].
     small_penalty: float = 12.0  # P1, for a step of one disparity [bit].
     large_penalty: float = 48.0  # P2, for a larger step [bit].
-    second_peak: float = 0.0  # The second best must cost this much more [bit, sum of paths].
-    neighbour_peak: float = 0.0  # So must a disparity next to the best [bit, sum of paths].
+    second_peak: float = 0.0  # Least extra cost of the second-best disparity [bit, sum of paths].
+    neighbour_peak: float = 0.0  # Least extra cost next to the best [bit, sum of paths].
 
     def __post_init__(self) -> None:
         _odd("census_px", self.census_px, 3, 11)
@@ -122,14 +123,14 @@ Engine = SemiGlobalBlock | Block | CensusSemiGlobal
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Refinement:
-    """What is done to the disparities after the winner is known. A filter of 0 or 1 px is off."""
+    """Refinement of the winning disparities. A filter of 0 or 1 px is off."""
 
-    median_px: int = 0  # Side of the median filter on all winners: 0, 3 or 5.
-    smooth_px: int = 0  # Columns of the window of the jump-preserving mean, odd or 0.
-    smooth_rows_px: int = 31  # Its rows at most, odd; never more than columns.
-    smooth_step_px: float = 2.0  # Neighbours further off than this stay out of the mean [px].
-    locking_px: float = 0.0  # Amplitude of a pull that has a whole pixel's period [px].
-    quantum_px: float = 0.0  # Disparities are rounded to multiples of this [px]; 0 = not at all.
+    median_px: int = 0  # Side of the median filter on the winners: 0, 3 or 5.
+    smooth_px: int = 0  # Width of the jump-preserving mean, odd or 0.
+    smooth_rows_px: int = 31  # Largest height of that window, odd; at most its width.
+    smooth_step_px: float = 2.0  # Neighbours with a larger difference are excluded [px].
+    locking_px: float = 0.0  # Amplitude of pixel locking, which has a period of 1 px [px].
+    quantum_px: float = 0.0  # Disparity step of the output [px]; 0 = no rounding.
 
     def __post_init__(self) -> None:
         if self.median_px not in (0, 3, 5):
@@ -144,16 +145,16 @@ class Refinement:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Checks:
-    """What a match must pass. The neutral value of every check lets everything through."""
+    """Checks of a match. The default of each check accepts all matches."""
 
-    uniqueness: float = 0.0  # The second best must cost this much more [percent]; 0 = off.
-    left_right_px: float = 1024.0  # Largest difference of the two views' disparities [px].
-    left_right_mean_px: int = 0  # Jump-preserving mean both take before; 0 = whole px compared.
-    texture_dn: float = 0.0  # Least standard deviation in the left window [DN of 8 bits]; 0 = off.
+    uniqueness: float = 0.0  # Least extra cost of the second-best disparity [percent]; 0 = off.
+    left_right_px: float = 1024.0  # Largest left-right difference of the disparities [px].
+    left_right_mean_px: int = 0  # Side of a jump-preserving mean before it; 0 = whole px compared.
+    texture_dn: float = 0.0  # Least deviation in the left window [DN of 8 bits]; 0 = off.
     jump_px: float = 1024.0  # Largest range of disparities in 3x3 pixels [px].
-    speckle_count: int = 0  # Islands of up to so many pixels are removed; 0 = off.
-    speckle_step_px: float = 1.0  # Neighbours further apart than this are two islands [px].
-    border_px: float = 0.0  # Least distance of a match from the other image's first column [px].
+    speckle_count: int = 0  # Islands of at most this many pixels are removed; 0 = off.
+    speckle_step_px: float = 1.0  # A larger step separates two islands [px].
+    border_px: float = 0.0  # Least distance of a match from the right image's first column [px].
 
     def __post_init__(self) -> None:
         in_interval("uniqueness", self.uniqueness, 0.0, 100.0)
@@ -169,11 +170,11 @@ class Checks:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Matcher:
-    """A whole matcher. Disparity = x_left - x_right is searched in [min, min + search - 1]."""
+    """A complete matcher. It searches x_left - x_right in [min, min + search - 1]."""
 
     engine: Engine = field(default_factory=CensusSemiGlobal)
-    min_disparity_px: int = 0  # The devices call it disparity shift.
-    search_px: int = 128  # Count of disparities, a multiple of 16 up to 256.
+    min_disparity_px: int = 0  # RealSense devices call it disparity shift.
+    search_px: int = 128  # Number of disparities, a multiple of 16 up to 256.
     refinement: Refinement = field(default_factory=Refinement)
     checks: Checks = field(default_factory=Checks)
 
@@ -197,13 +198,13 @@ FAST = Matcher(
     engine=SemiGlobalBlock(),
     checks=Checks(uniqueness=10.0, left_right_px=1.0, speckle_count=100, speckle_step_px=2.0),
 )
-"""OpenCV's semi-global matcher as everybody runs it: quick, and not what a device does."""
+"""OpenCV's semi-global matcher with common settings: fast, but unlike a device's matcher."""
 
 D4XX = Matcher(
     engine=CensusSemiGlobal(),
     refinement=Refinement(median_px=5, smooth_px=15, smooth_step_px=2.0, quantum_px=1 / 32),
     checks=Checks(
-        left_right_px=0.75,  # The device's 24, read as 1/32 px.
+        left_right_px=0.75,  # The device's threshold of 24, read as 1/32 px.
         left_right_mean_px=9,
         texture_dn=0.1,
         jump_px=5.0,
@@ -211,26 +212,27 @@ D4XX = Matcher(
         speckle_step_px=1.0,
     ),
 )
-"""The RealSense D4 family's matcher, from its own infrared pairs: docs/decisions/0003-matcher.md.
+"""The RealSense D4 family's matcher, tuned on its infrared pairs (docs/design/matcher.md).
 
-Search: 126 disparities in the device (librealsense issue 2885), 128 here, the ends refused.
+The device searches 126 disparities (librealsense issue 2885). Here the search has 128 disparities,
+and matches at both ends are refused.
 """
 
 KINECT = Matcher(
     engine=CensusSemiGlobal(
-        census_px=3,  # A wider one would widen the window.
+        census_px=3,  # A wider census would widen the matching window.
         presmooth_px=0.0,
-        difference_weight=0.0,  # The reference's contrast is not the image's.
+        difference_weight=0.0,  # The contrasts of reference and image differ.
         support_px=9,
-        arm_step_dn=255.0,  # A plain square.
+        arm_step_dn=255.0,  # The support is a full square.
         small_penalty=0.0,
         large_penalty=0.0,
     ),
-    # Without it the fit pulls by 0.075 px; the device's depth shows no such pull.
+    # Cancels pixel locking of 0.075 px by the fit, which the device's depth does not show.
     refinement=Refinement(locking_px=-0.1, quantum_px=1 / 8),
     checks=Checks(uniqueness=8.0, left_right_px=1.0, speckle_count=60, speckle_step_px=1.0),
 )
-"""A structured-light camera's local window and eighths of a pixel.
+"""A structured-light camera's matcher: local window, disparities in 1/8 px.
 
 Window 9 px and 1/8 px: Konolige and Mihelich, Technical description of Kinect calibration, 2011.
 The thresholds are assumed: docs/decisions/0015-structured-light.md.
@@ -240,15 +242,15 @@ _NAMED = {"fast": FAST, "d4xx": D4XX, "kinect": KINECT}
 
 
 def names() -> tuple[str, ...]:
-    """Names that `named` knows, sorted."""
+    """List the stock settings."""
     return tuple(sorted(_NAMED))
 
 
 def named(name: str) -> Matcher:
-    """The setting called `name`.
+    """Return a stock setting by name.
 
     Raises:
-        InputError: if there is none; the message lists the known names.
+        InputError: if the name is unknown; the message lists the known names.
     """
     one_of("matcher", name, _NAMED)
     return _NAMED[name]

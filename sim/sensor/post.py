@@ -1,4 +1,4 @@
-"""From disparity to the depth that leaves the device."""
+"""Settings of post-processing, from disparity to the output depth."""
 
 from __future__ import annotations
 
@@ -7,27 +7,30 @@ from typing import Literal, get_args
 
 from starling.patterns import errors
 
-HoleFilling = Literal["off", "left", "farthest", "nearest"]  # Which neighbour fills a hole.
+HoleFilling = Literal["off", "left", "farthest", "nearest"]  # Neighbour that fills a hole.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Post:
-    """Post-processing, in the order of librealsense's filters; the defaults switch all off."""
+    """Post-processing in the order of librealsense's filters; by default all are off."""
 
-    near_m: float = 0.0  # Nearer is out of range [m].
-    far_m: float = 65.535  # Farther is out of range [m].
-    decimation: int = 1  # Side of the blocks that share one depth [px]; 1 is off, 2 and 3 take
-    # the median, 4 to 8 the mean. The depth map keeps its size.
-    spatial_alpha: float = 1.0  # Share of a pixel in its smoothed value; 1 is off.
-    # librealsense counts both deltas in 1/32 px: its 20 is 0.625 px (of the decimated image).
-    spatial_delta_px: float = 0.625  # Neighbours further apart are an edge, disparity [px].
+    near_m: float = 0.0  # Smaller depth is out of range [m].
+    far_m: float = 65.535  # Larger depth is out of range [m].
+    # Side of the blocks that share one depth [px]; 1 is off, 2 and 3 take the median, 4 to 8 the
+    # mean. The depth map keeps its size.
+    decimation: int = 1
+    spatial_alpha: float = 1.0  # Weight of a pixel in its smoothed value; 1 is off.
+    # librealsense gives both deltas in 1/32 px of the decimated image: its 20 is 0.625 px.
+    spatial_delta_px: float = 0.625  # A larger disparity difference is an edge [px].
     spatial_iterations: int = 2  # Passes along rows and columns.
-    temporal_alpha: float = 1.0  # Share of the new frame; 1 is off, persistence included.
-    temporal_delta_px: float = 0.625  # A larger change is taken over at once, disparity [px].
-    temporal_persistence: int = 3  # Which past frames let an old depth stand (librealsense 0 to 8).
+    temporal_alpha: float = 1.0  # Weight of the new frame; 1 switches filter and persistence off.
+    temporal_delta_px: float = 0.625  # A larger disparity change is not filtered [px].
+    temporal_persistence: int = (
+        3  # librealsense's persistence mode, 0 to 8: when holes keep an old depth.
+    )
     hole_filling: HoleFilling = "off"
-    depth_unit_m: float = 1e-3  # Step of the 16-bit depth image [m]; taken where it is written.
-    registered: bool = False  # Also give depth in the colour camera's image.
+    depth_unit_m: float = 1e-3  # Step of the 16-bit depth image [m]; applied on writing.
+    registered: bool = False  # Also compute depth in the colour camera's image.
 
     def __post_init__(self) -> None:
         errors.positive("post.depth_unit_m", self.depth_unit_m)
@@ -53,11 +56,11 @@ class Post:
 
 
 def refuse_single_frame(post: Post, frames: int) -> None:
-    """Refuse a temporal filter where there is but one frame to filter.
+    """Refuse a temporal filter on a single frame.
 
     Args:
-        post: settings that will act.
-        frames: how many frames of one scene follow each other.
+        post: Settings of post-processing.
+        frames: Number of consecutive frames of one scene.
 
     Raises:
         InputError: if the temporal filter is on and `frames` is less than 2.

@@ -7,42 +7,46 @@ from dataclasses import dataclass
 from starling.patterns import errors
 from starling.sim.sensor.emitter import Emitter
 
-_MOST_EMITTERS = 16  # Every one is a pass of shadow rays; a pattern's dots are no emitters.
+_MOST_EMITTERS = 16  # Each emitter costs a pass of shadow rays. Dots are not emitters.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Projector:
     """The infrared pattern projector, posed in the left imager's frame."""
 
-    power_w: float = 0.15  # Mean optical power [W] while exposing; 0 is off (passive stereo).
+    power_w: float = 0.15  # Mean optical power during exposure [W]; 0 is off (passive stereo).
     wavelength_nm: float = 850.0  # Laser line [nm].
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # In the left imager's frame [m].
     rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector [deg].
     fov_x_deg: float = 90.0  # Full horizontal field [deg].
     fov_y_deg: float = 63.0  # Full vertical field [deg].
-    pattern: str = "d435"  # A generator's name (see `patterns`) or an image file.
-    emitters: tuple[Emitter, ...] = ()  # None: a single one, at the projector's own place.
-    # Direction cosines of the light about the emitter's axis, over those of the pattern as given:
-    # a diffractive element's grow with the wavelength.
+    pattern: str = (
+        "d435"  # Name of a generator (`GENERATORS` in `sim.render.emission`) or image file.
+    )
+    emitters: tuple[Emitter, ...] = ()  # Empty: a single one at the projector's position.
+    # Direction cosines over those of the nominal pattern. Those of a diffractive element grow with
+    # the wavelength.
     pattern_scale: float = 1.0
     pattern_seed: int = 0  # Seed of the generator.
-    dot_density: float = 1.0  # Dots in a solid angle over the generator's own; power is shared.
-    dropped_dots: float = 0.0  # Share of the dots that are dark; their light is lost.
+    dot_density: float = (
+        1.0  # Dots per solid angle over the generator's default, at equal total power.
+    )
+    dropped_dots: float = 0.0  # Share of dark dots; their light is lost.
     shifted_dots_mrad: float = 0.0  # Sigma of the dots' displacement on each axis [mrad].
-    faults_seed: int = 0  # Of which dots have faults, and where to: one device's of a pattern.
-    dot_blur_mrad: float = 0.0  # Sigma by which dots are wider than the pattern's [mrad].
-    # Sigma [mrad] per difference of |1/z - 1/focus_m| [1/m], z along the projector's axis: a
-    # quarter of the width of a uniform aperture [mm]. Surfaces within 0.1 m count as at 0.1 m.
+    faults_seed: int = 0  # Seed of the dark dots and displacements, which belong to one device.
+    dot_blur_mrad: float = 0.0  # Sigma of an additional blur of the dots [mrad].
+    # Sigma [mrad] per |1/z - 1/focus_m| [1/m], z along the projector's axis. For a uniform aperture
+    # it is a quarter of the width [mm]. Surfaces closer than 0.1 m count as at 0.1 m.
     defocus_mrad_m: float = 0.0
     focus_m: float = 1.0  # Distance in focus, along the axis [m].
-    haze: float = 0.0  # Share of the light that goes between the dots, evenly over the field.
+    haze: float = 0.0  # Share of the light that is spread evenly over the field.
     falloff: float = 0.0  # Exponent n of cos^n about the projector's axis; 0 is none.
-    speckle_contrast: float = 0.0  # Deviation over mean of the laser's speckle in a pixel.
-    flicker: float = 0.0  # Deviation of the power from frame to frame, of its mean.
+    speckle_contrast: float = 0.0  # Standard deviation / mean of the speckle in a pixel.
+    flicker: float = 0.0  # Standard deviation / mean of the power over frames.
 
     @property
     def faulty(self) -> bool:
-        """Whether dots of its pattern are dark or displaced."""
+        """Whether dots of the pattern are dark or displaced."""
         return self.dropped_dots > 0 or self.shifted_dots_mrad > 0
 
     def __post_init__(self) -> None:

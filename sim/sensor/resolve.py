@@ -1,4 +1,4 @@
-"""The sensor that a command asks for: a preset, the captures' geometry, device controls, edits."""
+"""Resolve a command's sensor: preset, geometry of the captures, device controls, edits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from starling.sim.captures import capture
-from starling.sim.console.progress import Note, unsaid
+from starling.sim.console.progress import Note, ignore_note
 from starling.sim.sensor import edits as sensor_edits
 from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Sensor
@@ -20,46 +20,47 @@ def load(
     device_preset: str | None = None,
     emitter: Literal["on", "off"] | None = None,
     edits: Iterable[str] = (),
-    note: Note = unsaid,
+    note: Note = ignore_note,
 ) -> Sensor:
-    """Load a sensor, give it the geometry of its captures, then controls, then edits.
+    """Load a sensor; apply the geometry of its captures, then device controls, then edits.
 
-    A sensor file of the captures' very camera, as calibration writes it, keeps its own geometry: it
-    knows better than what the captures say of themselves.
+    A sensor file that was calibrated on the captures' camera keeps its own geometry. It is more
+    accurate than the geometry stored with the captures.
 
-    A pattern's image file gets its full path, so that the sensor can be used from elsewhere: one
-    in a sensor file from that file's folder, one in an edit from the working directory.
+    Image files of patterns get absolute paths, so that the sensor works in any directory. A path
+    in a sensor file starts at the file's folder, a path in an edit at the working directory.
 
     Args:
-        name: preset or sensor file.
-        captures: what it is used on; only a capture set or a scene in it has a geometry.
-        device_preset: a RealSense preset's name or a file of its controls (`starling.sim.sensor.realsense`).
-        emitter: switches the projector.
-        edits: see `starling.sim.sensor.edits.apply`.
-        note: is told what the device's controls changed, and what they could not.
+        name: Preset or sensor file.
+        captures: Captures to use the sensor on. Only a capture set or a scene in it has a geometry.
+        device_preset: Name of a RealSense preset, or a file of controls
+            (`starling.sim.sensor.realsense`).
+        emitter: Switches the projector.
+        edits: See `starling.sim.sensor.edits.apply`.
+        note: Callback that receives a line for each changed or unsupported device control.
 
     Raises:
-        InputError: whatever is refused on the way.
+        InputError: if a step refuses its input.
     """
     sensor = presets.load(name)
     if capture.is_capture(captures):
-        asked = capture.open_set(captures)
-        asked.refuse_mixed()
-        info = asked.info
+        captured = capture.open_set(captures)
+        captured.refuse_mixed()
+        info = captured.info
         if not (name.endswith(".toml") and info.are_of(sensor)):
             sensor = info.geometry_into(sensor)
     if device_preset is not None or emitter is not None:
-        sensor = _controlled(sensor, device_preset, emitter, note)
-    return presets.anchored(sensor_edits.apply(sensor, edits), Path.cwd())
+        sensor = _with_controls(sensor, device_preset, emitter, note)
+    return presets.with_absolute_patterns(sensor_edits.apply(sensor, edits), Path.cwd())
 
 
-def _controlled(
+def _with_controls(
     sensor: Sensor, preset: str | None, emitter: Literal["on", "off"] | None, note: Note
 ) -> Sensor:
     from starling.sim.sensor import realsense
 
     if preset is not None:
-        sensor, report = realsense.controlled(sensor, preset)
+        sensor, report = realsense.with_preset(sensor, preset)
         for line in report.lines():
             note(line)
     return sensor if emitter is None else realsense.with_emitter(sensor, emitter)

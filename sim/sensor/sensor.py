@@ -1,7 +1,7 @@
 """A sensor: one active-stereo depth camera as a tree of frozen dataclasses.
 
-Defaults are the *neutral* values: perfect optics, no noise, no post-processing. A preset
-(`sim/sensor/presets/*.toml`) says what a device has instead, with the source of each number.
+The defaults are neutral: perfect optics, no noise, no post-processing. A preset
+(`sim/sensor/presets/*.toml`) has a device's values, with the source of each number.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from starling.sim.sensor.projector import Projector as Projector
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sensor:
-    """A rectified pair of imagers, a projector, a matcher and what follows.
+    """A rectified pair of imagers, a projector, a matcher and post-processing.
 
     Frame: OpenCV (x right, y down, z forward, integer coordinate = pixel centre), origin at the
-    left imager. With `kind = "structured_light"` there is no right imager: the left image is
-    matched against the stored reference of the projector's own pattern, and `baseline_m` is
-    the distance between imager and projector.
+    left imager. A sensor of `kind = "structured_light"` has no right imager. Its left image is
+    matched against a stored reference of the projector's pattern, and `baseline_m` is the distance
+    between imager and projector.
     """
 
     name: str
@@ -46,8 +46,8 @@ class Sensor:
     matcher: Matcher = field(default_factory=lambda: named("d4xx"))
     post: Post = field(default_factory=Post)
     colour: Colour | None = None
-    baseline_error: float = 0.0  # True baseline over the nominal one, less 1 (heat, shock).
-    unit: int = 0  # Number of the device among equals: its fixed pattern noise.
+    baseline_error: float = 0.0  # True baseline / nominal baseline - 1 (heat, shock).
+    unit: int = 0  # Number of the device; it selects the fixed-pattern noise.
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -62,15 +62,15 @@ class Sensor:
         errors.in_interval("baseline_error", self.baseline_error, -0.2, 0.2, "Give a share: 0.01.")
         errors.in_interval("unit", self.unit, 0, 2**31 - 1)
         errors.one_of("kind", self.kind, ("stereo", "structured_light"))
-        beside = (self.baseline_m, 0.0, 0.0)
+        expected = (self.baseline_m, 0.0, 0.0)
         if self.kind == "structured_light" and not np.allclose(
-            self.projector.position_m, beside, rtol=0, atol=1e-9
+            self.projector.position_m, expected, rtol=0, atol=1e-9
         ):
             raise errors.refuse(
                 "projector.position_m",
                 "must be [baseline_m, 0, 0] where the projector takes the right imager's place",
                 list(self.projector.position_m),
-                f"Set it to {list(beside)}, or baseline_m to match.",
+                f"Set it to {list(expected)}, or baseline_m to match.",
             )
 
     @property

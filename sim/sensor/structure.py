@@ -1,6 +1,6 @@
-"""Frozen dataclass trees to and from plain tables (TOML, JSON), and edits by dotted path.
+"""Conversion of frozen dataclass trees to and from plain tables, and edits by dotted path.
 
-Unions of dataclasses are told apart by the key `kind`, which holds the class's name.
+In a union of dataclasses the key `kind` holds the class's name.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from starling.patterns import errors
 
 T = TypeVar("T")
 
-_INTEGER_BITS = 64  # TOML's; longer ones overflow floats and, longer still, cannot be shown.
+_INTEGER_BITS = 64  # TOML's limit. Longer integers overflow floats or cannot be printed.
 
 
 def to_table(tree: Any) -> dict[str, Any]:
-    """Turn a dataclass tree into nested tables of plain values; None is left out."""
+    """Convert a dataclass tree to nested tables of plain values; None is omitted."""
     table: dict[str, Any] = {}
     hints = _hints(type(tree))
     for field in dataclasses.fields(tree):
@@ -45,13 +45,13 @@ def from_table(cls: type[T], table: Mapping[str, Any], name: str = "") -> T:
     """Build a dataclass tree from nested tables.
 
     Args:
-        cls: the dataclass to build.
-        table: its values by field name.
-        name: dotted path that messages start with.
+        cls: Dataclass to build.
+        table: Values by field name.
+        name: Dotted path of the table, for error messages.
 
     Raises:
-        InputError: unknown key (known ones listed, nearest first), missing key, wrong type, or
-            whatever the dataclass itself refuses.
+        InputError: for an unknown key, a missing key, a wrong type, or a value that the dataclass
+            refuses. The message lists the known keys, nearest first.
     """
     if not isinstance(table, Mapping):
         raise errors.refuse(
@@ -75,12 +75,12 @@ def edit(tree: T, path: str, value: Any) -> T:
     """Return the tree with the field at a dotted path replaced.
 
     Args:
-        tree: a dataclass tree.
-        path: e.g. `projector.power_w`.
-        value: plain value as in TOML.
+        tree: Dataclass tree.
+        path: Dotted path, e.g. `projector.power_w`.
+        value: Plain value as in TOML.
 
     Raises:
-        InputError: unknown path or refused value.
+        InputError: for an unknown path or a refused value.
     """
     return _edit(tree, path, value, "")
 
@@ -112,7 +112,7 @@ def _join(name: str, key: str) -> str:
 
 
 def _classes(hint: Any) -> list[type]:
-    """Return the dataclasses that a type hint admits."""
+    """Return the dataclasses in a type hint."""
     options = typing.get_args(hint) if _is_union(hint) else (hint,)
     return [option for option in options if dataclasses.is_dataclass(option)]  # type: ignore[misc]
 
@@ -122,10 +122,10 @@ def _is_union(hint: Any) -> bool:
 
 
 def refuse_long_integers(value: Any, name: str) -> None:
-    """Refuse integers over 64 bits, also inside lists and tables.
+    """Refuse integers over 64 bits, also in nested lists and tables.
 
     Raises:
-        InputError: naming where it stands; the message does not repeat the digits.
+        InputError: with the integer's path; the message omits the digits.
     """
     for place, number in _integers(value, name):
         bits = number.bit_length()
@@ -154,7 +154,7 @@ def _value(hint: Any, value: Any, name: str) -> Any:
     classes = _classes(hint)
     if classes:
         return _tree(classes, value, name)
-    if _is_union(hint):  # Optional plain value: TOML has no null, so a value is the other type.
+    if _is_union(hint):  # Optional plain value: TOML has no null, so any value is set.
         hint = next(option for option in typing.get_args(hint) if option is not types.NoneType)
     origin = typing.get_origin(hint)
     if origin is typing.Literal:

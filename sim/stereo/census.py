@@ -1,4 +1,4 @@
-"""Census transform and the cost of every disparity: bits that differ + absolute difference."""
+"""Census transform and matching cost: differing census bits plus absolute difference."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-SUBLEVELS = 64  # Levels per DN of the 8-bit scale, so that smoothing keeps fractions of a DN.
+SUBLEVELS = 64  # Levels per DN of the 8-bit scale; smoothing then resolves fractions of a DN.
 _u8, _u16, _u64 = np.uint8, np.uint16, np.uint64
 
 
 def levels(image: NDArray, *, presmooth_px: float) -> NDArray[np.uint16]:
-    """Bring an image to the matcher's fixed-point brightness, lightly smoothed.
+    """Convert an image to the matcher's fixed-point brightness, lightly smoothed.
 
-    Smoothing before rounding lends an 8-bit image levels between its DN, which dark areas need.
+    Smoothing before rounding gives an 8-bit image levels between its DN, which dark areas need.
 
     Args:
-        image: (h, w) uint8, or uint16 of 10 bits.
-        presmooth_px: standard deviation of the Gaussian [px]; 0 = none.
+        image: (h, w) uint8, or uint16 with 10 bits.
+        presmooth_px: standard deviation of the Gaussian [px]; 0 disables it.
 
     Returns:
         (h, w) uint16, SUBLEVELS per DN of the 8-bit scale.
@@ -33,10 +33,10 @@ def levels(image: NDArray, *, presmooth_px: float) -> NDArray[np.uint16]:
 
 
 def offsets(census_px: int) -> NDArray[np.int64]:
-    """Pixels a census compares with its centre: the window's chequerboard, at most 64 of them.
+    """Return the offsets that a census compares with its centre: a chequerboard, at most 64.
 
-    Half the pixels of a 9x9 window keep its reach and fit one machine word; dense windows of the
-    same count reach less far and agree less with the device (docs/decisions/0003-matcher.md).
+    Half the pixels of a 9x9 window preserve its reach and fit one machine word. Dense windows with
+    as many pixels have less reach and agree less with the device (docs/design/matcher.md).
 
     Returns:
         (n, 2) offsets (dy, dx), in the order of the bits.
@@ -47,17 +47,17 @@ def offsets(census_px: int) -> NDArray[np.int64]:
 
 
 def census(level: NDArray[np.uint16], *, census_px: int, tolerance: int) -> NDArray[np.uint64]:
-    """One bit per compared neighbour: is it darker than the centre by more than `tolerance`?
+    """Return one bit per compared neighbour: darker than the centre by more than `tolerance`.
 
-    With tolerance 0 the result does not change under any strictly rising change of brightness.
+    With tolerance 0 the result is invariant under any strictly increasing change of brightness.
 
     Args:
-        level: (h, w) brightness; the border is repeated outwards.
-        census_px: side of the window, odd, up to 11.
+        level: (h, w) brightness; the border is replicated.
+        census_px: side of the window, odd, up to 11 [px].
         tolerance: in the levels of `level`, >= 0.
 
     Returns:
-        (h, w) uint64, bit k = offset k of `offsets`.
+        (h, w) uint64; bit k belongs to offset k of `offsets`.
     """
     reach = census_px // 2
     padded = cv2.copyMakeBorder(level, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
@@ -81,7 +81,7 @@ def _census(padded, taps, reach, tolerance):  # pragma: no cover - compiled
 
 @intrinsic
 def _popcount(typing_context, word):
-    """Count the set bits of a uint64: the processor's own instruction."""
+    """Count the set bits of a uint64 with the processor's instruction."""
     if word != types.uint64:
         return None
 
@@ -93,14 +93,14 @@ def _popcount(typing_context, word):
 
 @nb.njit(inline="always")
 def cost_row(bits, bits_r, dn, dn_r, pad, weight, cap, out):  # pragma: no cover - compiled
-    """Cost of every disparity in one row; the right row is mirrored and padded by `pad`."""
+    """Fill the cost of every disparity in one row; the right row is mirrored, padded by `pad`."""
     w, search = out.shape
     for x in range(w):
         start = w - 1 - x + pad
         mine, level = bits[x], dn[x]
         theirs, levels_r = bits_r[start : start + search], dn_r[start : start + search]
         row = out[x]
-        for d in range(search):  # Two loops: words of 64 bits would leave bytes few lanes.
+        for d in range(search):  # Separate loops: 64-bit words would halve the SIMD use of bytes.
             row[d] = _u8(_popcount(mine ^ theirs[d]))  # pyright: ignore[reportCallIssue]
         for d in range(search):
             step = _u8(max(level, levels_r[d]) - min(level, levels_r[d]))
@@ -109,10 +109,10 @@ def cost_row(bits, bits_r, dn, dn_r, pad, weight, cap, out):  # pragma: no cover
 
 
 def mirrored(rows: NDArray, *, pad: int) -> NDArray:
-    """Mirror the right image's rows and repeat the (now last) left column `pad` times.
+    """Mirror the right image's rows and repeat its left column, now the last, `pad` times.
 
-    Mirrored, the pixels of rising disparity lie one after the other in memory. The padding gives
-    disparities that point left of the image a cost like any other, so the border is no artefact.
+    In mirrored rows, pixels of increasing disparity are contiguous in memory. The padding gives
+    disparities that point left of the image an ordinary cost, which avoids border artefacts.
     """
     flipped = rows[:, ::-1]
     return np.ascontiguousarray(np.pad(flipped, ((0, 0), (0, pad)), mode="edge"))

@@ -1,4 +1,4 @@
-"""What a match must pass. Every check gives the mask of the pixels that it refuses."""
+"""Consistency checks of a match. Every check returns the mask of the rejected pixels."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-TEXTURE_PX = 15  # Window of the texture check: one support plus one census window, about.
-_NONE = -16  # Below any disparity, in OpenCV's fixed point.
+TEXTURE_PX = 15  # Window of the texture check [px]: about one support plus one census window.
+_NONE = -16  # Marks a missing value; below any disparity in OpenCV's fixed point.
 
 
 def outside_overlap(
     disparity_px: NDArray, *, reach_px: int, border_px: float = 0.0
 ) -> NDArray[np.bool_]:
-    """Pixels that lie left of the right image's first column, by their own or a near disparity.
+    """Reject pixels whose match lies left of the right image's first column.
 
-    A pixel without disparity is judged by the next one to its right that has one: in the left
-    border a matcher finds nothing or nonsense, and what it would have found is that surface.
+    A pixel without disparity takes the disparity of the next valid pixel to its right. In the left
+    border a matcher finds no match or a wrong one, and that surface usually continues there.
 
     Args:
-        disparity_px: (h, w) [px], NaN where there is none.
-        reach_px: largest disparity searched.
-        border_px: columns of the right image that are left out too.
+        disparity_px: (h, w) [px], NaN without disparity.
+        reach_px: largest searched disparity [px].
+        border_px: further columns of the right image to exclude [px].
     """
     out = np.zeros(disparity_px.shape, bool)
-    # Beyond twice the reach nothing can lie outside, nor be judged by a pixel that far away.
+    # Further right no pixel can be rejected, neither by its own nor by a neighbour's disparity.
     border = disparity_px[:, : 2 * (reach_px + math.ceil(border_px))]
     width = border.shape[1]
     columns = np.arange(width)
@@ -36,25 +36,25 @@ def outside_overlap(
     return out
 
 
-def left_right(left: NDArray, right: NDArray, *, apart_px: float) -> NDArray[np.bool_]:
-    """Pixels whose match in the right view has another disparity.
+def left_right(left: NDArray, right: NDArray, *, tolerance_px: float) -> NDArray[np.bool_]:
+    """Reject pixels whose match in the right view has a different disparity.
 
     Args:
-        left, right: (h, w) disparities [px] of each view; right is negative where none.
-        apart_px: largest difference let through [px].
+        left, right: (h, w) disparities [px] of each view; right is negative without disparity.
+        tolerance_px: largest accepted difference [px].
 
     Returns:
-        (h, w) mask; pixels that point outside the image are left to `outside_overlap`.
+        (h, w) mask; pixels that point outside the image are covered by `outside_overlap`.
     """
     columns = np.arange(left.shape[1], dtype=np.int32)
     target = columns - np.rint(left).astype(np.int32)
     inside = (target >= 0) & (target < left.shape[1])
-    there = np.take_along_axis(right, np.clip(target, 0, left.shape[1] - 1), axis=1)
-    return inside & ((there < 0) | (np.abs(there - left) > apart_px))
+    matched = np.take_along_axis(right, np.clip(target, 0, left.shape[1] - 1), axis=1)
+    return inside & ((matched < 0) | (np.abs(matched - left) > tolerance_px))
 
 
 def texture(image: NDArray, *, least_dn: float) -> NDArray[np.bool_]:
-    """Pixels whose window has less contrast than `least_dn` (standard deviation, 8-bit DN)."""
+    """Reject pixels whose window has a standard deviation below `least_dn` (8-bit DN)."""
     level = image.astype(np.float32) if image.dtype == np.uint8 else image / np.float32(4)
     window = (TEXTURE_PX, TEXTURE_PX)
     mean = cv2.blur(level, window)
@@ -62,9 +62,9 @@ def texture(image: NDArray, *, least_dn: float) -> NDArray[np.bool_]:
 
 
 def jump(disparity_px: NDArray[np.float32], *, range_px: float) -> NDArray[np.bool_]:
-    """Pixels whose 3x3 neighbourhood spans more than `range_px` of disparity.
+    """Reject pixels whose 3x3 neighbourhood spans more than `range_px` of disparity.
 
-    The device leaves 2 to 3 px free along every depth edge, whatever the jump.
+    The device reports no depth within 2 to 3 px of every depth edge, for jumps of any size.
     """
     known = np.isfinite(disparity_px)
     if not known.any() or np.nanmax(disparity_px) - np.nanmin(disparity_px) <= range_px:
@@ -76,7 +76,7 @@ def jump(disparity_px: NDArray[np.float32], *, range_px: float) -> NDArray[np.bo
 
 
 def speckle(disparity_px: NDArray[np.float32], *, count: int, step_px: float) -> NDArray[np.bool_]:
-    """Valid pixels in islands of at most `count` pixels, parted by steps above `step_px`."""
+    """Reject islands of at most `count` pixels, bounded by disparity steps above `step_px`."""
     if not count:
         return np.zeros(disparity_px.shape, bool)
     valid = np.isfinite(disparity_px)

@@ -1,4 +1,4 @@
-"""Depth maps: disparity to depth and its 16-bit code, with a reason for every missing pixel."""
+"""Depth maps with a reason for every missing pixel; conversion of disparity, depth, 16-bit code."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 from starling.patterns import errors
 
-if TYPE_CHECKING:  # Loads a compiler.
+if TYPE_CHECKING:  # The import loads numba.
     from starling.sim.stereo.post.temporal import History
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthMap:
-    """Depth in the left imager's frame; each (h, w). Missing is NaN plus a reason."""
+    """Depth in the left imager's frame, each (h, w). Missing pixels have NaN and a reason."""
 
     disparity_px: NDArray[np.float32]  # x_left - x_right.
     depth_m: NDArray[np.float32]  # z along the optical axis.
     valid: NDArray[np.bool_]
-    reason: NDArray[np.uint32]  # Codes of `starling.sim.reason.Reason`; 0 exactly where valid.
-    history: History | None = None  # For the temporal filter at the next frame; None without it.
+    reason: NDArray[np.uint32]  # Codes of `starling.sim.reason.Reason`; 0 if and only if valid.
+    history: History | None = None  # Input of the temporal filter at the next frame.
 
 
 def depth_from_disparity(
@@ -31,7 +31,7 @@ def depth_from_disparity(
     """Triangulate rectified disparity to depth along the optical axis: z = f b / d.
 
     Args:
-        disparity_px: x_left - x_right [px], any shape, NaN where there is none.
+        disparity_px: x_left - x_right [px], any shape, NaN without disparity.
         focal_px: focal length of the rectified pair [px], > 0.
         baseline_m: distance between the rectified centres [m], > 0.
 
@@ -52,26 +52,26 @@ def depth_from_disparity(
     disparity = np.asarray(disparity_px, np.float32)
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.asarray(np.float32(focal_px * baseline_m) / disparity)
-    np.putmask(depth, ~(disparity > 0), np.nan)  # In place: fresh memory is what costs here.
+    np.putmask(depth, ~(disparity > 0), np.nan)  # In place: allocation would dominate the time.
     return depth
 
 
 def disparity_from_depth(
     depth_m: NDArray[np.floating], *, focal_px: float, baseline_m: float
 ) -> NDArray[np.float32]:
-    """Turn depth [m] into disparity [px]; the two are each other's inverse (see above)."""
+    """Convert depth [m] to disparity [px], the inverse of `depth_from_disparity`: d = f b / z."""
     return depth_from_disparity(depth_m, focal_px=focal_px, baseline_m=baseline_m)
 
 
 def to_code(depth_m: NDArray[np.floating], depth_unit_m: float) -> NDArray[np.uint16]:
-    """Write depth as the 16-bit code users know: depth / depth_unit_m, 0 = no depth."""
+    """Convert depth to its 16-bit code: depth / depth_unit_m, rounded; 0 means no depth."""
     errors.positive("depth_unit_m", depth_unit_m)
     code = np.rint(np.nan_to_num(np.asarray(depth_m, np.float64), nan=0.0) / depth_unit_m)
     return np.where((code >= 0) & (code <= 65535), code, 0).astype(np.uint16)
 
 
 def from_code(code: NDArray[np.uint16], depth_unit_m: float) -> NDArray[np.float32]:
-    """Read the 16-bit code as depth [m], NaN where it is 0."""
+    """Convert the 16-bit code to depth [m]; code 0 becomes NaN."""
     errors.positive("depth_unit_m", depth_unit_m)
     depth = code.astype(np.float32) * np.float32(depth_unit_m)
     return np.where(code > 0, depth, np.float32(np.nan))

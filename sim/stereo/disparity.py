@@ -1,4 +1,4 @@
-"""The result of a match: disparities, which are valid, and why the others are not."""
+"""The result of a match: disparities, validity, and reasons for missing ones."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class DisparityMap:
     """Disparity of the left image, x_left - x_right.
 
     Attributes:
-        disparity_px: (h, w) float32 [px], NaN where there is none.
-        valid: (h, w) bool, where there is one.
-        reason: (h, w) uint32 codes of `starling.sim.reason`, 0 exactly where valid.
+        disparity_px: (h, w) float32 [px], NaN without disparity.
+        valid: (h, w) bool, True with disparity.
+        reason: (h, w) uint32 codes of `starling.sim.reason`, 0 if and only if valid.
     """
 
     disparity_px: NDArray[np.float32]

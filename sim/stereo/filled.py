@@ -1,4 +1,4 @@
-"""A disparity map without unknown pixels, so that what is measured on it has none either."""
+"""Filling of unknown pixels in a map."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ Image = NDArray[np.float32]
 
 
 def filled(values: Image, known: NDArray[np.bool_]) -> Image:
-    """Give each unknown pixel the value of the nearest known one.
+    """Return the map with each unknown pixel set to the value of the nearest known pixel.
 
     Args:
         values: (h, w).
-        known: (h, w).
+        known: (h, w) mask.
 
     Raises:
-        InputError: if nothing is known.
+        InputError: if no pixel is known.
     """
     if not known.any():
         raise refuse("reference depth", "must be known somewhere", "no pixel", "Check truth.png.")

@@ -1,4 +1,4 @@
-"""The stereo matcher: a rectified infrared pair in, disparities with reasons out."""
+"""The stereo matcher: from a rectified infrared pair to disparities with reasons."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from starling.sim.stereo import census, checks, opencv, semiglobal, subpixel, su
 from starling.sim.stereo.disparity import DisparityMap as DisparityMap
 from starling.sim.stereo.memory import Memory
 
-LEAST_PX = 16  # A smaller image holds no window and no search.
-TEN_BITS = 1023
+LEAST_PX = 16  # Least side of an image [px]; smaller ones have no room for window and search.
+TEN_BITS = 1023  # Largest DN of a 10-bit image.
 
 _Causes = dict[Reason, NDArray[np.bool_]]
 
@@ -28,18 +28,18 @@ def match(
     """Match a rectified pair.
 
     Args:
-        left, right: (h, w) uint8, or uint16 of up to 10 bits; corresponding points share a row.
+        left, right: (h, w) uint8, or uint16 with up to 10 bits; corresponding points share a row.
         matcher: the setting, e.g. `starling.sim.sensor.matcher.named("d4xx")`.
-        memory: of searches of the own engine, in which pairs are not searched twice.
+        memory: cache of searches with the CensusSemiGlobal engine.
 
     Returns:
-        Disparities of the left image [px]. A missing one is OUTSIDE_OVERLAP, AMBIGUOUS (second
-        best too near, or the best at the search's end), LEFT_RIGHT, SUPPORT (texture, depth edge)
-        or SPECKLE, whichever comes first.
+        Disparities of the left image [px]. The reason of a missing one is the first that applies:
+        OUTSIDE_OVERLAP; AMBIGUOUS (second best too close, or best at an end of the search);
+        LEFT_RIGHT; SUPPORT (texture, depth edge); SPECKLE.
 
     Raises:
-        InputError: if the images differ in shape or type, are not of the types above, or are
-            smaller than 16 x 16.
+        InputError: if the images differ in shape or type, have another type, or are smaller than
+            16 x 16.
     """
     _admit(left, right)
     if isinstance(matcher.engine, CensusSemiGlobal):
@@ -54,7 +54,7 @@ def match(
     outside = checks.outside_overlap(disparity, reach_px=reach, border_px=border)
     causes[Reason.OUTSIDE_OVERLAP] = outside | causes.get(Reason.OUTSIDE_OVERLAP, np.False_)
     disparity[outside] = np.nan
-    disparity = subpixel.locked(disparity, matcher.refinement.locking_px)
+    disparity = subpixel.apply_pixel_locking(disparity, matcher.refinement.locking_px)
     disparity = subpixel.quantise(disparity, matcher.refinement.quantum_px)
     causes[Reason.SPECKLE] = checks.speckle(
         disparity,
@@ -67,7 +67,7 @@ def match(
 
 
 def readable(image: NDArray, bit_depth: int) -> NDArray:
-    """Leave out the bits that a converter has beyond the ten that `match` reads."""
+    """Drop the lowest bits if an image has more than the ten bits that `match` accepts."""
     excess = bit_depth - TEN_BITS.bit_length()
     return image if image.dtype == np.uint8 or excess <= 0 else image >> excess
 
@@ -109,7 +109,7 @@ def _any(causes: _Causes) -> NDArray[np.bool_]:
 
 
 def _support(left: NDArray, disparity: NDArray[np.float32], setting: Checks) -> NDArray[np.bool_]:
-    """Too little texture, or neighbours that disagree."""
+    """Reject pixels with too little texture, or at depth edges."""
     refused = checks.jump(disparity, range_px=setting.jump_px)
     if setting.texture_dn > 0:
         refused |= checks.texture(left, least_dn=setting.texture_dn)
@@ -119,9 +119,9 @@ def _support(left: NDArray, disparity: NDArray[np.float32], setting: Checks) -> 
 def support_cost(
     left: NDArray, right: NDArray, matcher: Matcher, engine: CensusSemiGlobal
 ) -> Callable[[int, NDArray[np.uint16]], None]:
-    """Cost of the own engine: a call fills (rows, w, search) from the given image row on.
+    """Return a function that fills the support cost (rows, w, search) from an image row on.
 
-    The cost has `support.COST_SCALE` levels per bit.
+    The cost of the CensusSemiGlobal engine has `support.COST_SCALE` levels per bit.
     """
     shift = matcher.min_disparity_px
     tolerance = round(engine.tolerance_dn * census.SUBLEVELS)
@@ -130,7 +130,9 @@ def support_cost(
     )
     bits = census.census(level, census_px=engine.census_px, tolerance=tolerance)
     bits_r = census.census(level_r, census_px=engine.census_px, tolerance=tolerance)
-    dn, dn_r = ((one // census.SUBLEVELS).astype(np.uint8) for one in (level, level_r))
+    dn, dn_r = (
+        (brightness // census.SUBLEVELS).astype(np.uint8) for brightness in (level, level_r)
+    )
     beyond = shift + matcher.search_px
     bits_r, dn_r = census.mirrored(bits_r, pad=beyond), census.mirrored(dn_r, pad=beyond)
     weight = np.uint16(round(16 * engine.difference_weight))
@@ -150,7 +152,7 @@ def _census_semi_global(
     engine: CensusSemiGlobal,
     memory: Memory | None,
 ) -> tuple[NDArray[np.float32], _Causes]:
-    """Run the own engine: cost, selection, sub-pixel fit, refinement, and the checks it can do."""
+    """Run the CensusSemiGlobal engine: search, sub-pixel fit, refinement, its own checks."""
 
     def search() -> semiglobal.Winners:
         return semiglobal.select(
@@ -161,40 +163,40 @@ def _census_semi_global(
             shift=matcher.min_disparity_px,
         )
 
-    found = search() if memory is None else memory.winners(left, right, matcher, engine, search)
-    whole = found.best + np.int16(matcher.min_disparity_px)
-    at_end = (found.best == 0) | (found.best == matcher.search_px - 1)
+    winners = search() if memory is None else memory.winners(left, right, matcher, engine, search)
+    whole = winners.best + np.int16(matcher.min_disparity_px)
+    at_end = (winners.best == 0) | (winners.best == matcher.search_px - 1)
     causes = {
         Reason.OUTSIDE_OVERLAP: whole > np.arange(left.shape[1]),
-        Reason.AMBIGUOUS: at_end | _indistinct(found, matcher.checks.uniqueness, engine),
-        Reason.LEFT_RIGHT: _left_right(found, matcher),
+        Reason.AMBIGUOUS: at_end | _indistinct(winners, matcher.checks.uniqueness, engine),
+        Reason.LEFT_RIGHT: _left_right(winners, matcher),
     }
-    disparity = subpixel.refine(whole + found.offset, matcher.refinement, found.bend)
+    disparity = subpixel.refine(whole + winners.offset, matcher.refinement, winners.bend)
     return disparity, causes
 
 
 def _indistinct(
-    found: semiglobal.Winners, uniqueness: float, engine: CensusSemiGlobal
+    winners: semiglobal.Winners, uniqueness: float, engine: CensusSemiGlobal
 ) -> NDArray[np.bool_]:
-    """Winners that do not stand out: by percent, or by bits over the second best or beside."""
+    """Reject winners too close to the second best (in percent or bits) or to a neighbour."""
     scale = support.COST_SCALE
     return (
-        (found.margin_pct < uniqueness)
-        | (found.second < round(engine.second_peak * scale))
-        | (found.neighbour < round(engine.neighbour_peak * scale))
+        (winners.margin_pct < uniqueness)
+        | (winners.second < round(engine.second_peak * scale))
+        | (winners.neighbour < round(engine.neighbour_peak * scale))
     )
 
 
-def _left_right(found: semiglobal.Winners, matcher: Matcher) -> NDArray[np.bool_]:
-    """Compare both views: their whole winners, or smoothed values with a sub-pixel part."""
-    setting, seen = matcher.checks, found.right_best >= 0
-    left, right = found.best.astype(np.float32), found.right_best.astype(np.float32)
+def _left_right(winners: semiglobal.Winners, matcher: Matcher) -> NDArray[np.bool_]:
+    """Compare both views: integer winners, or smoothed winners with a sub-pixel part."""
+    setting, known = matcher.checks, winners.right_best >= 0
+    left, right = winners.best.astype(np.float32), winners.right_best.astype(np.float32)
     if setting.left_right_mean_px:
         side = setting.left_right_mean_px
         smooth = replace(matcher.refinement, smooth_px=side, smooth_rows_px=side)
-        left = subpixel.refine(left + found.offset, smooth)
-        right = np.where(seen, right + found.right_offset, np.float32(np.nan))
+        left = subpixel.refine(left + winners.offset, smooth)
+        right = np.where(known, right + winners.right_offset, np.float32(np.nan))
         right = subpixel.refine(right, smooth)
     shift = np.float32(matcher.min_disparity_px)
-    right = np.where(seen, right + shift, np.float32(-1))
-    return checks.left_right(left + shift, right, apart_px=setting.left_right_px)
+    right = np.where(known, right + shift, np.float32(-1))
+    return checks.left_right(left + shift, right, tolerance_px=setting.left_right_px)

@@ -1,4 +1,4 @@
-"""What a device makes of its infrared images: depth, with a reason where there is none."""
+"""From infrared images to depth: matching, triangulation, post-processing, reasons."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from starling.sim.reason import Reason, first_cause
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import DepthMap, depth_from_disparity
 
-if TYPE_CHECKING:  # Loads compilers.
+if TYPE_CHECKING:  # The imports load numba.
     from starling.sim.stereo.disparity import DisparityMap
     from starling.sim.stereo.memory import Memory
     from starling.sim.stereo.post.temporal import History
@@ -30,32 +30,35 @@ def measure(
     """Match an infrared pair, triangulate and post-process.
 
     Args:
-        ir_left: (h, w) uint8, or uint16 of as many bits as the left imager's matched ones.
-        ir_right: likewise, rectified; None for structured light, which has a stored reference.
+        ir_left: (h, w) uint8, or uint16 with the left imager's `matched_bits`.
+        ir_right: right image of the rectified pair, of the same type. None for structured light,
+            which has a stored reference.
         sensor: its matcher, geometry and post-processing.
-        causes: masks (h, w) of what else is known to keep a pixel from having depth. They name
-            the reason where there is none; they remove nothing.
-        past: `history` of the depth map before, which the temporal filter goes on from.
-        memory: as `starling.sim.stereo.matching.match`.
+        causes: masks (h, w) of known causes of missing depth. They set the reason of missing
+            pixels; they remove no depth.
+        past: `history` of the previous depth map, for the temporal filter.
+        memory: see `starling.sim.stereo.matching.match`.
 
     Raises:
-        InputError: if the pair cannot be matched or `past` is of another size.
+        InputError: if the pair cannot be matched or `past` has another size.
     """
-    from starling.sim.stereo.post import chain  # Loads a compiler, like all that matches.
+    from starling.sim.stereo.post import chain  # The import loads numba.
 
-    found = _matched(ir_left, ir_right, sensor, memory)
-    own = {Reason(code): found.reason == code for code in np.unique(found.reason) if code}
-    # What is known of the scene goes before what the matcher supposes of it.
-    reason = first_cause(found.valid, own | causes)
+    match = _matched(ir_left, ir_right, sensor, memory)
+    matcher_causes = {
+        Reason(code): match.reason == code for code in np.unique(match.reason) if code
+    }
+    # Causes known from the scene take precedence over the matcher's reasons.
+    reason = first_cause(match.valid, matcher_causes | causes)
     unexplained = reason == Reason.UNKNOWN
-    reason[unexplained] = found.reason[unexplained]
-    disparity = np.where(found.valid, found.disparity_px, np.float32(np.nan))
+    reason[unexplained] = match.reason[unexplained]
+    disparity = np.where(match.valid, match.disparity_px, np.float32(np.nan))
     raw = DepthMap(
         disparity_px=disparity,
         depth_m=depth_from_disparity(
             disparity, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
         ),
-        valid=found.valid,
+        valid=match.valid,
         reason=reason,
     )
     return chain.process(raw, sensor, causes=causes, past=past)
@@ -67,7 +70,7 @@ def _matched(
     if sensor.kind == "structured_light":
         from starling.sim.stereo import structured_light
 
-        return structured_light.matched(ir_left, sensor)
+        return structured_light.match_reference(ir_left, sensor)
     if ir_right is None:
         raise errors.refuse(
             "ir_right", "must be given", "None", "Only structured light matches one image."

@@ -1,4 +1,4 @@
-"""Winners of searches that were made before: checks and refinement are tried on them again."""
+"""Cache of semi-global searches, so that checks and refinement can be varied cheaply."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _Key = tuple[str, CensusSemiGlobal, int, int]
 
 @dataclass(slots=True)
 class Memory:
-    """Keeps the first searches that it is asked for; later ones are made and forgotten."""
+    """Stores the first `most` searches; later searches are computed but not stored."""
 
-    most: int  # Searches that are kept, of some 20 bytes a pixel each.
-    _kept: dict[_Key, Winners] = field(default_factory=dict, repr=False)
+    most: int  # Capacity in searches, about 20 bytes per pixel each.
+    _stored: dict[_Key, Winners] = field(default_factory=dict, repr=False)
 
     def winners(
         self,
@@ -30,26 +30,26 @@ class Memory:
         engine: CensusSemiGlobal,
         search: Callable[[], Winners],
     ) -> Winners:
-        """Recall a search, or make it.
+        """Return the stored winners of a search, or run it.
 
         Args:
             left, right: (h, w) the pair.
-            matcher: whose range is searched.
-            engine: its own; what it asks of winners afterwards is left aside.
-            search: makes it.
+            matcher: supplies the search range.
+            engine: the matcher's engine. Its thresholds on winners do not affect the key.
+            search: runs the search.
         """
         pair = hashlib.blake2b(np.ascontiguousarray(left).tobytes())
         pair.update(np.ascontiguousarray(right).tobytes())
-        asked = replace(engine, second_peak=0.0, neighbour_peak=0.0)
+        search_settings = replace(engine, second_peak=0.0, neighbour_peak=0.0)
         key = (
             f"{left.shape} {left.dtype} {pair.hexdigest()}",
-            asked,
+            search_settings,
             matcher.min_disparity_px,
             matcher.search_px,
         )
-        if key in self._kept:
-            return self._kept[key]
-        found = search()
-        if len(self._kept) < self.most:
-            self._kept[key] = found
-        return found
+        if key in self._stored:
+            return self._stored[key]
+        computed = search()
+        if len(self._stored) < self.most:
+            self._stored[key] = computed
+        return computed

@@ -1,7 +1,7 @@
-"""OpenCV's engines behind one small interface: StereoSGBM and StereoBM.
+"""OpenCV's engines StereoSGBM and StereoBM.
 
-Both see the pair widened to the left by the search, so that disparities up to the search can be
-tried from the first column on; without it OpenCV leaves the whole left band empty.
+Both images are extended to the left by the search range. All disparities can then be tried from
+the first column on; otherwise OpenCV returns no disparity in the left band.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from starling.sim.reason import Reason
 from starling.sim.sensor.matcher import FIXED_POINT, Block, Checks, Matcher, SemiGlobalBlock
 
 _MODES = {"3way": cv2.STEREO_SGBM_MODE_SGBM_3WAY, "hh": cv2.STEREO_SGBM_MODE_HH}
-_OFF = -1  # OpenCV's word for "no left-right check".
+_OFF = -1  # Disables OpenCV's left-right check.
 
 
 def _bytes(image: NDArray) -> NDArray[np.uint8]:
-    """8 bits of an image: OpenCV's engines take no more."""
+    """Reduce an image to 8 bits, the most that OpenCV's engines accept."""
     return image if image.dtype == np.uint8 else (image >> 2).astype(np.uint8)
 
 
@@ -28,9 +28,9 @@ def _widened(image: NDArray, *, columns: int) -> NDArray:
 
 
 def _engine(matcher: Matcher, engine: SemiGlobalBlock | Block, checks: Checks):
-    """OpenCV's object for the setting; the speckle filter is left to `starling.sim.stereo.checks`."""
-    apart = checks.left_right_px
-    apart = _OFF if apart >= matcher.search_px else int(apart)
+    """Create OpenCV's matcher; speckle filtering is done by `starling.sim.stereo.checks`."""
+    tolerance = checks.left_right_px
+    tolerance = _OFF if tolerance >= matcher.search_px else int(tolerance)
     if isinstance(engine, SemiGlobalBlock):
         return cv2.StereoSGBM.create(
             matcher.min_disparity_px,
@@ -38,7 +38,7 @@ def _engine(matcher: Matcher, engine: SemiGlobalBlock | Block, checks: Checks):
             engine.block_px,
             engine.small_penalty,
             engine.large_penalty,
-            apart,
+            tolerance,
             engine.prefilter_cap,
             round(checks.uniqueness),
             0,
@@ -50,7 +50,7 @@ def _engine(matcher: Matcher, engine: SemiGlobalBlock | Block, checks: Checks):
     block.setPreFilterCap(engine.prefilter_cap)
     block.setTextureThreshold(0)
     block.setUniquenessRatio(round(checks.uniqueness))
-    block.setDisp12MaxDiff(apart)
+    block.setDisp12MaxDiff(tolerance)
     return block
 
 
@@ -60,8 +60,8 @@ def compute(
     """Run OpenCV's engine.
 
     Returns:
-        (h, w) float32 disparities [px], NaN where the engine has none, and its causes. OpenCV does
-        not say which of its checks failed; `_causes` reads it off the hole's shape.
+        (h, w) float32 disparities [px], NaN without disparity, and masks of causes. OpenCV does
+        not report which check failed; `_causes` infers it from the shape of the holes.
     """
     columns = matcher.search_px + matcher.min_disparity_px
     pair = (_widened(left, columns=columns), _widened(right, columns=columns))
@@ -72,10 +72,10 @@ def compute(
 
 
 def decode(fixed: NDArray, min_disparity_px: int) -> NDArray[np.float32]:
-    """Decode OpenCV's fixed point (1/16 px) to pixels: the only place where that is done.
+    """Decode OpenCV's fixed point (1/16 px) to pixels.
 
-    Values at or below the smallest disparity are OpenCV's mark of "none" or the search's own end;
-    both become NaN.
+    Values at or below the smallest disparity mark missing disparities or the end of the search;
+    they become NaN.
     """
     disparity = fixed.astype(np.float32) / np.float32(FIXED_POINT)
     disparity[fixed <= min_disparity_px * FIXED_POINT] = np.nan
@@ -84,10 +84,10 @@ def decode(fixed: NDArray, min_disparity_px: int) -> NDArray[np.float32]:
 
 @nb.njit(cache=True)
 def _causes(disparity):  # pragma: no cover - compiled
-    """Why the engine's holes are there, by their shape along the row: disagreement, ambiguity.
+    """Classify holes by their shape along the row as left-right disagreement or ambiguity.
 
-    A hole whose right neighbour is nearer than its left one by about the hole's width is what the
-    left-right check leaves of an occlusion; others count as ambiguous.
+    The left-right check turns an occlusion into a hole about as wide as the disparity step from its
+    left to its right neighbour. All other holes count as ambiguous.
     """
     h, w = disparity.shape
     disagree = np.zeros((h, w), np.bool_)

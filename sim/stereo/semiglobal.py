@@ -1,8 +1,9 @@
-"""Semi-global selection on a cost volume: five scanline paths, the winner, and the right view.
+"""Semi-global selection on a cost volume: five scanline paths, winners, and the right view.
 
-Paths: from the left, from the right, and down from above (straight and both diagonals). None comes
-from below: a camera's matcher reads rows as they arrive, and the captures show it (near edges
-lean down by 1 to 2 px, docs/decisions/0003-matcher.md). Source: Hirschmueller 2008, TPAMI 30(2).
+Paths come from the left, from the right, and from above (straight and both diagonals). No path
+comes from below, because a camera's matcher processes rows as they arrive. Captures confirm it:
+near edges lean down by 1 to 2 px (docs/design/matcher.md).
+Source: Hirschmueller 2008, TPAMI 30(2).
 """
 
 from __future__ import annotations
@@ -16,27 +17,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 _u16, _u32 = np.uint16, np.uint32
-_WALL = 40_000  # Cost outside the searched range: above any real one, far from overflow.
-BAND_ROWS = 48  # So many rows of the volume exist at a time: they fit the cache.
-_AHEAD = 2  # Bands whose cost and sideways paths are made while an earlier one is finished.
+_WALL = 40_000  # Cost outside the searched range: above any real cost, far from overflow.
+BAND_ROWS = 48  # Rows of the volume in memory at a time; they fit the cache.
+_AHEAD = 2  # Bands prepared (cost, horizontal paths) while an earlier band is finished.
 
 
 class Winners(NamedTuple):
-    """What the selection found, all (h, w)."""
+    """Result of the selection, each (h, w)."""
 
-    best: NDArray[np.int16]  # Best disparity's place in the search, 0 ... search - 1.
-    offset: NDArray[np.float32]  # Sub-pixel part from the support's cost, in [-1, 1] px.
-    bend: NDArray[np.float32]  # Curvature of that cost at the winner: how sharp the fit is.
-    right_best: NDArray[np.int16]  # The same for the right view, -1 where nothing maps.
-    right_offset: NDArray[np.float32]  # And its sub-pixel part, along the same diagonal.
-    margin_pct: NDArray[np.float32]  # How much more the second best costs [percent of best].
-    second: NDArray[np.uint16]  # The same in the cost's unit, summed over the paths.
-    neighbour: NDArray[np.uint16]  # How much more the dearer disparity beside the best costs.
+    best: NDArray[np.int16]  # Index of the best disparity in the search, 0 ... search - 1.
+    offset: NDArray[np.float32]  # Sub-pixel part from the support cost, in [-1, 1] px.
+    bend: NDArray[np.float32]  # Curvature of the support cost at the winner.
+    right_best: NDArray[np.int16]  # Best index of the right view, -1 without a match.
+    right_offset: NDArray[np.float32]  # Sub-pixel part of the right view, along the diagonal.
+    margin_pct: NDArray[np.float32]  # Excess cost of the second best [percent of the best].
+    second: NDArray[np.uint16]  # Excess cost of the second best, summed over the paths.
+    neighbour: NDArray[np.uint16]  # Excess cost of the costlier neighbour of the best.
 
 
 @nb.njit(inline="always")
 def _advance(before, floor, cost, now, total, p1, p2):  # pragma: no cover - compiled
-    """One pixel along one path: fill `now`, add it to `total`, return the least of `now`."""
+    """Advance a path by one pixel: fill `now`, add it to `total`, return the least of `now`."""
     search = cost.shape[0]
     jump = _u16(floor + p2)
     least = _u16(65535)
@@ -52,7 +53,7 @@ def _advance(before, floor, cost, now, total, p1, p2):  # pragma: no cover - com
 
 @nb.njit(nogil=True, cache=True)
 def _sweep_sideways(cost, total, p1, p2):  # pragma: no cover - compiled
-    """Fill `total` with the sum of the two horizontal paths' costs."""
+    """Fill `total` with the summed costs of the two horizontal paths."""
     rows, w, search = cost.shape
     for y in range(rows):
         a = np.full(search + 2, _WALL, np.uint16)
@@ -69,26 +70,26 @@ def _sweep_sideways(cost, total, p1, p2):  # pragma: no cover - compiled
 
 @nb.njit(nogil=True, cache=True)
 def _sweep_down(cost, total, p1, p2, state, floor, start):  # pragma: no cover - compiled
-    """Add the three downward paths' costs to `total` (straight, and both diagonals).
+    """Add the costs of the three downward paths (straight and both diagonals) to `total`.
 
     Args:
-        state: (2, 3, w + 2, search + 2) costs of each path along the last two rows, one column
-            and one disparity of margin either side; even rows in the first half, odd in the other.
-        floor: (2, 3, w + 2) their least cost.
+        state: (2, 3, w + 2, search + 2) costs of each path along the last even and the last odd
+            row, with a margin of one column and one disparity on each side.
+        floor: (2, 3, w + 2) least cost of each path.
         start: image row of the first row of `cost`.
     """
     rows, w, _ = cost.shape
     for y in range(rows):
-        here = (start + y) % 2
-        above = 1 - here
+        current = (start + y) % 2
+        above = 1 - current
         for x in range(w):
             for path in range(3):
                 source = x + path  # Columns x - 1, x, x + 1 of the row above.
-                floor[here, path, x + 1] = _advance(
+                floor[current, path, x + 1] = _advance(
                     state[above, path, source],
                     floor[above, path, source],
                     cost[y, x],
-                    state[here, path, x + 1],
+                    state[current, path, x + 1],
                     total[y, x],
                     p1,
                     p2,
@@ -96,9 +97,9 @@ def _sweep_down(cost, total, p1, p2, state, floor, start):  # pragma: no cover -
 
 
 @nb.njit(inline="always")
-def _parabola(below, at, above):  # pragma: no cover - compiled
-    """Vertex of the parabola through three costs, in [-1, 1] px from the middle, and its bend."""
-    bend = np.int64(below) + np.int64(above) - 2 * np.int64(at)
+def _parabola(below, middle, above):  # pragma: no cover - compiled
+    """Fit a parabola through three costs: vertex in [-1, 1] px from the middle, and curvature."""
+    bend = np.int64(below) + np.int64(above) - 2 * np.int64(middle)
     if bend <= 0:
         return 0.0, 0.0
     return min(1.0, max(-1.0, (np.int64(below) - np.int64(above)) / (2.0 * bend))), float(bend)
@@ -106,14 +107,14 @@ def _parabola(below, at, above):  # pragma: no cover - compiled
 
 @nb.njit(nogil=True, cache=True)
 def _select(
-    total, cost, best_at, offset, bend, right, right_offset, margin, excess, beside, shift
+    total, cost, best_at, offset, bend, right, right_offset, margin, excess, neighbour, shift
 ):  # pragma: no cover - compiled
     h, w, search = total.shape
-    # Moved to the winner it hides that and the two beside it: a loop without branches.
+    # Shifted to the winner, the mask hides it and its two neighbours without a branch in the loop.
     wall = np.zeros(2 * search + 1, np.uint16)
     wall[search - 1 : search + 2] = _u16(65535)
     for y in range(h):
-        # Cost and index in one number, so that the least number names the lowest best index.
+        # Cost and index share one number, so that its minimum has the lowest best index.
         best_right = np.full(w + shift + search, _u32(0xFFFFFFFF), np.uint32)
         for x in range(w):
             row = total[y, x]
@@ -130,7 +131,7 @@ def _select(
             best_at[y, x] = best
             excess[y, x] = _u16(second - row[best])
             before, after = row[max(best - 1, 0)], row[min(best + 1, search - 1)]
-            beside[y, x] = _u16(max(before, after) - row[best])
+            neighbour[y, x] = _u16(max(before, after) - row[best])
             lowest = np.float32(max(row[best], _u16(1)))
             margin[y, x] = np.float32(100.0) * (np.float32(second) / lowest - np.float32(1.0))
             if 0 < best < search - 1:
@@ -140,10 +141,13 @@ def _select(
             key = best_right[w - 1 - x]
             best = -1 if key == _u32(0xFFFFFFFF) else np.int64(key & _u32(255))
             right[y, x] = best
-            seen = x + shift + best  # Its column in the left image.
-            if 0 < best < search - 1 and seen < w - 1:
-                below, above = cost[y, seen - 1, best - 1], cost[y, seen + 1, best + 1]
-                right_offset[y, x], _ = _parabola(below, cost[y, seen, best], above)
+            left_column = x + shift + best  # Column in the left image.
+            if 0 < best < search - 1 and left_column < w - 1:
+                below, above = (
+                    cost[y, left_column - 1, best - 1],
+                    cost[y, left_column + 1, best + 1],
+                )
+                right_offset[y, x], _ = _parabola(below, cost[y, left_column, best], above)
 
 
 def select(
@@ -154,20 +158,21 @@ def select(
     p2: int,
     shift: int,
 ) -> Winners:
-    """Choose the disparity of every pixel, seen from the left and from the right.
+    """Choose the disparity of every pixel of the left and the right view.
 
-    The right view's winner is the least total along the volume's diagonal: no second matching.
-    The sub-pixel part is fitted to the support's own cost, because the summed paths' cost is bent
-    by the penalties and pulls towards whole pixels. As every path runs along a row or downwards,
-    the volume is made and forgotten band by band.
+    The right view's winner is the least total along the volume's diagonal, without a second
+    matching. The sub-pixel part is fitted to the support cost: penalties distort the summed path
+    costs and pull the fit towards whole pixels. All paths run along a row or downwards, so
+    the volume is computed and discarded band by band.
 
     Args:
-        cost: fills the support cost (rows, w, search) from the given image row on.
+        cost: fills the support cost (rows, w, search) from an image row on.
         shape: h, w, search of the whole volume.
-        p1, p2: penalties in the cost's unit. shift: smallest disparity [px].
+        p1, p2: penalties in the unit of the cost.
+        shift: smallest disparity [px].
     """
     h, w, search = shape
-    found = Winners(
+    winners = Winners(
         best=np.zeros((h, w), np.int16),
         offset=np.zeros((h, w), np.float32),
         bend=np.zeros((h, w), np.float32),
@@ -178,10 +183,10 @@ def select(
         neighbour=np.zeros((h, w), np.uint16),
     )
     penalties = (_u16(p1), _u16(p2))
-    # Plain threads, not a parallel kernel: a barrier for every row stalls on a busy machine.
+    # Threads per band: a parallel kernel needs a barrier per row, which stalls on a busy machine.
     volumes = np.empty((_AHEAD + 1, 2, min(h, BAND_ROWS), w, search), np.uint16)
     state = np.full((2, 3, w + 2, search + 2), _WALL, np.uint16)
-    state[:, :, :, 1:-1] = 0  # A path that starts costs nothing yet.
+    state[:, :, :, 1:-1] = 0  # Paths start with zero cost.
     floor = np.zeros((2, 3, w + 2), np.uint16)
 
     def prepare(band: int) -> tuple[NDArray, NDArray]:
@@ -204,14 +209,14 @@ def select(
             _select(
                 total,
                 support,
-                found.best[part],
-                found.offset[part],
-                found.bend[part],
-                found.right_best[part],
-                found.right_offset[part],
-                found.margin_pct[part],
-                found.second[part],
-                found.neighbour[part],
+                winners.best[part],
+                winners.offset[part],
+                winners.bend[part],
+                winners.right_best[part],
+                winners.right_offset[part],
+                winners.margin_pct[part],
+                winners.second[part],
+                winners.neighbour[part],
                 shift,
             )
-    return found
+    return winners

@@ -1,7 +1,4 @@
-"""Refinement of disparities after the winner is known.
-
-Median, jump-preserving mean, the pull of a sub-pixel fit, rounding.
-"""
+"""Refinement of disparities: median, edge-preserving mean, pixel locking, quantisation."""
 
 from __future__ import annotations
 
@@ -18,19 +15,19 @@ def refine(
     setting: Refinement,
     weight: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
-    """Median over all winners, then the jump-preserving mean.
+    """Apply the median to all winners, then the edge-preserving mean.
 
-    The median runs before any check: it mends single wrong winners from their neighbours, as a
-    matcher does that keeps a disparity for every pixel until the checks.
+    The median runs before any check and replaces single wrong winners by their neighbours.
 
     Args:
-        disparity_px: (h, w) [px], NaN where an engine gave none (kept so).
-        weight: (h, w) how much each pixel counts in the mean, >= 0; None = all alike.
+        disparity_px: (h, w) [px]; NaN without disparity stays NaN.
+        setting: window sizes and largest step.
+        weight: (h, w) weight of each pixel in the mean, >= 0; None weights all equally.
     """
     out = disparity_px
     if setting.median_px:
         known = np.isfinite(out)
-        # An engine's holes must not pull the median: they are given back afterwards.
+        # Holes count as 0 in the median and are restored afterwards.
         out = cv2.medianBlur(np.where(known, out, np.float32(0)), setting.median_px)
         out = np.where(known & (out > 0), out, disparity_px)
     if setting.smooth_px > 1:
@@ -45,19 +42,22 @@ def refine(
     return out
 
 
-def locked(disparity_px: NDArray[np.float32], amplitude_px: float) -> NDArray[np.float32]:
-    """Pull disparities towards whole pixels: d - a sin(2 pi d).
+def apply_pixel_locking(
+    disparity_px: NDArray[np.float32], amplitude_px: float
+) -> NDArray[np.float32]:
+    """Apply pixel locking, a bias of disparities towards whole pixels: d - a sin(2 pi d).
 
-    The parabola through three costs has an error that returns with every pixel and vanishes at
-    whole and half ones; its first harmonic is the sine. Source: Shimizu and Okutomi 2005, IJCV
-    63(3), "Sub-pixel estimation error cancellation on area-based matching"; that a sine fits the
-    fractions of semi-global matching: Haller et al. 2010, ITSC. The mean comes first, so that the
-    pull stands in the result with its full amplitude, whatever the noise.
+    The error of a parabola fit is periodic in the pixel and vanishes at whole and half pixels;
+    the sine is its first harmonic. It follows the mean, so that its amplitude in the result does
+    not depend on noise.
 
     Args:
         disparity_px: (h, w) [px], NaN stays NaN.
-        amplitude_px: a [px]; below 0 it pushes towards half pixels (an overdone correction), at 0
-            the array itself comes back. Beyond 1 / (2 pi) disparities would change their order.
+        amplitude_px: a [px]. Negative values push towards half pixels (an overdone correction); 0
+            returns the input array. Above 1 / (2 pi) disparities would change their order.
+
+    Source: Shimizu and Okutomi 2005, IJCV 63(3), "Sub-pixel estimation error cancellation on
+    area-based matching". Haller et al. 2010, ITSC: a sine fits semi-global matching.
     """
     if not amplitude_px:
         return disparity_px
@@ -66,7 +66,7 @@ def locked(disparity_px: NDArray[np.float32], amplitude_px: float) -> NDArray[np
 
 
 def quantise(disparity_px: NDArray[np.float32], quantum_px: float) -> NDArray[np.float32]:
-    """Round to multiples of `quantum_px` [px]; 0 leaves the values alone."""
+    """Round to multiples of `quantum_px` [px]; 0 returns the input array."""
     if not quantum_px:
         return disparity_px
     quantum = np.float32(quantum_px)
@@ -81,15 +81,15 @@ def smooth(
     rows_px: int,
     step_px: float,
 ) -> NDArray[np.float32]:
-    """Weighted mean over a window, of neighbours within `step_px` of the centre.
+    """Return the weighted mean over a window, of neighbours within `step_px` of the centre.
 
-    Taken along the rows and then along the columns of the result, which costs 2n instead of n^2.
+    The mean is separable: along rows, then along columns, with cost 2n instead of n^2.
 
     Args:
-        disparity_px: (h, w) [px]; NaN stays NaN and counts nowhere.
-        weight: (h, w) how much each pixel counts, >= 0; where all are 0 the centre stays.
-        columns_px, rows_px: width and height of the window, odd.
-        step_px: neighbours further off are left out.
+        disparity_px: (h, w) [px]; NaN stays NaN and has no weight.
+        weight: (h, w) weight of each pixel, >= 0; if all are 0 the centre is unchanged.
+        columns_px, rows_px: width and height of the window, odd [px].
+        step_px: neighbours with a larger difference are left out [px].
     """
     across, down, step = columns_px // 2, rows_px // 2, np.float32(step_px)
     padded, weights = _padded(disparity_px, weight, 0, across)
@@ -102,7 +102,7 @@ def smooth(
 def _padded(
     disparity_px: NDArray, weight: NDArray, down: int, across: int
 ) -> tuple[NDArray, NDArray]:
-    """Margins without disparity, so that they count nowhere."""
+    """Add margins without disparity, which have no weight."""
     margins = (down, down, across, across, cv2.BORDER_CONSTANT)
     return (
         cv2.copyMakeBorder(disparity_px, *margins, value=float("nan")),
@@ -112,7 +112,7 @@ def _padded(
 
 @nb.njit(nogil=True, cache=True)
 def _mean(padded, weight, centre, down, across, step):  # pragma: no cover - compiled
-    """Weighted means along one axis, and the weights gathered."""
+    """Weighted means along one axis, and the summed weights."""
     h, w = centre.shape
     out = np.empty((h, w), np.float32)
     gathered = np.zeros((h, w), np.float32)
@@ -122,7 +122,7 @@ def _mean(padded, weight, centre, down, across, step):  # pragma: no cover - com
             for dx in range(across + 1):
                 row, weights = padded[y + dy], weight[y + dy]
                 for x in range(w):
-                    # A difference to NaN is never small: holes count nowhere.
+                    # A difference to NaN never passes the threshold, so holes have no weight.
                     off = row[x + dx] - centre[y, x]
                     counts = weights[x + dx] if abs(off) <= step else np.float32(0)
                     total[x] += off * counts if counts > 0 else np.float32(0)

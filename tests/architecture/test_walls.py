@@ -167,7 +167,7 @@ def test_packages_are_imported_by_their_full_names() -> None:
 
 @pytest.mark.parametrize("room", ["starling", "starling.patterns", "starling.sim"])
 def test_import_loads_nothing_heavy(room: str) -> None:
-    """Importing a package must be instant: heavy libraries load inside the functions that need them."""
+    """Heavy libraries load inside the functions that need them."""
     code = f"import sys, {room}; print(*(m for m in {HEAVY!r} if m in sys.modules))"
     run = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False

@@ -79,6 +79,6 @@ def test_installed_wheel_imports_and_answers(wheel: Path, tmp_path: Path) -> Non
     places = _run(python, "-c", IMPORT_ALL, cwd=tmp_path).split()
     assert len(places) == len(_sources())
     assert [place for place in places if not place.startswith(str(site))] == []
-    presets = "from starling.sim.sensor import presets as sensors; print(*map(sensors.load, sensors.names()))"
+    presets = "import starling; print(*map(starling.load_sensor, starling.list_sensors()))"
     _run(python, "-c", presets, cwd=tmp_path)
     assert "simulate" in _run(tmp_path / "venv" / "bin" / "starling", "--help", cwd=tmp_path)

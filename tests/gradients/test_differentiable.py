@@ -1,4 +1,4 @@
-"""Derivatives of the projector's light by the rig: forward and backward mode, and differences."""
+"""Derivatives of the projector's light by the rig's geometry, compared with differences."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from starling.patterns.errors import InputError
 from starling.sim.differentiable import image as differentiable_image
 from starling.sim.differentiable import light as differentiable
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.imaging.lens_input import Received
+from starling.sim.imaging.lens_input import LensInput
 from starling.sim.imaging.optics import image as optics
 from starling.sim.render import backend, direct
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes
 from starling.sim.scene.scene import ModelError, Motion, Scene
 from starling.sim.sensor import presets
@@ -24,9 +24,9 @@ from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.emitter import Emitter
 from starling.sim.sensor.sensor import Sensor
 
-# Steps that move dots by some thousandths of a pixel, some hundredths of a pixel of the pattern,
-# whose linear interpolation has a kink at each: further, and more differences run over kinks;
-# less, and single precision shows.
+# Steps that move dots by about 1e-3 image pixels, or 1e-2 pattern pixels. The pattern's linear
+# interpolation has a kink at each pixel, which larger steps would cross. Smaller steps would suffer
+# from single precision.
 STEPS = {
     "fx_px": 6e-3,
     "cx_px": 4e-3,
@@ -62,13 +62,13 @@ def small(**changes: object) -> Sensor:
 
 
 @pytest.fixture(scope="module")
-def stage() -> Stage:
-    """A table with things on it."""
-    return Stage(scenes.tabletop(0))
+def stage() -> MitsubaScene:
+    """A table with objects."""
+    return MitsubaScene(scenes.tabletop(0))
 
 
 def with_step(sensor: Sensor, name: str, step: float) -> Sensor:
-    """Move one parameter; the field by a share of itself, as its column says."""
+    """Change one parameter; the field changes relatively, as its derivative is defined."""
     name, step = (
         (parameters.FIELD, step * parameters.value(sensor, parameters.FIELD))
         if name == "projector.field"
@@ -78,23 +78,25 @@ def with_step(sensor: Sensor, name: str, step: float) -> Sensor:
 
 
 def agree(difference: np.ndarray, column: np.ndarray, where: np.ndarray) -> None:
-    """Hold a difference against a derivative, in units of the derivative's root mean square.
+    """Compare a difference with a derivative, relative to the derivative's root mean square.
 
-    Half the pixels agree to 0.3 % (single precision), all but a hundredth, which a kink lies in, to
-    15 %, and together, as a fit adds them, to 0.5 %. Of the rest nothing is said: there the
-    outline of a facet passes.
+    Half of the pixels agree to 0.3 % (single precision). 99 % agree to 15 %, limited by kinks. The
+    weighted sum over pixels, as in a fit, agrees to 0.5 %. The other pixels, at outlines of facets,
+    are not tested.
     """
     size = np.sqrt(np.mean(column[where] ** 2))
     wrong = np.abs(difference - column)[where] / size
     assert np.median(wrong) < 3e-3
     assert np.quantile(wrong, 0.99) < 0.15
-    kept = where.copy()
-    kept[where] = wrong <= np.quantile(wrong, 0.999)
-    assert (difference * column)[kept].sum() / (column**2)[kept].sum() == pytest.approx(1, abs=5e-3)
+    inner = where.copy()
+    inner[where] = wrong <= np.quantile(wrong, 0.999)
+    assert (difference * column)[inner].sum() / (column**2)[inner].sum() == pytest.approx(
+        1, abs=5e-3
+    )
 
 
-def inside(*views: differentiable.Traced) -> np.ndarray:
-    """Pixels that are clear in all views, a pixel away from any that is not."""
+def inside(*views: differentiable.TracedView) -> np.ndarray:
+    """Pixels that are clear in all views, eroded by one pixel."""
     clear = np.logical_and.reduce([view.clear for view in views]).astype(np.uint8)
     clear[[0, -1]] = 0
     clear[:, [0, -1]] = 0
@@ -102,8 +104,10 @@ def inside(*views: differentiable.Traced) -> np.ndarray:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_the_image_is_the_one_that_is_rendered(stage: Stage, side: differentiable.Side) -> None:
-    """The layer equals the renderer's. It proves nothing of the renderer."""
+def test_the_image_equals_the_rendered_layer(
+    stage: MitsubaScene, side: differentiable.Side
+) -> None:
+    """The layer equals the renderer's, which is not tested here."""
     sensor = small()
     traced = differentiable.trace(stage, sensor, side)
     image, rendered = traced.linear().image, direct.layers(stage, sensor)
@@ -118,12 +122,12 @@ def test_the_image_is_the_one_that_is_rendered(stage: Stage, side: differentiabl
 @pytest.mark.parametrize("side", ["left", "right"])
 @pytest.mark.parametrize("name", [name for name in STEPS if name != "projector.field"])
 def test_forward_mode_agrees_with_central_differences(
-    stage: Stage, side: differentiable.Side, name: str
+    stage: MitsubaScene, side: differentiable.Side, name: str
 ) -> None:
-    """Columns against differences of traced images, pixels on depth and shadow edges left out.
+    """Derivatives agree with differences of traced images, except at depth and shadow edges.
 
-    It proves that the derivative is of this image, not that the image is right, and nothing
-    where an edge passes: there the image jumps.
+    The test does not show that the image itself is correct, and excludes edges, where the image is
+    discontinuous.
     """
     sensor = small()
     traced = differentiable.trace(stage, sensor, side)
@@ -139,8 +143,8 @@ def test_forward_mode_agrees_with_central_differences(
     agree(difference, column, inside(traced, *ends))
 
 
-def test_the_field_of_an_image_stretches(stage: Stage, tmp_path) -> None:
-    """As above, of the field: generated patterns are drawn anew for another, images stretch."""
+def test_the_field_of_an_image_stretches(stage: MitsubaScene, tmp_path) -> None:
+    """As above, for the field. Generated patterns change with the field, so an image is used."""
     path = tmp_path / "dots.png"
     rng = np.random.default_rng(0)
     drawn = cv2.GaussianBlur(rng.random((288, 384), np.float32), (0, 0), 2.0)
@@ -159,21 +163,23 @@ def test_the_field_of_an_image_stretches(stage: Stage, tmp_path) -> None:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_backward_mode_agrees_with_forward_mode(stage: Stage, side: differentiable.Side) -> None:
-    """Both modes on random weights: one is the other's transpose. Errors of both stay hidden."""
+def test_backward_mode_agrees_with_forward_mode(
+    stage: MitsubaScene, side: differentiable.Side
+) -> None:
+    """Both modes agree on random weights. Common errors of both remain undetected."""
     sensor = small()
     traced = differentiable.trace(stage, sensor, side)
     weights = np.random.default_rng(0).random((96, 160), np.float32) * traced.clear
     columns = traced.linear(differentiable.PARAMETERS).columns
-    pulled = traced.pulled(differentiable.PARAMETERS, weights)
+    pulled = traced.backward_gradient(differentiable.PARAMETERS, weights)
     for name, column in columns.items():
         forward = float((column.astype(np.float64) * weights).sum())
         size = float(np.abs(column * weights).sum())
         assert abs(pulled[name] - forward) <= 1e-4 * size, name  # Sums in single precision.
 
 
-def test_emitters_add_up_and_all_move(stage: Stage) -> None:
-    """The parts of several emitters sum to the whole, in image and derivative."""
+def test_derivatives_of_emitters_add_up(stage: MitsubaScene) -> None:
+    """Images and derivatives of single emitters sum to those of all emitters."""
     emitters = (
         Emitter(offset_m=(-2e-3, 0, 0)),
         Emitter(offset_m=(3e-3, 0, 0), rotation_deg=(0, 0, 12), power_share=0.5),
@@ -199,31 +205,33 @@ def test_emitters_add_up_and_all_move(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("name", differentiable_image.ALIGNMENT)
-def test_alignment_moves_the_image_as_the_simulator_does(stage: Stage, name: str) -> None:
-    """Columns by alignment against differences of what the simulator forms, about a turned imager.
+def test_alignment_moves_the_image_as_the_simulator_does(stage: MitsubaScene, name: str) -> None:
+    """Derivatives by alignment agree with differences of the simulator's images.
 
-    It proves nothing of the alignment's own signs, which have their test.
+    The signs of the alignment have their own test.
     """
     turned = {"right.alignment.yaw_deg": 0.4, "right.alignment.roll_deg": -0.3}
     sensor = small(**turned, **{"projector.speckle_contrast": 0.0})
     rendered = direct.layers(stage, sensor).right
     assert rendered is not None
-    light = Received(laser=rendered.projector_direct, rest=np.zeros_like(rendered.projector_direct))
+    light = LensInput(
+        laser=rendered.projector_direct, rest=np.zeros_like(rendered.projector_direct)
+    )
     step = 5e-4
     ends = [
         optics.image(light, rendered.depth_m, with_step(sensor, name, way), "right", seed=0)
         for way in (step, -step)
     ]
     traced = differentiable.trace(stage, sensor, "right")
-    column = differentiable_image.formed(traced, (name,)).columns[name]
+    column = differentiable_image.form(traced, (name,)).columns[name]
     where = cv2.erode(inside(traced).astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)
     agree((ends[0] - ends[1]) / (2 * step), column, where)
     left = differentiable.trace(stage, sensor, "left")
-    assert not differentiable_image.formed(left, (name,)).columns[name].any()
+    assert not differentiable_image.form(left, (name,)).columns[name].any()
 
 
-def test_the_flow_is_how_dots_move(stage: Stage) -> None:
-    """Brightness is carried along the flow, up to what shading adds."""
+def test_the_flow_is_how_dots_move(stage: MitsubaScene) -> None:
+    """Brightness moves along the flow, up to changes of shading."""
     sensor = small()
     traced = differentiable.trace(stage, sensor, "right")
     columns = traced.linear(differentiable.PARAMETERS).columns
@@ -238,10 +246,10 @@ def test_the_flow_is_how_dots_move(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_scale_is_open_in_reference_depth(tmp_path, side: differentiable.Side) -> None:
-    """f over s and baseline, projector offset and field's tangent times s move no pixel.
+def test_scale_is_unobservable_with_reference_depth(tmp_path, side: differentiable.Side) -> None:
+    """The common scale of focal length, baseline, projector offset and field is unobservable.
 
-    Exact where the projector looks straight ahead and lies beside the left imager.
+    Exact for a projector that looks straight ahead from a position next to the left imager.
     """
     path = tmp_path / "dots.png"
     drawn = cv2.GaussianBlur(np.random.default_rng(1).random((288, 384), np.float32), (0, 0), 2.0)
@@ -251,8 +259,8 @@ def test_scale_is_open_in_reference_depth(tmp_path, side: differentiable.Side) -
         "projector.rotation_deg": [0.0, 0.0, 0.0],
         "projector.position_m": [0.03, 0.002, 0.0],
     }
-    sensor, stage = small(**straight), Stage(scenes.tabletop(0))
-    made, scale = Pinhole.of(sensor), 1.01
+    sensor, stage = small(**straight), MitsubaScene(scenes.tabletop(0))
+    pinhole, scale = Pinhole.from_camera(sensor), 1.01
     wide = parameters.with_values(
         sensor,
         [
@@ -264,43 +272,49 @@ def test_scale_is_open_in_reference_depth(tmp_path, side: differentiable.Side) -
         ],
     )
     images = [
-        differentiable_image.formed(differentiable.trace(stage, one, side, reference=made)).image
-        for one in (sensor, wide)
+        differentiable_image.form(
+            differentiable.trace(stage, device, side, reference=pinhole)
+        ).image
+        for device in (sensor, wide)
     ]
-    where = differentiable.trace(stage, sensor, side, reference=made).clear
+    where = differentiable.trace(stage, sensor, side, reference=pinhole).clear
     ratio = images[1][where] / images[0][where]
-    # Even light changes a little with the angles; the dots must not.
+    # Even light changes slightly with the angles; the dots must not.
     assert np.abs(ratio / cv2.blur(ratio[:, None], (1, 1)).ravel() - 1).max() < 1e-6
     assert np.std(ratio) < 4e-3
-    other = differentiable.trace(
-        stage, parameters.with_values(wide, [("fx_px", sensor.fx_px)]), side, reference=made
+    shifted = differentiable.trace(
+        stage, parameters.with_values(wide, [("fx_px", sensor.fx_px)]), side, reference=pinhole
     )
-    moved = differentiable_image.formed(other).image[where] / images[0][where]
+    moved = differentiable_image.form(shifted).image[where] / images[0][where]
     assert np.std(moved) > 5 * np.std(ratio)
 
 
 def test_columns_by_reference_agree_with_differences() -> None:
-    """Focal length and principal point where the surface follows them."""
-    sensor, stage = small(), Stage(scenes.tabletop(0))
-    made = Pinhole.of(small(fx_px=121.0, fy_px=119.0, cx_px=80.9))
+    """Derivatives by focal length and principal point of a surface that depends on them."""
+    sensor, stage = small(), MitsubaScene(scenes.tabletop(0))
+    pinhole = Pinhole.from_camera(small(fx_px=121.0, fy_px=119.0, cx_px=80.9))
     for name in ("fx_px", "cx_px", "cy_px", "baseline_m"):
-        traced = differentiable.trace(stage, sensor, "right", reference=made)
+        traced = differentiable.trace(stage, sensor, "right", reference=pinhole)
         column = traced.linear((name,)).columns[name]
         ends = [
-            differentiable.trace(stage, with_step(sensor, name, way), "right", reference=made)
+            differentiable.trace(stage, with_step(sensor, name, way), "right", reference=pinhole)
             for way in (STEPS[name], -STEPS[name])
         ]
         difference = (ends[0].linear().image - ends[1].linear().image) / (2 * STEPS[name])
         agree(difference, column, inside(traced, *ends))
 
 
-def test_what_cannot_be_differentiated_is_refused(stage: Stage) -> None:
+def test_undifferentiable_scenes_are_refused(stage: MitsubaScene) -> None:
     sensor = small()
     traced = differentiable.trace(stage, sensor, "left")
-    for ask in (traced.linear, traced.flow, lambda names: traced.pulled(names, traced.depth_m)):
+    for ask in (
+        traced.linear,
+        traced.flow,
+        lambda names: traced.backward_gradient(names, traced.depth_m),
+    ):
         with pytest.raises(InputError, match="parameter must be a known name; got 'gain'"):
             ask(("gain",))
-    for ask in (differentiable_image.formed, differentiable_image.flow):
+    for ask in (differentiable_image.form, differentiable_image.flow):
         with pytest.raises(InputError, match="parameter must be a known name"):
             ask(traced, ("gain",))
     with pytest.raises(InputError, match="geometry must be stated whole"):
@@ -309,14 +323,14 @@ def test_what_cannot_be_differentiated_is_refused(stage: Stage) -> None:
         {"model_error": ModelError(scale=1.01)},
         {"motion": Motion(velocity_m_s=(0.1, 0.0, 0.0))},
     ):
-        wrong = Stage(dataclasses.replace(stage.scene, **change))
+        wrong = MitsubaScene(dataclasses.replace(stage.scene, **change))
         assert isinstance(wrong.scene, Scene)
         with pytest.raises(InputError, match="to be differentiated"):
             differentiable.trace(wrong, sensor, "left")
 
 
 def test_a_variant_without_derivatives_is_refused(
-    stage: Stage, monkeypatch: pytest.MonkeyPatch
+    stage: MitsubaScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(backend, "is_jit", lambda: False)
     with pytest.raises(backend.BackendError, match="gradients must be computed in a compiled"):

@@ -1,4 +1,4 @@
-"""A real room simulated: what our model of it must at least share with the real reading."""
+"""A simulated real room: minimum agreement with the real frame."""
 
 import numpy as np
 import pytest
@@ -21,12 +21,12 @@ def reading(captures):
 
 
 @pytest.mark.long
-def test_the_room_is_seen_where_it_is(reading):
-    """The simulated truth is the reference depth, but for its own smoothing."""
+def test_room_has_its_captured_position(reading):
+    """The simulated ground truth equals the reference depth, except for smoothing."""
     scene, sensor, shot = reading
-    given = {"focal_px": sensor.fx_px, "baseline_m": sensor.baseline_m}
-    truth = disparity_from_depth(scene.truth_m(), **given)
-    seen = disparity_from_depth(shot.layers.truth.depth_m, **given)
+    inputs = {"focal_px": sensor.fx_px, "baseline_m": sensor.baseline_m}
+    truth = disparity_from_depth(scene.truth_m(), **inputs)
+    seen = disparity_from_depth(shot.layers.truth.depth_m, **inputs)
     error = (seen - truth)[metrics.scored_pixels(truth)]
     assert np.nanmedian(np.abs(error)) < 0.05
     assert np.isfinite(shot.layers.truth.depth_m).mean() > 0.995
@@ -45,7 +45,7 @@ def test_the_simulated_infrared_looks_like_the_real_one(reading):
 
 @pytest.mark.long
 def test_holes_are_where_the_device_has_them(reading):
-    """Far better than chance: random holes of both rates would overlap by under a hundredth."""
+    """Far better than chance: random holes with both rates would overlap by less than 1 %."""
     scene, _, shot = reading
     reached = metrics.reached_pixels(scene.truth_m())
     assert metrics.hole_overlap(scene.frame(0).depth_m, shot.depth.depth_m, reached) > 0.2

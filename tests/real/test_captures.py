@@ -1,4 +1,4 @@
-"""The real capture sets are read whole; skipped with the reason where they are absent."""
+"""The real capture sets are read completely; tests are skipped if a set is missing."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def _open(captures: Path, name: str) -> capture.CaptureSet:
 
 
 def test_laser_scanner_set(captures: Path) -> None:
-    found = _open(captures, "d415-faro")
-    assert found.info.shape == (720, 1280) and found.info.black_level_dn == 4
-    assert len(found.scenes) == 15 and len({scene.room for scene in found.scenes}) == 10
-    for scene in found.scenes:
+    result = _open(captures, "d415-faro")
+    assert result.info.shape == (720, 1280) and result.info.black_level_dn == 4
+    assert len(result.scenes) == 15 and len({scene.room for scene in result.scenes}) == 10
+    for scene in result.scenes:
         frame, truth_m = scene.frame(0), scene.truth_m()
         assert frame.ir_left is not None and frame.ir_right is not None
         assert frame.depth_m is not None and truth_m is not None
@@ -33,7 +33,7 @@ def test_laser_scanner_set(captures: Path) -> None:
 
 
 def test_table_set_has_the_projector_off_too(captures: Path) -> None:
-    """Dots add contrast: by how much is what the projector does."""
+    """Dots add contrast; the difference measures the projector's contribution."""
     (scene,) = _open(captures, "d415-table").scenes
     frame = scene.frame(0)
     assert frame.ir_left is not None and frame.ir_left_off is not None
@@ -44,9 +44,9 @@ def test_table_set_has_the_projector_off_too(captures: Path) -> None:
 
 
 def test_kinect_set_has_depth_alone(captures: Path) -> None:
-    found = _open(captures, "kinect-v1-tables")
-    assert found.info.depth_unit_m == 1e-4
-    for scene in found.scenes:
+    result = _open(captures, "kinect-v1-tables")
+    assert result.info.depth_unit_m == 1e-4
+    for scene in result.scenes:
         frame = scene.frame(0)
         assert frame.ir_left is None and frame.depth_m is not None
         assert scene.truth_m() is None and scene.room == scene.name
@@ -56,8 +56,8 @@ def test_kinect_set_has_depth_alone(captures: Path) -> None:
 def test_a_real_set_has_no_gap_to_itself(captures: Path) -> None:
     name = "d415-faro"
     _open(captures, name)
-    one = capture.open_set(captures / name / "3617")
-    figures = compare(one, one)["metrics"]
+    first = capture.open_set(captures / name / "3617")
+    figures = compare(first, first)["metrics"]
     assert all(figure["gap"] == 0 for figure in figures.values())
     # The device's own figures on this scene: what simulation has to meet.
     assert figures["ndp_rate"]["real"] == pytest.approx(0.0128, abs=5e-4)

@@ -1,4 +1,4 @@
-"""The network that comes with the program in real rooms by which nothing of it was chosen."""
+"""The shipped network in real rooms that were not used for any choice."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ ROOMS = ("g", "4426", "5074", "k", "6422")
 
 @pytest.mark.long
 def test_shipped_weights_fill_real_holes_better_than_plain_fills(captures, tmp_path):
-    """By a fifth at least in holes, and no worse where the device has depth."""
+    """At least a fifth better in holes, and no worse where the device has depth."""
     pytest.importorskip("torch", reason="the extra learning is not installed")
     from starling.learning.completion.commands.judge_captures import judge_captures
 
-    told = judge_captures(
+    report = judge_captures(
         str(captures / "d415-faro"), ("wls", "poisson", "small"), tmp_path / "out", rooms=ROOMS
     )
-    gains = told["gains"]["small"]
+    gains = report["gains"]["small"]
     for figure in ("mae_m", "rmse_m"):
         assert gains["hole"][figure]["gain_pct"] >= 20
         assert gains["valid"][figure]["gain_pct"] >= 0

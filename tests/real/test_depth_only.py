@@ -1,4 +1,4 @@
-"""Depth-only calibration of the real D415 from three rooms, its infrared left aside."""
+"""Depth-only calibration of the real D415 from three rooms, without infrared."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def _benchmark():
-    """The benchmark's reading and measuring, so that test and table cannot differ."""
+    """Load the benchmark module, so that test and published table use the same code."""
     path = ROOT / "benchmarks/calibration/calibrate_depth_only.py"
     spec = importlib.util.spec_from_file_location("calibrate_depth_only", path)
     assert spec is not None and spec.loader is not None
@@ -33,15 +33,15 @@ def geometry(captures: Path):
     return _benchmark().outcome(folder, 3, free=("baseline", "offset"))
 
 
-def test_the_device_s_own_focal_baseline_is_met(geometry) -> None:
-    """Its depth stands on 49.47 px m. Rooms differ by 0.4 %, as the references are placed."""
-    found = {one.name: one for one in geometry.solution.estimates}["focal_baseline"]
-    assert abs(found.value - 49.47) < 3 * found.sd
-    assert found.sd < 0.005 * found.value
+def test_device_s_focal_baseline_is_recovered(geometry) -> None:
+    """The device uses 49.47 px m. Rooms differ by 0.4 % because of the references' poses."""
+    result = {estimate.name: estimate for estimate in geometry.solution.estimates}["focal_baseline"]
+    assert abs(result.value - 49.47) < 3 * result.sd
+    assert result.sd < 0.005 * result.value
 
 
-def test_unseen_rooms_lose_bias(geometry) -> None:
-    """The median gap of bias to the device's falls on rooms that were not fitted."""
+def test_calibration_reduces_bias_in_held_out_rooms(geometry) -> None:
+    """The median bias difference from the device falls in rooms that were not fitted."""
     gaps = {
         side: sorted(
             abs(row[f"bias_px_{side}"] - row["bias_px_device"])

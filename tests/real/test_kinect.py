@@ -1,4 +1,4 @@
-"""The kinect-v1 preset beside real Kinect frames: depth steps, noise about a table.
+"""The kinect-v1 preset compared with real Kinect frames: depth steps, noise around a table.
 
 What was read off real frames (step of the disparities, the projector's field, the matcher's window)
 was chosen on `learn*`; these are `test*`. They are no blind test: figures of all tables had been
@@ -25,7 +25,7 @@ TABLES = ("test20", "test27", "test48")  # At 0.76 to 0.91 m.
 
 
 def _benchmark():
-    """The benchmark's reading and measuring, so that test and table cannot differ."""
+    """Load the benchmark module, so that test and published table use the same code."""
     path = ROOT / "benchmarks/matcher/structured_light.py"
     spec = importlib.util.spec_from_file_location("structured_light", path)
     assert spec is not None and spec.loader is not None
@@ -47,15 +47,15 @@ def frames(captures: Path):
 @pytest.fixture(scope="module")
 def figures(frames):
     """Real and simulated figures of these tables."""
-    benchmark, found = frames
-    sensor, camera = presets.load("kinect-v1"), found.info
+    benchmark, result = frames
+    sensor, camera = presets.load("kinect-v1"), result.info
     rows = []
-    for name, (read, where) in benchmark.labelled(found).items():
+    for name, (read, where) in benchmark.labelled(result).items():
         if name not in TABLES:
             continue
         known = where & np.isfinite(read)
         points = (benchmark.rays_of(camera) * read[..., None])[known].astype(float)
-        real = benchmark.table_figures(read, where, camera, found.info.depth_unit_m)
+        real = benchmark.table_figures(read, where, camera, result.info.depth_unit_m)
         plane = benchmark.plane(points)
         rows.append((real, benchmark.simulated_table(plane, where, camera, sensor)))
     return rows
@@ -63,21 +63,21 @@ def figures(frames):
 
 def test_real_depth_comes_in_eighths_of_the_preset_s_pixels(frames):
     """z = floor(8 f b / (n + offset)): 98 % of the values, f b to 1e-4 of the preset's."""
-    benchmark, found = frames
-    codes = benchmark.codes_mm(found)
+    benchmark, result = frames
+    codes = benchmark.codes_mm(result)
     scale, _, share = benchmark.steps(codes)
     assert share > 0.98
     focal_baseline = scale / benchmark.STEPS_PER_PX / 1e3
     assert focal_baseline == pytest.approx(presets.load("kinect-v1").focal_baseline_px_m, rel=1e-4)
 
 
-def test_real_tables_read_as_stated(frames):
+def test_real_tables_have_the_stated_depth(frames):
     """Medians over all tables; a figure whose definition changed would no longer be compared."""
-    benchmark, found = frames
-    camera = found.info
+    benchmark, result = frames
+    camera = result.info
     rows = [
-        benchmark.table_figures(read, where, camera, found.info.depth_unit_m)
-        for read, where in benchmark.labelled(found).values()
+        benchmark.table_figures(read, where, camera, result.info.depth_unit_m)
+        for read, where in benchmark.labelled(result).values()
     ]
     assert np.median([row.sigma_mm for row in rows]) == pytest.approx(2.25, abs=0.05)
     assert np.median([row.clipped_mm for row in rows]) == pytest.approx(2.52, abs=0.05)
@@ -88,13 +88,13 @@ def test_real_tables_read_as_stated(frames):
     ("figure", "share"),
     [("clipped_mm", 0.2), ("normal_mm", 0.25), ("local_px", 0.25), ("distinct", 0.08)],
 )
-def test_simulated_tables_read_like_real_ones(figures, figure, share):
-    """Medians over three planes, within what is left to the unit's own warp."""
+def test_simulated_tables_match_real_ones(figures, figure, share):
+    """Medians over three planes, within the tolerance for the device's warp."""
     real, ours = (np.median([getattr(row[side], figure) for row in figures]) for side in (0, 1))
     assert ours == pytest.approx(real, rel=share)
 
 
-def test_a_simulated_table_is_seen_as_far_as_a_real_one(figures):
+def test_simulated_table_has_depth_as_far_as_a_real_one(figures):
     """Up to the left border: real depth has no band there that widens with nearness."""
     for real, ours in figures:
         assert ours.median_m == pytest.approx(real.median_m, abs=0.03)

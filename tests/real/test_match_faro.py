@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def _benchmark():
-    """The benchmark's reading and measuring, so that test and table cannot differ."""
+    """Load the benchmark module, so that test and published table use the same code."""
     spec = importlib.util.spec_from_file_location(
         "match_faro", ROOT / "benchmarks/matcher/match_faro.py"
     )
@@ -55,24 +55,24 @@ def everything(rows):
     return benchmark.medians([row for _, row in measured])
 
 
-def test_errors_spread_no_wider_than_the_device_s(held_out, everything):
+def test_error_spread_is_not_above_the_device_s(held_out, everything):
     assert everything["ours"]["nmad_px"] <= everything["device"]["nmad_px"]
     assert held_out["ours"]["nmad_px"] <= held_out["device"]["nmad_px"]
 
 
-def test_as_much_is_filled_as_in_the_device(held_out):
+def test_fill_rate_equals_the_device_s(held_out):
     assert abs(held_out["ours"]["fill"] - held_out["device"]["fill"]) <= 0.01
 
 
-def test_values_agree_with_the_device_s(held_out):
+def test_values_agree_with_the_device(held_out):
     assert held_out["agreement"]["nmad_px"] <= 0.137
 
 
-def test_holes_are_where_the_device_s_are(everything):
+def test_holes_agree_with_the_device_s(everything):
     assert everything["agreement"]["ndp_iou"] >= 0.5
 
 
-def test_what_falls_short_of_the_goal_falls_no_further(held_out, everything):
+def test_known_misses_do_not_get_worse(held_out, everything):
     """Goals missed: off by > 1 px not above the device's; hole overlap of 0.5 on unseen rooms."""
     assert held_out["ours"]["bad1_pct"] <= held_out["device"]["bad1_pct"] + 0.05
     assert everything["ours"]["bad1_pct"] <= everything["device"]["bad1_pct"] + 0.23

@@ -1,4 +1,4 @@
-"""Real captures pass unharmed; made wrong on purpose, they are told for what they are."""
+"""Real captures pass the plausibility checks; deliberate errors are detected."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ def three(captures: Path) -> tuple[Observation, ...]:
     return _observations(_folder(captures, "d415-faro"), "0060", "0742", "5881")
 
 
-def _refusal(observations: tuple[Observation, ...], asked: str = "d415") -> str:
-    sensor = observations[0].info.geometry_into(presets.load(asked))
+def _refusal(observations: tuple[Observation, ...], requested: str = "d415") -> str:
+    sensor = observations[0].info.geometry_into(presets.load(requested))
     with pytest.raises(InputError) as caught:
         checks.check(observations, sensor)
     return str(caught.value)
@@ -83,8 +83,10 @@ def test_the_table_passes(captures: Path) -> None:
     folder = _folder(captures, "d415-table")
     sensor = resolve.load("d415", captures=str(folder))
     (table,) = _observations(folder)
-    (said,) = checks.check([table], sensor)
-    assert said.startswith("reference depth of scene table disagrees with its infrared pair in 2")
+    (message,) = checks.check([table], sensor)
+    assert message.startswith(
+        "reference depth of scene table disagrees with its infrared pair in 2"
+    )
     assert checks.check([dataclasses.replace(table, truth_m=None)], sensor) == ()
     off = dataclasses.replace(table, left=table.left_off, right=table.right_off)
     assert _refusal((off,)).startswith("captures must show the projector's dots; got dots in")
@@ -95,32 +97,34 @@ def test_depth_alone_passes(captures: Path) -> None:
     assert checks.check(_observations(folder), presets.load("kinect-v1")) == ()
 
 
-@pytest.mark.parametrize("asked", ["d435", "d455"])
-def test_the_wrong_preset(three: tuple[Observation, ...], asked: str) -> None:
-    assert _refusal(three, asked).endswith("Preset d415 fits better.")
+@pytest.mark.parametrize("requested", ["d435", "d455"])
+def test_wrong_preset_is_detected(three: tuple[Observation, ...], requested: str) -> None:
+    assert _refusal(three, requested).endswith("Preset d415 fits better.")
 
 
 @pytest.mark.parametrize("factor", [1000.0, 10.0, 1e-3])
-def test_a_wrong_unit(three: tuple[Observation, ...], factor: float) -> None:
+def test_wrong_depth_unit_is_detected(three: tuple[Observation, ...], factor: float) -> None:
     wrong = [dataclasses.replace(item, truth_m=np.float32(factor) * item.truth_m) for item in three]
-    said = _refusal(tuple(wrong))
-    assert float(said.split("got depths ")[1].split()[0]) == pytest.approx(factor, rel=0.01)
-    said = _refusal((three[0], wrong[1], three[2]))
-    assert said.startswith("reference depth of scene 0742 must be of one scale")
+    message = _refusal(tuple(wrong))
+    assert float(message.split("got depths ")[1].split()[0]) == pytest.approx(factor, rel=0.01)
+    message = _refusal((three[0], wrong[1], three[2]))
+    assert message.startswith("reference depth of scene 0742 must have the scale")
 
 
-def test_swapped(three: tuple[Observation, ...]) -> None:
+def test_swapped_images_are_detected(three: tuple[Observation, ...]) -> None:
     for item in three:
         swapped = dataclasses.replace(item, left=item.right, right=item.left)
         assert "must not be swapped" in _refusal((swapped,))
 
 
-def test_another_view_of_the_same_room(captures: Path) -> None:
-    """Two poses in one room: much alike, yet no more than a third of the windows agree."""
+def test_another_view_of_the_same_room_is_detected(captures: Path) -> None:
+    """Two similar poses in one room: at most a third of the windows agree."""
     first, second = _observations(_folder(captures, "d415-faro"), "3617", "3629")
     wrong = dataclasses.replace(first, truth_m=second.truth_m)
-    said = _refusal((wrong, second))
-    assert said.startswith("reference depth of scene 3617 must show what its infrared pair shows")
+    message = _refusal((wrong, second))
+    assert message.startswith(
+        "reference depth of scene 3617 must show the same scene as its infrared pair"
+    )
 
 
 @pytest.mark.parametrize(
@@ -135,7 +139,7 @@ def test_ceiling_of_the_correlation(
     assert disparity is not None and item.left is not None and item.right is not None
     warped, inside = right_in_left(item.right, disparity)
     usable = inside & ~depth_edges(disparity)
-    found = local_ncc(high_passed(item.left), high_passed(warped), usable)
-    assert len(found) > 1500
-    assert np.median(found) == pytest.approx(median, abs=0.002)
-    assert np.percentile(found, 25) == pytest.approx(quartile, abs=0.002)
+    result = local_ncc(high_passed(item.left), high_passed(warped), usable)
+    assert len(result) > 1500
+    assert np.median(result) == pytest.approx(median, abs=0.002)
+    assert np.percentile(result, 25) == pytest.approx(quartile, abs=0.002)

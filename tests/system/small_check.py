@@ -1,4 +1,4 @@
-"""A small check: few scenes, few effects, tiny images, and strengths that are surely found."""
+"""A small validation: few scenes and effects, tiny images, and strong effects."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SMALL = tier.Tier(
     number=1,
     source="starling",
     matcher="starling",
-    first=60,
+    first_scene=60,
     sets=2,
     scenes=4,
     width=160,

@@ -1,4 +1,4 @@
-"""The bench prints what it promises; its figures are taken by hand on a quiet machine."""
+"""The bench prints its documented keys. Its figures are measured manually on a quiet machine."""
 
 import json
 import subprocess
@@ -7,13 +7,16 @@ import sys
 import numpy as np
 import pytest
 
-# In a process of its own: the peak of memory is the process's.
-BENCH = "import json; from starling.sim.commands.bench import bench; print(json.dumps(bench(repeats=1, samples=1)))"
+# It runs in a separate process, because peak memory is measured per process.
+BENCH = (
+    "import json; from starling.sim.commands.bench import bench; "
+    "print(json.dumps(bench(repeats=1, samples=1)))"
+)
 
 PEAK = "from starling.sim.commands.bench import peak_gib; print(peak_gib())"
 
 
-def test_memory_is_a_process_s_own():
+def test_peak_memory_is_not_inherited():
     held = np.ones(2**29, np.uint8)  # What starts it counts for nothing.
     ran = subprocess.run([sys.executable, "-c", PEAK], capture_output=True, text=True, check=True)
     assert 0.05 < float(ran.stdout) < held.size / 2**30

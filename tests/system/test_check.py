@@ -1,8 +1,8 @@
-"""The check on withheld effects from light to scores, small: few scenes, few effects, tiny images.
+"""The validation with withheld effects from light to scores, with few scenes and tiny images.
 
-**Rationale.** What is tested is that the parts work together and that the truth stays sealed; how
-often the right effect is named is told by `starling withheld` on the whole table. Still, of strong
-effects most have to be named here, and of no effect none.
+**Rationale.** The tests check that the parts work together and that the truth stays sealed. On the
+whole table, `starling withheld` measures how often the right effect is identified. Here most strong
+effects have to be identified, and captures without an effect must not be reported.
 """
 
 from __future__ import annotations
@@ -33,38 +33,42 @@ from starling.sim.sensor import presets
 from tests.system.small_check import IN_PROCESS, NEUTRAL, SMALL, STRONG, TRIED
 
 RUN = programs._run
-TOLD: list[tuple[Path, bytes]] = []  # All but pictures that a diagnosis of cases was shown.
+SHOWN: list[tuple[Path, bytes]] = []  # All files except pictures that a diagnosis could read.
 
 
-def _told(folder: Path) -> list[tuple[Path, bytes]]:
-    """Files below the folders of cases, by their path there, and those beside them."""
-    files = [one for one in folder.rglob("*") if one.is_file() and one.suffix != ".png"]
-    return [(Path(*one.relative_to(folder).parts[1:]), one.read_bytes()) for one in files]
+def _files(folder: Path) -> list[tuple[Path, bytes]]:
+    """Read the files of all cases, by their path inside a case folder."""
+    paths = [path for path in folder.rglob("*") if path.is_file() and path.suffix != ".png"]
+    return [(Path(*path.relative_to(folder).parts[1:]), path.read_bytes()) for path in paths]
 
 
 @pytest.fixture(scope="module")
 def patched() -> Any:
-    """Few effects in both tables, and programs run in this process to share that.
+    """Limit both effect tables to few effects, and run the programs in this process.
 
-    Lots are fixed: a null may be alarmed at now and then, which would fail a run by chance.
-    The lens has no spot: its shape is another in the second implementation, which at so few pixels
-    is a gap of its own where so few effects have a say in what features tell.
+    Random numbers are fixed, because a false positive would fail a run by chance. The lens has no
+    blur: its shape differs in the second implementation. With so few pixels and effects, that
+    would be a gap.
     """
     patch = pytest.MonkeyPatch()
-    lot = case.lot
-    patch.setattr(case, "lot", lambda entropy: lot(6 if entropy is None else entropy))
-    spotless = [one for one in check_camera._HAS if one[0] != "imager.lens.blur_px"]
+    random_generator = case.random_generator
+    patch.setattr(
+        case,
+        "random_generator",
+        lambda entropy: random_generator(6 if entropy is None else entropy),
+    )
+    spotless = [entry for entry in check_camera._HAS if entry[0] != "imager.lens.blur_px"]
     patch.setattr(check_camera, "_HAS", spotless)
     patch.setattr(
         attribution,
         "candidates",
-        lambda *asked: [one for one in all_candidates(*asked) if one.name in TRIED],
+        lambda *arguments: [entry for entry in all_candidates(*arguments) if entry.name in TRIED],
     )
     shown = {*TRIED, *(n for n, row in catalogue.ROWS.items() if row.kind == "outside")}
     patch.setattr(Rendered, "effects", frozenset(shown))
-    told = RealPairs.effects.fget
-    assert told is not None
-    patch.setattr(RealPairs, "effects", property(lambda self: told(self) & shown))
+    real_effects = RealPairs.effects.fget
+    assert real_effects is not None
+    patch.setattr(RealPairs, "effects", property(lambda self: real_effects(self) & shown))
 
     def run(module: str, arguments: Sequence[str]) -> None:
         if (
@@ -72,7 +76,7 @@ def patched() -> Any:
             and "--without" not in arguments
         ):
             for folder in map(Path, arguments[:2]):
-                TOLD.extend(_told(folder))
+                SHOWN.extend(_files(folder))
         assert IN_PROCESS[module](arguments) == 0
 
     patch.setattr(programs, "_run", run)
@@ -83,286 +87,296 @@ def patched() -> Any:
 @pytest.fixture(scope="module")
 def done(patched: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Check, list[Case]]:
     folder = tmp_path_factory.mktemp("check")
-    told = folder / "limits.json"
-    found = {
+    path = folder / "limits.json"
+    departures = {
         name: {"base": NEUTRAL[name], "below": None, "above": value}
         for name, value in _values().items()
     }
-    told.write_text(json.dumps({**found, "median": {"found": [3, 5]}}))
-    patched.setattr(limits, "FILE", told)
-    one = Check(out=folder / "run", tier=SMALL, blender=Path("none"), jobs=1)
-    cases = one.prepared()
-    one.diagnosed(cases)
-    return one, list(cases)
+    path.write_text(json.dumps({**departures, "median": {"found": [3, 5]}}))
+    patched.setattr(limits, "FILE", path)
+    check = Check(out=folder / "run", tier=SMALL, blender=Path("none"), jobs=1)
+    cases = check.prepare()
+    check.diagnose(cases)
+    return check, list(cases)
 
 
 def _values() -> dict[str, float]:
-    """Strengths that are surely found, as values."""
+    """Return the values of effects that are strong enough to be detected."""
     return {name: NEUTRAL[name] + STRONG[name] for name in STRONG}
 
 
-def test_most_is_named_and_nothing_where_nothing_is(done):
-    one, cases = done
-    scores = one.scored(cases)
+def test_most_effects_are_identified_without_false_positives(done):
+    check, cases = done
+    scores = check.score(cases)
     assert scores["cases"] == {"null": 6, "single": 10, "pair": 2, "unknown": 6}
     assert scores["top1"] >= 0.75 and scores["in_set"] >= scores["top1"]
     assert scores["false_alarm"] <= 0.1
     assert scores["unknown_recall"] >= 0.5
     assert scores["top1"] > scores["baselines"]["random"]["top1"]
-    assert scores["opened"] == 1 and one.scored(cases)["opened"] == 2
+    assert scores["opened"] == 1 and check.score(cases)["opened"] == 2
 
 
-def test_the_diagnosis_is_shown_captures_alone(done):
-    one, _ = done
-    for each in one.sets:
-        assert not (each.folder / "cases").exists()  # Taken away with the last verdict.
+def test_diagnosis_sees_only_captures(done):
+    check, _ = done
+    for each in check.sets:
+        assert not (each.folder / "cases").exists()  # Removed with the last verdict.
         assert not (each.folder / ".without").exists()
     shown: dict[Path, set[bytes]] = {}
-    for path, content in TOLD:
+    for path, content in SHOWN:
         shown.setdefault(path, set()).add(content)
     assert {"capture.toml", "scene.toml"} <= {path.name for path in shown}
-    assert all(len(contents) == 1 for contents in shown.values())  # Of all cases the same.
-    assert {path.name for path in one.hidden.iterdir()} == {seal.TRUTH}
+    assert all(len(contents) == 1 for contents in shown.values())  # The same content in all cases.
+    assert {path.name for path in check.hidden.iterdir()} == {seal.TRUTH}
 
 
-def test_a_run_goes_on_where_it_was(done, monkeypatch):
-    one, cases = done
-    lost = one.sets[0].folder / "whole" / f"{cases[0].number:03d}.json"
+def test_stopped_run_continues(done, monkeypatch):
+    check, cases = done
+    lost = check.sets[0].folder / "whole" / f"{cases[0].number:03d}.json"
     before = json.loads(lost.read_text())
     lost.unlink()
-    asked = []
-    monkeypatch.setattr(programs, "diagnose", lambda *a, **k: asked.append(a))
+    calls = []
+    monkeypatch.setattr(programs, "diagnose", lambda *a, **k: calls.append(a))
     with pytest.raises(WithheldError, match="verdict"):
-        one.diagnosed(cases)
-        one.scored(cases)
-    assert len(asked) == 1
+        check.diagnose(cases)
+        check.score(cases)
+    assert len(calls) == 1
     monkeypatch.undo()
-    one.diagnosed(cases)
+    check.diagnose(cases)
     after = json.loads(lost.read_text())
     assert {**after, "seconds": 0} == {**before, "seconds": 0}
 
 
-def test_the_first_sets_may_be_asked_alone(done, tmp_path):
-    """Cases are drawn for all sets; what the others' say is neither waited for nor scored."""
-    one, cases = done
-    first = dataclasses.replace(one, count=1)
-    assert first.prepared() == tuple(cases)
-    kept = next(case for case in cases if case.number % 2)
-    verdict = one.sets[1].folder / "whole" / f"{kept.number:03d}.json"
+def test_first_sets_can_run_alone(done, tmp_path):
+    """Cases are drawn for all sets, but verdicts of later sets are neither needed nor scored."""
+    check, cases = done
+    first = dataclasses.replace(check, set_limit=1)
+    assert first.prepare() == tuple(cases)
+    later = next(case for case in cases if case.number % 2)
+    verdict = check.sets[1].folder / "whole" / f"{later.number:03d}.json"
     verdict.rename(tmp_path / "kept")
     try:
-        first.diagnosed(cases)
-        scores = first.scored(cases)
+        first.diagnose(cases)
+        scores = first.score(cases)
         with pytest.raises(WithheldError, match="verdict"):
-            one.scored(cases)
+            check.score(cases)
     finally:
         (tmp_path / "kept").rename(verdict)
     assert scores["sets"] == {"asked": 1, "all": 2}
-    asked = Counter(case.kind for case in cases if case.number % 2 == 0)
+    counts = Counter(case.kind for case in cases if case.number % 2 == 0)
     assert {kind: scores["cases"][kind] for kind in ("null", "single", "pair")} == {
-        kind: asked[kind] for kind in ("null", "single", "pair")
+        kind: counts[kind] for kind in ("null", "single", "pair")
     }
 
 
 @pytest.mark.long
-def test_power_is_asked_of_the_same_scenes(done, monkeypatch):
-    """Vignetting far above its limit is found, and far below it is not."""
-    one, _ = done
+def test_power_uses_the_same_scenes(done, monkeypatch):
+    """Vignetting is detected far above its limit, and not far below it."""
+    check, _ = done
     monkeypatch.setattr(power, "EFFECTS", ("vignetting",))
     monkeypatch.setattr(power, "LEVELS", 2)
     monkeypatch.setattr(power, "_WEAKEST", 0.02)
-    strong = dataclasses.replace(one, power=True)
-    cases = strong.prepared()
-    strong.diagnosed(cases)
-    weak, found = strong.scored(cases)["power"]["vignetting"]
-    assert weak["cases"] == found["cases"] == SMALL.sets
-    assert weak["named"] == 0 and found["named"] == 1
-    assert {path.name for path in (one.out / "power").iterdir()} >= {"hidden", "opened", "set-0"}
+    strong = dataclasses.replace(check, power=True)
+    cases = strong.prepare()
+    strong.diagnose(cases)
+    weak, strong_case = strong.score(cases)["power"]["vignetting"]
+    assert weak["cases"] == strong_case["cases"] == SMALL.sets
+    assert weak["named"] == 0 and strong_case["named"] == 1
+    assert {path.name for path in (check.out / "power").iterdir()} >= {"hidden", "opened", "set-0"}
 
 
-def test_a_truth_that_was_changed_is_refused(done):
-    one, _ = done
-    truth = one.hidden / seal.TRUTH
+def test_changed_truth_is_refused(done):
+    check, _ = done
+    truth = check.hidden / seal.TRUTH
     text = truth.read_text()
     truth.write_text(text.replace("null", "null ", 1))
     try:
         with pytest.raises(WithheldError, match="sealed"):
-            one.prepared()
+            check.prepare()
     finally:
         truth.write_text(text)
 
 
-def test_a_folder_is_of_what_was_asked_and_of_one_run_at_a_time(done, monkeypatch):
-    one, cases = done
+def test_folder_belongs_to_one_run_with_fixed_options(done, monkeypatch):
+    check, cases = done
     with pytest.raises(WithheldError, match=r"asked\.json must be what .*\"cases\": 3"):
-        one.prepared(3)
-    lost = one.sets[0].folder / "whole" / f"{cases[0].number:03d}.json"
+        check.prepare(3)
+    lost = check.sets[0].folder / "whole" / f"{cases[0].number:03d}.json"
     before = lost.read_text()
     lost.unlink()
     with monkeypatch.context() as patch:
-        patch.setattr(seal, "code", lambda: "another")
-        with pytest.raises(WithheldError, match="code must be the one sealed"):
-            one.diagnosed(cases)
+        patch.setattr(seal, "code_digest", lambda: "another")
+        with pytest.raises(WithheldError, match="code must be the sealed code"):
+            check.diagnose(cases)
     with (
-        lock.alone(one.sets[0].folder),
-        pytest.raises(WithheldError, match="folder must be worked on by one run at a time"),
+        lock.exclusive(check.sets[0].folder),
+        pytest.raises(WithheldError, match="folder must be used by one run at a time"),
     ):
-        one.diagnosed(cases)
-    sealed = (one.place / seal.SEAL).read_bytes()
-    (one.place / seal.SEAL).unlink()
+        check.diagnose(cases)
+    sealed = (check.folder / seal.SEAL).read_bytes()
+    (check.folder / seal.SEAL).unlink()
     with pytest.raises(WithheldError, match="captures and verdicts must come after the seal"):
-        one.prepared()
-    (one.place / seal.SEAL).write_bytes(sealed)
+        check.prepare()
+    (check.folder / seal.SEAL).write_bytes(sealed)
     lost.write_text(before)
 
 
-def test_without_infrared_depth_alone_is_diagnosed(done, tmp_path):
-    one, _ = done
+def test_without_infrared_only_depth_is_diagnosed(done, tmp_path):
+    check, _ = done
     few = dataclasses.replace(SMALL, sets=1, counts={"null": 1}, left_out=0)
     bare = Check(out=tmp_path, tier=few, blender=Path("none"), jobs=1, infrared=False)
     (tmp_path / "set-0").mkdir()
-    for name in ("light", seal.MADE):
-        (tmp_path / "set-0" / name).symlink_to(one.sets[0].folder / name)
-    cases = bare.prepared()
-    bare.diagnosed(cases)
-    assert bare.scored(cases)["false_alarm"] == 0
-    (answer,) = bare.sets[0].answered(cases)
+    for name in ("light", seal.INPUTS):
+        (tmp_path / "set-0" / name).symlink_to(check.sets[0].folder / name)
+    cases = bare.prepare()
+    bare.diagnose(cases)
+    assert bare.score(cases)["false_alarm"] == 0
+    (answer,) = bare.sets[0].results(cases)
     assert set(answer.verdict.unexplained) == {"whole"}
-    assert bare.place == tmp_path / "depth alone" and (bare.place / seal.SEAL).exists()
+    assert bare.folder == tmp_path / "depth alone" and (bare.folder / seal.SEAL).exists()
 
 
-def test_another_matcher_is_noticed_and_is_no_alarm_of_the_image(done, tmp_path):
-    one, _ = done
-    asked = {"sets": 1, "counts": {"null": 2}, "left_out": 0, "matcher": "own", "arm": "image"}
-    other = dataclasses.replace(SMALL, **asked, measured=1)
-    run = Check(out=tmp_path, tier=other, blender=Path("none"), jobs=1)
+def test_other_matcher_is_detected_without_false_positive_in_images(done, tmp_path):
+    check, _ = done
+    options = {
+        "sets": 1,
+        "counts": {"null": 2},
+        "left_out": 0,
+        "matcher": "own",
+        "segment": "image",
+    }
+    small = dataclasses.replace(SMALL, **options, own_depth_cases=1)
+    run = Check(out=tmp_path, tier=small, blender=Path("none"), jobs=1)
     (tmp_path / "set-0").mkdir()
-    for name in ("light", seal.MADE):
-        (tmp_path / "set-0" / name).symlink_to(one.sets[0].folder / name)
-    cases = run.prepared()
-    run.diagnosed(cases)
-    scores = run.scored(cases)
+    for name in ("light", seal.INPUTS):
+        (tmp_path / "set-0" / name).symlink_to(check.sets[0].folder / name)
+    cases = run.prepare()
+    run.diagnose(cases)
+    scores = run.score(cases)
     assert scores["matcher_noticed"] == 1 and scores["false_alarm"] == 0
-    arms = [set(answer.verdict.unexplained) for answer in run.sets[0].answered(cases)]
-    assert arms == [{"image", "depth"}, {"image"}]
+    segments = [set(answer.verdict.unexplained) for answer in run.sets[0].results(cases)]
+    assert segments == [{"image", "depth"}, {"image"}]
     with pytest.raises(WithheldError, match="tier 1 must have infrared; got none"):
         dataclasses.replace(run, infrared=False)
 
 
 @pytest.mark.long
-def test_effects_in_real_pairs_are_diagnosed_against_the_pairs(done, tmp_path):
-    """The pairs are of another seed's camera; nothing but pixels is known of them."""
-    one, _ = done
+def test_effects_in_real_pairs_are_compared_with_the_pairs(done, tmp_path):
+    """The pairs come from a camera with another seed; only their pixels are known."""
+    check, _ = done
     null = Case(number=0, kind="null", settings={}, seed=11)
     from starling.diagnosis.validation.protocol import shoot
 
-    shoot.shoot(one.sets[0].source.light, null, tmp_path / "real", frames=1)
+    shoot.shoot(check.sets[0].source.light, null, tmp_path / "real", frames=1)
     counts = {"single": 4, "null": 3, "unknown": 1}
     pairs = tier.Tier(
         **{"number": 4, "source": "real", "matcher": "none", "sets": 1, "scenes": 4},
         **{"frames": 1, "counts": counts, "left_out": 1, "kinds": ("image",)},
     )
-    asked = {"captures": tmp_path / "real", "sensor": str(one.sets[0].source.sensor)}
-    real = Check(out=tmp_path / "run", tier=pairs, blender=Path("none"), jobs=1, **asked)
-    cases = real.prepared()
+    options = {"captures": tmp_path / "real", "sensor": str(check.sets[0].source.sensor)}
+    real = Check(out=tmp_path / "run", tier=pairs, blender=Path("none"), jobs=1, **options)
+    cases = real.prepare()
     singles = [(*each.settings.items(),) for each in cases if each.kind == "single"]
-    found = limits.read(tmp_path / "run" / "set-1" / "limits.json")
+    measured = limits.read(tmp_path / "run" / "set-1" / "limits.json")
     assert {*TRIED} > {name for ((name, _),) in singles}
-    assert {name for name, _ in found.departures} < {*TRIED}
+    assert {name for name, _ in measured.departures} < {*TRIED}
     for ((name, value),) in singles:
         row = catalogue.ROWS[name]
         neutral = row.neutral_of(real.sets[0].source.camera)
-        least = found.least(row, 1 if value > neutral else -1)
-        assert row.apart(neutral, value) >= least * (1 - 1e-9) > 0
+        least = measured.least(row, 1 if value > neutral else -1)
+        assert row.departure_from(neutral, value) >= least * (1 - 1e-9) > 0
     moved = (tmp_path / "real").rename(tmp_path / "moved")
     real = dataclasses.replace(real, captures=moved)
-    assert real.prepared() == cases
-    real.diagnosed(cases)
-    scores = real.scored(cases)
+    assert real.prepare() == cases
+    real.diagnose(cases)
+    scores = real.score(cases)
     assert scores["tier"] == 4 and scores["false_alarm"] == 0
     assert scores["top1"] >= 0.5
     path = next(moved.rglob("ir_left.png"))
     path.write_bytes(path.read_bytes() + b"0")
     with pytest.raises(WithheldError, match="folder must be made of what"):
-        real.prepared()
+        real.prepare()
 
 
 def test_the_program_prints_scores(done, monkeypatch, capsys):
-    one, _ = done
+    check, _ = done
     monkeypatch.setitem(__main__.TIERS, 1, SMALL)
-    assert __main__.main([str(one.out), "--jobs", "1", "--json"]) == 0
+    assert __main__.main([str(check.out), "--jobs", "1", "--json"]) == 0
     scores = json.loads(capsys.readouterr().out)
-    assert scores == {**json.loads((one.out / "scores.json").read_text())}
-    assert __main__.main([str(one.out), "--jobs", "1"]) == 0
+    assert scores == {**json.loads((check.out / "scores.json").read_text())}
+    assert __main__.main([str(check.out), "--jobs", "1"]) == 0
     assert "top1" in capsys.readouterr().out
-    assert __main__.main([str(one.out), "--cases", "0"]) == 1
+    assert __main__.main([str(check.out), "--cases", "0"]) == 1
     assert "cases must be >= 1" in capsys.readouterr().err
 
 
-def test_a_program_that_fails_is_refused_with_what_it_said(tmp_path, monkeypatch):
+def test_failing_program_is_reported_with_its_message(tmp_path, monkeypatch):
     monkeypatch.setattr(programs, "_run", RUN)
-    with pytest.raises(WithheldError, match=r"diagnosis\.batch must succeed.*cases must hold"):
+    with pytest.raises(WithheldError, match=r"adapters\.batch must succeed.*cases must hold"):
         programs.diagnose(tmp_path, tmp_path / "out", tmp_path / "s.toml", tmp_path / "cache")
 
 
 @pytest.mark.long
-def test_limits_are_told_by_the_diagnosis_itself(done, patched, capsys, tmp_path):
-    """A strength is found on one side, on both where the effect has both."""
-    one, _ = done
+def test_detection_limits_come_from_the_diagnosis(done, patched, capsys, tmp_path):
+    """A limit is found on one side, or on both if the effect has two."""
+    check, _ = done
     null = Case(number=0, kind="null", settings={}, seed=3)
     from starling.diagnosis.validation.protocol import shoot
 
-    shoot.shoot(one.sets[0].source.light, null, tmp_path / "null", frames=2)
+    shoot.shoot(check.sets[0].source.light, null, tmp_path / "null", frames=2)
     flags = [
         "--sensor",
-        str(one.sets[0].source.sensor),
+        str(check.sets[0].source.sensor),
         "--cache",
-        str(one.sets[0].folder / "cache"),
+        str(check.sets[0].folder / "cache"),
     ]
     assert detection.main([str(tmp_path / "null"), *flags]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["vignetting"]["below"] is None and 0 < told["vignetting"]["above"] < 3
-    assert told["gamma"]["below"] < told["gamma"]["base"] < told["gamma"]["above"]
+    result = json.loads(capsys.readouterr().out)
+    assert result["vignetting"]["below"] is None and 0 < result["vignetting"]["above"] < 3
+    assert result["gamma"]["below"] < result["gamma"]["base"] < result["gamma"]["above"]
     assert detection.main([str(tmp_path / "null"), *flags, "--effects", "gamma"]) == 0
-    assert json.loads(capsys.readouterr().out) == {"gamma": told["gamma"]}
+    assert json.loads(capsys.readouterr().out) == {"gamma": result["gamma"]}
     assert detection.main([str(tmp_path / "none"), *flags]) == 1
     assert detection.main([str(tmp_path / "null"), *flags, "--effects", "gama"]) == 1
 
 
-def test_other_scenes_are_not_one_batch(done, tmp_path, capsys):
-    one, _ = done
+def test_batch_refuses_inconsistent_capture_sets(done, tmp_path, capsys):
+    check, _ = done
     null = Case(number=0, kind="null", settings={}, seed=3)
     from starling.diagnosis.validation.protocol import shoot
 
-    for number, each in enumerate(one.sets):
+    for number, each in enumerate(check.sets):
         shoot.shoot(each.source.light, null, tmp_path / "cases" / str(number), frames=1)
-    sensor = presets.load(str(one.sets[0].source.sensor))
+    sensor = presets.load(str(check.sets[0].source.sensor))
     own_depth.write(tmp_path / "cases", sensor)
     unknown = shutil.copytree(tmp_path / "cases" / "0", tmp_path / "unknown" / "0")
     for path in unknown.rglob("scene.toml"):
         path.unlink()
-    flags = ["--sensor", str(one.sets[0].source.sensor)]
+    flags = ["--sensor", str(check.sets[0].source.sensor)]
     assert batch.main([str(tmp_path / "unknown"), str(tmp_path / "out"), *flags]) == 1
-    assert "must have a scene.toml each, or others that they are" in capsys.readouterr().err
+    assert "must each have a scene.toml or a capture to compare with" in capsys.readouterr().err
     assert capture.open_set(tmp_path / "cases" / "0").scenes[0].frame(0).depth_m is not None
     assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *flags]) == 1
     assert "same in all" in capsys.readouterr().err
     assert batch.main([str(tmp_path), str(tmp_path / "out"), *flags]) == 1
     shutil.rmtree(tmp_path / "cases" / "1")
-    shoot.shoot(one.sets[0].source.light, null, tmp_path / "cases" / "1", frames=2)
+    shoot.shoot(check.sets[0].source.light, null, tmp_path / "cases" / "1", frames=2)
     capsys.readouterr()
     assert batch.main([str(tmp_path / "cases"), str(tmp_path / "other"), *flags]) == 1
-    assert "repeats must be as many in all capture sets" in capsys.readouterr().err
-    told = tmp_path / "without.json"
-    for text, said in ((None, "readable JSON"), ("[", "readable JSON"), ("[]", "be an object")):
+    assert "repeats must be equally many in all capture sets" in capsys.readouterr().err
+    path_without = tmp_path / "without.json"
+    for text, answer in (
+        (None, "readable JSON"),
+        ("[", "readable JSON"),
+        ("[]", "be a JSON object"),
+    ):
         if text is not None:
-            told.write_text(text)
-        given = [*flags, "--without", str(told)]
-        assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *given]) == 1
+            path_without.write_text(text)
+        more_flags = [*flags, "--without", str(path_without)]
+        assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *more_flags]) == 1
         err = capsys.readouterr().err
-        assert err.startswith("without must be") and said in err
-    given = [*flags, "--cache", str(told)]
-    assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *given]) == 1
+        assert err.startswith("without must be") and answer in err
+    more_flags = [*flags, "--cache", str(path_without)]
+    assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *more_flags]) == 1
     assert "cache must be a folder" in capsys.readouterr().err
     assert own_depth.main([str(tmp_path), *flags]) == 1
     (tmp_path / "cases" / "0" / "clutter-60" / "0" / "ir_left.png").unlink()
@@ -370,6 +384,6 @@ def test_other_scenes_are_not_one_batch(done, tmp_path, capsys):
     assert own_depth.main([str(tmp_path / "cases"), *flags]) == 1
 
 
-def test_two_sets_at_once_are_made_by_two_processes(done):
-    one, cases = done
-    assert dataclasses.replace(one, jobs=2).prepared() == tuple(cases)
+def test_two_sets_run_in_two_processes(done):
+    check, cases = done
+    assert dataclasses.replace(check, jobs=2).prepare() == tuple(cases)

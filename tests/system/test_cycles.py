@@ -1,15 +1,13 @@
-"""Light by Cycles and by our own renderer, which share meshes, materials and the pattern alone.
+"""Light by Cycles and by our renderer, which share only meshes, materials and the pattern.
 
-**Rationale.** A table with things of matt, coated and metal surfaces, seen by an ideal D435 of
-320 x 180 pixels that are not square; both renderers make its light. Blender is looked for where
-`STARLING_BLENDER` says, else in `.blender`, where `tools/blender.sh` puts it.
+**Rationale.** Both renderers compute the light of a table with matt, coated and metal objects. The
+camera is an ideal D435 of 320 x 180 pixels that are not square. Blender is taken from
+`STARLING_BLENDER`, or from `.blender`, where `tools/blender.sh` installs it.
 
-**Expected behaviour.** Depth, bodies and the projector's frame agree but at silhouettes. Radiance
-of matt and metal surfaces, under the projectors and under the sky, is the same physics twice:
-levels within 1 and 3 %. Coated ones return their reflectance in both, under the sky within 2 %;
-under a projector Cycles' are up to 5 % darker, as its coat takes its share of the light on the way
-out alone, and so spreads otherwise over the angles what the ground returns. Dots lie at the same
-places.
+**Expected behaviour.** Depth, bodies and the projector's frame agree except at silhouettes. Levels
+of matt and metal surfaces under projectors and sky agree within 1 and 3 %. Coated surfaces agree
+within 2 % under the sky. Under a projector, Cycles' are up to 5 % darker: its coat takes its share
+only from the outgoing light, which changes the angular distribution. Dots lie at the same places.
 """
 
 from __future__ import annotations
@@ -46,7 +44,7 @@ pytestmark = [
 
 
 def nominal() -> Sensor:
-    """An ideal D435 of 320 x 180, the axis off its middle, pixels of two sides."""
+    """Return an ideal D435 of 320 x 180 with an off-centre axis and non-square pixels."""
     ideal, _ = setting.ideal(presets.load("d435"), builtin.wall(1.0))
     size = [("width", 320), ("height", 180), ("fx_px", 162.0), ("fy_px", 158.0)]
     return with_values(ideal, [*size, ("cx_px", 163.2), ("cy_px", 86.7)])
@@ -54,7 +52,7 @@ def nominal() -> Sensor:
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arrays, Arrays]:
-    """Arrays of `light.npz`: Cycles', ours."""
+    """Return the arrays of `light.npz` by Cycles and by our renderer."""
     folder = tmp_path_factory.mktemp("cycles")
     light_sets.write(folder / "ours", [SCENE], nominal())
     try:
@@ -72,15 +70,15 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arrays, Arrays]:
 
 @pytest.fixture(scope="module")
 def kinds() -> dict[str, list[int]]:
-    """Numbers of the bodies by their materials' kind."""
-    found: dict[str, list[int]] = {}
+    """Return body numbers by kind of material."""
+    by_kind: dict[str, list[int]] = {}
     for number, body in enumerate(sources.load(SCENE, nominal()).bodies, 1):
-        found.setdefault(body.material.kind, []).append(number)
-    return found
+        by_kind.setdefault(body.material.kind, []).append(number)
+    return by_kind
 
 
 def inside(both: tuple[Arrays, Arrays], side: str, numbers: list[int]) -> np.ndarray:
-    """Pixels that both renderers fill with these bodies, their neighbours too."""
+    """Return pixels at which, with all neighbours, both renderers see these bodies."""
     theirs, ours = both
     same = theirs[f"{side}_body"] == ours[f"{side}_body"]
     return ndimage.binary_erosion(same & np.isin(ours[f"{side}_body"], numbers), np.ones((3, 3)))
@@ -114,35 +112,35 @@ def test_geometry_is_the_same(both, side):
 )
 def test_levels_are_the_same(both, kinds, side, kind, name, tolerance):
     theirs, ours = (light[f"{side}_{name}_e"] for light in both)
-    there = inside(both, side, kinds[kind])
-    assert there.sum() > 100
-    assert theirs[there].mean() == pytest.approx(ours[there].mean(), rel=tolerance)
+    mask = inside(both, side, kinds[kind])
+    assert mask.sum() > 100
+    assert theirs[mask].mean() == pytest.approx(ours[mask].mean(), rel=tolerance)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
 @pytest.mark.parametrize("name", ["laser", "other"])
 def test_dots_lie_at_the_same_places(both, kinds, side, name):
-    """Shift that maps one image onto the other, tile by tile: its median and its worst."""
+    """The shift between both images is small in every tile, and its median is smaller."""
     theirs, ours = (light[f"{side}_{name}_e"].astype(np.float64) for light in both)
-    there = inside(both, side, kinds["diffuse"])
+    mask = inside(both, side, kinds["diffuse"])
     shifts = []
     for y in range(0, theirs.shape[0] - TILE_PX + 1, TILE_PX):
         for x in range(0, theirs.shape[1] - TILE_PX + 1, TILE_PX):
             tile = np.s_[y : y + TILE_PX, x : x + TILE_PX]
-            lit = there[tile] & (ours[tile] > 0)
+            lit = mask[tile] & (ours[tile] > 0)
             if lit.mean() > 0.5:
                 shifts.append(shift_px(theirs[tile], ours[tile], lit))
-    found = np.array(shifts)
-    assert len(found) > 8
-    assert np.abs(np.median(found, axis=0)).max() < 0.02
-    assert np.abs(found).max() < 0.1
+    shifts_px = np.array(shifts)
+    assert len(shifts_px) > 8
+    assert np.abs(np.median(shifts_px, axis=0)).max() < 0.02
+    assert np.abs(shifts_px).max() < 0.1
 
 
-def shift_px(image: np.ndarray, other: np.ndarray, where: np.ndarray) -> np.ndarray:
+def shift_px(image: np.ndarray, reference: np.ndarray, where: np.ndarray) -> np.ndarray:
     """Where the correlation of an image with a shifted other peaks (x, y) [px], to first order.
 
     Least squares of their difference, gain left free, on the other's slopes.
     """
-    down, across = np.gradient(other)
-    columns = np.stack([-across[where], -down[where], other[where]], axis=1)
+    down, across = np.gradient(reference)
+    columns = np.stack([-across[where], -down[where], reference[where]], axis=1)
     return np.linalg.lstsq(columns, image[where], rcond=None)[0][:2]

@@ -1,8 +1,8 @@
 """Laws of several emitters in one projector, on a table and on walls.
 
-Rationale: light adds, so a projector of many emitters is the sum of projectors of one, each with
-its part of the power where that emitter stands; seen from the left imager, the dots of an emitter
-at x are f x / z to the right of those of one at 0.
+Rationale: light is additive. A projector of several emitters is therefore the sum of projectors of
+one emitter each, at its position and with its share of the power. In the left image, the dots of an
+emitter at x are f x / z to the right of those of an emitter at 0.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from starling.sim.geometry import frames
 from starling.sim.render import backend, emission, indirect, paths_scalar, scalar
 from starling.sim.render import direct as render
 from starling.sim.render.layers import Layers
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import presets
@@ -36,7 +36,7 @@ LEFT, RIGHT = (0.026, 0.0, 0.0), (0.0305, 0.001, -0.002)
 
 
 def camera(**light: Any) -> Sensor:
-    """A small D415 with one emitter at the left imager, unless told otherwise."""
+    """A small D415, by default with one emitter at the left imager."""
     preset = presets.load("d415")
     part = dataclasses.replace(preset.projector, position_m=(0.0, 0.0, 0.0), emitters=())
     return dataclasses.replace(
@@ -52,17 +52,17 @@ def camera(**light: Any) -> Sensor:
 
 
 def rendered(sensor: Sensor, scene: Scene | None = None) -> Layers:
-    return render.layers(Stage(scene or scenes.tabletop()), sensor)
+    return render.layers(MitsubaScene(scene or scenes.tabletop()), sensor)
 
 
 def assert_alike(first: Layers, second: Layers, name: str = "projector_direct") -> None:
-    """To the rounding of positions, which moves dots by some 1e-5 px."""
+    """Assert equality up to the rounding of positions, which moves dots by some 1e-5 px."""
     for a, b in ((first.left, second.left), (first.right, second.right)):
         assert a is not None and b is not None
         one, other = getattr(a, name), getattr(b, name)
         assert one.any()
         close = np.isclose(one, other, rtol=2e-3, atol=1e-4 * other.max())
-        assert close.mean() > 0.999  # A shadow's border may fall on the other side of a pixel.
+        assert close.mean() > 0.999  # Rounding may move a shadow's border across a pixel.
     assert (first.truth.lit == second.truth.lit).mean() > 0.999
 
 
@@ -71,11 +71,11 @@ def assert_alike(first: Layers, second: Layers, name: str = "projector_direct") 
     [{}, {"pattern": "d435"}, {"defocus_mrad_m": 0.5}, {"pattern_scale": 1.003}],
     ids=["d415", "d435", "defocus", "scale"],
 )
-def test_two_equal_emitters_at_one_place_are_one(light: dict[str, Any]) -> None:
-    """Bit for bit, whatever their number: halves of the power add to the whole.
+def test_two_equal_emitters_at_one_position_equal_one(light: dict[str, Any]) -> None:
+    """Emitters that share the power equal a single one, bit for bit.
 
-    At a scale, on a GPU, to rounding: its compiler fuses products and sums of each kernel in its
-    own way.
+    At another pattern scale on a GPU they agree to rounding, since its compiler fuses products and
+    sums differently in each kernel.
     """
     rounds = "pattern_scale" in light and str(backend.mitsuba().variant()).startswith("cuda")
     one = rendered(camera(**light))
@@ -97,7 +97,7 @@ turns = st.floats(-20.0, 20.0)
 def test_an_emitter_is_a_projector_of_its_own(
     offset_m: tuple[float, float, float], rotation_deg: tuple[float, float, float]
 ) -> None:
-    """Its pose adds to the projector's, which turns its offset too."""
+    """An emitter's pose is relative to the projector's, whose rotation also rotates its offset."""
     part = camera(position_m=(0.02, 0.0, 0.0), rotation_deg=(3.0, -5.0, 30.0)).projector
     emitter = Emitter(offset_m=offset_m, rotation_deg=rotation_deg)
     pose = frames.pose(part.position_m, part.rotation_deg) @ frames.pose(offset_m, rotation_deg)
@@ -132,14 +132,14 @@ TWO = tuple(
     ids=["plain", "glass", "motion", "model scale"],
 )
 def test_light_of_emitters_adds(effects: dict[str, float]) -> None:
-    """Direct and indirect light is that of each emitter alone, by shares; lit is by any of them.
+    """Direct and indirect light are sums over emitters by power share; `lit` is their union.
 
-    It does not prove that the light of two lasers does not interfere: theirs is incoherent.
+    The test assumes that the light of two lasers is incoherent.
     """
     parts = []
     for emitters in (TWO, TWO[:1], TWO[1:]):
         sensor, scene = setting.apply(camera(emitters=emitters), scenes.tabletop(), effects)
-        stage = Stage(scene)
+        stage = MitsubaScene(scene)
         direct = render.layers(stage, sensor, exposure_s=0.01)
         if not effects:
             direct = indirect.add(direct, stage, sensor, samples=4, seed=1)
@@ -147,17 +147,19 @@ def test_light_of_emitters_adds(effects: dict[str, float]) -> None:
     whole, first, second = parts
     for name in ("projector_direct", "projector_indirect")[: 1 if effects else 2]:
         expected = 0.75 * getattr(first.left, name) + 0.25 * getattr(second.left, name)
-        found = getattr(whole.left, name)
-        tolerance = 1e-5 if name == "projector_direct" else 0.02  # Paths end by their weight.
-        assert abs(found - expected).max() <= tolerance * expected.max()
+        measured = getattr(whole.left, name)
+        tolerance = (
+            1e-5 if name == "projector_direct" else 0.02
+        )  # The weight of a path decides where it ends.
+        assert abs(measured - expected).max() <= tolerance * expected.max()
     assert np.array_equal(whole.truth.lit, first.truth.lit | second.truth.lit)
     assert (first.truth.lit != second.truth.lit).any()
 
 
 def test_the_path_tracer_without_a_compiler_adds_emitters() -> None:
-    """Its indirect light of two is that of each where it stands, with its part of the power."""
+    """Indirect light of two emitters is the sum of theirs, by position and power share."""
     both = camera(emitters=TWO)
-    stage, shares = Stage(scenes.tabletop()), (0.75, 0.25)
+    stage, shares = MitsubaScene(scenes.tabletop()), (0.75, 0.25)
 
     def bounced(sensor: Sensor, irradiances: list[np.ndarray]) -> np.ndarray:
         pose = stage.scene.world_from_left
@@ -173,7 +175,7 @@ def test_the_path_tracer_without_a_compiler_adds_emitters() -> None:
 
 
 def test_emitters_shrink_with_the_models_scale() -> None:
-    """In a model enlarged by 1.04 an emitter stands where a projector at its place would."""
+    """In a model enlarged by 1.04, an emitter equals a projector at its position."""
     effects = {"model_scale": 1.04}
     on_projector = setting.apply(
         camera(emitters=(Emitter(offset_m=LEFT),)), scenes.tabletop(), effects
@@ -184,11 +186,11 @@ def test_emitters_shrink_with_the_models_scale() -> None:
 
 @pytest.fixture
 def one_dot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Sensor]:
-    """A camera of 2.5 mrad a pixel and a projector with one dot 0.1 right of its axis."""
+    """A camera of 2.5 mrad per pixel, and a projector with one dot at tangent 0.1."""
 
     def make(*, fov_x_deg: float, fov_y_deg: float, seed: int) -> Pattern:
         dot = np.array([0.1])
-        return Pattern.of_dots(
+        return Pattern.from_dots(
             dot,
             0 * dot,
             0 * dot + 1,
@@ -210,20 +212,20 @@ def column_px(sensor: Sensor, distance_m: float) -> float:
 
 
 @pytest.mark.parametrize("distance_m", [0.5, 1.0, 3.0])
-def test_dots_of_an_emitter_stand_f_x_over_z_aside(one_dot: Sensor, distance_m: float) -> None:
-    """To 0.01 px, both emitters; so two patterns slide against each other by f dx / z.
+def test_dots_of_an_emitter_are_shifted_by_f_x_over_z(one_dot: Sensor, distance_m: float) -> None:
+    """Dots of both emitters are at f x / z to 0.01 px, so the patterns' offset is f dx / z.
 
-    It does not prove where the emitters of a device stand.
+    The test does not show where a device's emitters are.
     """
     home = column_px(one_dot, distance_m)
     for x in (-0.026, 0.0305):
         light = dataclasses.replace(one_dot.projector, emitters=(Emitter(offset_m=(x, 0, 0)),))
-        found = column_px(dataclasses.replace(one_dot, projector=light), distance_m)
-        assert found - home == pytest.approx(FOCAL_PX * x / distance_m, abs=0.01)
+        measured = column_px(dataclasses.replace(one_dot, projector=light), distance_m)
+        assert measured - home == pytest.approx(FOCAL_PX * x / distance_m, abs=0.01)
 
 
-def test_faults_are_drawn_for_every_emitter_anew() -> None:
-    """The first emitter has those that a single one would have, the next has others."""
+def test_emitters_have_independent_faults() -> None:
+    """The first emitter has the faults of a single emitter; the second has different ones."""
     worn = dataclasses.replace(
         camera().projector, dropped_dots=0.3, emitters=(Emitter(), Emitter())
     )
@@ -243,10 +245,10 @@ def test_structured_light_has_one_emitter() -> None:
     kinect = presets.load("kinect-v1")
     light = dataclasses.replace(kinect.projector, emitters=(Emitter(), Emitter()))
     with pytest.raises(InputError, match=r"projector\.emitters must be \[\] with structured light"):
-        structured_light.image(dataclasses.replace(kinect, projector=light))
+        structured_light.reference_image(dataclasses.replace(kinect, projector=light))
 
 
 def test_the_scalar_renderer_refuses_another_scale() -> None:
     named = r"^projector\.pattern_scale other than 1 must be absent in scalar_rgb"
     with pytest.raises(backend.BackendError, match=named):
-        scalar.layers(Stage(scenes.wall(1.0)), camera(pattern_scale=1.002), subpixels=1)
+        scalar.layers(MitsubaScene(scenes.wall(1.0)), camera(pattern_scale=1.002), subpixels=1)

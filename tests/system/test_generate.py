@@ -1,4 +1,4 @@
-"""Data sets: the same bits however they are made, and whole however often that is cut short."""
+"""Data sets: identical bits from any run, and complete after any number of interruptions."""
 
 from __future__ import annotations
 
@@ -75,12 +75,12 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def whole(plan: Path) -> Path:
     out = plan.parent / "whole"
-    told = generate(plan, out, workers=1, shard_frames=4)
-    assert told["frames"] == 20 and told["missing"] == 0 and told["frames_per_s"] > 0
+    report = generate(plan, out, workers=1, shard_frames=4)
+    assert report["frames"] == 20 and report["missing"] == 0 and report["frames_per_s"] > 0
     return out
 
 
-def test_two_workers_make_what_one_makes(plan: Path, whole: Path):
+def test_two_workers_give_the_result_of_one(plan: Path, whole: Path):
     out = plan.parent / "two"
     generate(plan, out, workers=2, shard_frames=4)
     assert content(out) == content(whole)
@@ -89,10 +89,10 @@ def test_two_workers_make_what_one_makes(plan: Path, whole: Path):
 
 def test_a_set_is_read_as_captures_are(whole: Path):
     captures = capture.open_set(whole)
-    assert len(captures.scenes) == 10 and {len(one.frames) for one in captures.scenes} == {2}
-    rooms = [one.room for one in captures.scenes]
+    assert len(captures.scenes) == 10 and {len(item.frames) for item in captures.scenes} == {2}
+    rooms = [item.room for item in captures.scenes]
     assert len(set(rooms)) == 5 and rooms[0] == rooms[1]
-    assert {one.info.baseline_m for one in captures.scenes} == {0.05, 0.06}
+    assert {item.info.baseline_m for item in captures.scenes} == {0.05, 0.06}
     for scene in captures.scenes:
         frame, truth = scene.frame(0), scene.truth_m()
         assert frame.ir_left is not None and frame.depth_m is not None and truth is not None
@@ -105,15 +105,17 @@ def test_a_set_is_read_as_captures_are(whole: Path):
         first, second = scene.frame(0).ir_left, scene.frame(1).ir_left
         assert first is not None and second is not None and (first != second).any()
         error = scene.info.disparity_px(frame.depth_m) - scene.info.disparity_px(truth)
-        assert np.nanmedian(np.abs(error)) < 1  # Dots of half a pixel tell no better.
+        assert np.nanmedian(np.abs(error)) < 1  # Limit of dots half a pixel wide.
 
 
-def test_layers_that_are_kept_change_nothing_else(tmp_path: Path):
-    """Reasons in an image of their own are those of `frame.exr`, and counted in `frame.json`."""
+def test_layers_do_not_change_other_files(tmp_path: Path):
+    """`reason.png` agrees with `frame.exr`, and with the counts in `frame.json`."""
     few = {"scenes": 1, "views": 1, "frames": 1}
-    kept = write(tmp_path / "kept", **few, layers=["infrared", "truth", "reason", "rgb", "exr"])
-    for one, out in ((write(tmp_path / "plain", **few), "without"), (kept, "with")):
-        generate(one, tmp_path / out)
+    remaining = write(
+        tmp_path / "kept", **few, layers=["infrared", "truth", "reason", "rgb", "exr"]
+    )
+    for item, out in ((write(tmp_path / "plain", **few), "without"), (remaining, "with")):
+        generate(item, tmp_path / out)
     (scene,) = capture.open_set(tmp_path / "with").scenes
     frame = scene.path / "0"
     reason = png.read(frame / "reason.png", "reason")
@@ -127,43 +129,48 @@ def test_layers_that_are_kept_change_nothing_else(tmp_path: Path):
     assert cv2.imread(str(frame / "rgb.png")) is not None
 
 
-def test_objects_are_where_they_are_said_to_be(plan: Path, whole: Path):
-    """A mesh's vertices, by the pose in frame.json, project onto pixels of its own label."""
+def test_objects_have_their_reported_poses(plan: Path, whole: Path):
+    """A mesh's vertices project onto pixels of its label, with the pose in frame.json."""
     seen = 0
     for scene in capture.open_set(whole).scenes:
         record, label = scene.frame(0).record, scene.label()
         assert label is not None
-        for one in record["objects"]:
-            mesh = trimesh.load_mesh(plan.parent / "things" / one["mesh"])
-            pose = np.array(one["left_from_mesh"])
+        for placed in record["objects"]:
+            mesh = trimesh.load_mesh(plan.parent / "things" / placed["mesh"])
+            pose = np.array(placed["left_from_mesh"])
             centre = pose[:3, :3] @ mesh.centroid + pose[:3, 3]
             x = scene.info.fx_px * centre[0] / centre[2] + scene.info.cx_px
             y = scene.info.fy_px * centre[1] / centre[2] + scene.info.cy_px
-            number = record["bodies"].index(one["body"]) + 1
+            number = record["bodies"].index(placed["body"]) + 1
             if (label == number).sum() > 20:
                 near = label[int(y) - 2 : int(y) + 4, int(x) - 2 : int(x) + 4]
                 seen += number in near
     assert seen >= 3
 
 
-def test_shards_hold_what_folders_hold(plan: Path, whole: Path):
+def test_shards_hold_the_files_of_folders(plan: Path, whole: Path):
     out = plan.parent / "shards"
     generate(plan, out, workers=1, layout="shards", shard_frames=4)
     archives = sorted(out.glob("*.tar"))
-    assert [one.name for one in archives] == [shard.name(number) for number in range(5)]
-    found: dict[str, bytes] = {}
+    assert [item.name for item in archives] == [shard.name(number) for number in range(5)]
+    result: dict[str, bytes] = {}
     for archive in archives:
-        found |= shard.unpacked(archive.read_bytes())
+        result |= shard.unpack(archive.read_bytes())
     in_folders = content(whole)
-    assert found == {name: in_folders[name] for name in in_folders if "/" in name}
+    assert result == {name: in_folders[name] for name in in_folders if "/" in name}
     sums = [[row["sha256"] for row in index.read(path)] for path in (out, whole)]
     assert sums[0] == sums[1]
-    told = verify(out, sample=1)
-    assert (told["frames"], told["missing"], told["duplicate"], told["differing"]) == (20, 0, 0, 0)
+    report = verify(out, sample=1)
+    assert (report["frames"], report["missing"], report["duplicate"], report["differing"]) == (
+        20,
+        0,
+        0,
+        0,
+    )
 
 
 @pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.long)])
-def test_killed_at_any_point_it_goes_on_to_the_same_set(plan: Path, whole: Path, kills: int):
+def test_killed_run_resumes_to_the_same_set(plan: Path, whole: Path, kills: int):
     out = plan.parent / f"killed {kills}"
     command = [sys.executable, "-m", "starling", "generate", str(plan)]
     command += ["--out", str(out), "--workers", "1", "--shard-frames", "4"]
@@ -178,7 +185,7 @@ def test_killed_at_any_point_it_goes_on_to_the_same_set(plan: Path, whole: Path,
     assert content(out) == content(whole)
 
 
-def test_a_worker_that_was_killed_stops_the_run_and_loses_nothing(plan: Path, whole: Path):
+def test_killed_worker_stops_the_run_without_losses(plan: Path, whole: Path):
     out = plan.parent / "orphan"
     script = (
         "import os, sys\n"
@@ -209,7 +216,7 @@ def test_a_worker_that_was_killed_stops_the_run_and_loses_nothing(plan: Path, wh
     assert content(out) == content(whole)
 
 
-def test_a_full_disk_stops_the_run_which_goes_on_later(plan: Path, whole: Path, monkeypatch: Any):
+def test_full_disk_stops_the_run_which_can_be_resumed(plan: Path, whole: Path, monkeypatch: Any):
     out = plan.parent / "full"
     written, renamed = [0], os.replace
 
@@ -228,7 +235,7 @@ def test_a_full_disk_stops_the_run_which_goes_on_later(plan: Path, whole: Path, 
     assert content(out) == content(whole)
 
 
-def test_killed_before_its_plan_stood_there_it_begins_anew(plan: Path, tmp_path: Path):
+def test_run_killed_before_writing_its_plan_restarts(plan: Path, tmp_path: Path):
     out = tmp_path / "set"
     (out / ".parts").mkdir(parents=True)
     (out / ".lock").touch()
@@ -239,50 +246,50 @@ def test_killed_before_its_plan_stood_there_it_begins_anew(plan: Path, tmp_path:
     assert not list(out.glob(".*.partial"))
 
 
-def test_a_finished_set_is_left_as_it_is(plan: Path, whole: Path):
+def test_finished_set_is_unchanged(plan: Path, whole: Path):
     before = content(whole)
-    told = generate(plan, whole, workers=1, shard_frames=4)
-    assert told["frames"] == 20 and told["frames_per_s"] is None
+    report = generate(plan, whole, workers=1, shard_frames=4)
+    assert report["frames"] == 20 and report["frames_per_s"] is None
     assert content(whole) == before
 
 
-def test_what_was_begun_otherwise_is_refused(plan: Path, whole: Path, tmp_path: Path):
-    other = write(plan.parent / "other", seed=12)
+def test_set_of_another_plan_is_refused(plan: Path, whole: Path, tmp_path: Path):
+    second = write(plan.parent / "other", seed=12)
     with pytest.raises(InputError, match=r"plan must be that of .*-seed = 11; \+seed = 12"):
-        generate(other, whole, workers=1, shard_frames=4)
+        generate(second, whole, workers=1, shard_frames=4)
     with pytest.raises(InputError, match=r"-shard_frames = 4; \+shard_frames = 8"):
         generate(plan, whole, workers=1, shard_frames=8)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.tex").touch()
-    with pytest.raises(InputError, match="out must be a new folder or a set that was begun"):
+    with pytest.raises(InputError, match="out must be a new folder or an unfinished set"):
         generate(plan, tmp_path / "full", workers=1)
     with (
         set_folder.opened(tmp_path / "held", "x", "folders"),
-        pytest.raises(InputError, match="out must be made by one run at a time"),
+        pytest.raises(InputError, match="out must be used by one run at a time"),
         set_folder.opened(tmp_path / "held", "x", "folders"),
     ):
         pass
-    for flags, said in (
+    for flags, message in (
         ({"workers": -1}, "workers must be in"),
         ({"shard_frames": 0}, "shard_frames must be in"),
         ({"ray": "local", "workers": 1}, "workers must be 0 with ray"),
         ({"ray": "here"}, "ray must be HOST:PORT or local"),
         ({"ray": "127.0.0.1:1"}, "ray must answer; got 127.0.0.1:1"),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             generate(plan, tmp_path / "new", **flags)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
-def test_a_place_that_cannot_be_written_is_refused(plan: Path, tmp_path: Path):
+def test_unwritable_folder_is_refused(plan: Path, tmp_path: Path):
     tmp_path.chmod(0o500)
     with pytest.raises(InputError, match="out must be writable"):
         generate(plan, tmp_path / "set", workers=1)
 
 
 @pytest.mark.parametrize("missing", ["stop", "skip"])
-def test_a_mesh_that_is_missing_stops_the_run_or_is_told_of(tmp_path: Path, missing: str):
-    """It is there when the plan is read, and damaged when it is its turn."""
+def test_missing_mesh_stops_the_run_or_is_reported(tmp_path: Path, missing: str):
+    """The mesh exists when the plan is read, and is damaged when its view is rendered."""
     path = write(tmp_path, missing=missing, frames=1)
     (tmp_path / "things" / "cone.ply").write_bytes(b"ply\n")
     out = tmp_path / "set"
@@ -290,13 +297,13 @@ def test_a_mesh_that_is_missing_stops_the_run_or_is_told_of(tmp_path: Path, miss
         with pytest.raises(InputError, match="scene must be a mesh"):
             generate(path, out, workers=1, shard_frames=2)
         return
-    told = generate(path, out, workers=1, shard_frames=2)
-    assert told["skipped"] and told["frames"] + len(told["skipped"]) == 10
-    assert all("cone.ply" in one["why"] for one in told["skipped"])
+    report = generate(path, out, workers=1, shard_frames=2)
+    assert report["skipped"] and report["frames"] + len(report["skipped"]) == 10
+    assert all("cone.ply" in entry["why"] for entry in report["skipped"])
     assert verify(out, sample=0)["missing"] == 0
 
 
-def test_verify_finds_what_is_lost_doubled_or_changed(
+def test_verify_finds_missing_duplicate_and_changed_frames(
     plan: Path, whole: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
 ):
     out = tmp_path / "set"
@@ -308,23 +315,23 @@ def test_verify_finds_what_is_lost_doubled_or_changed(
     cv2.imwrite(str(image), codes)
     (out / "0000005" / "0" / "depth.png").unlink()
     rows = index.read(out)
-    (out / index.FILE).write_bytes(index.encoded([*rows[:-2], rows[0]]))
-    told = verify(out, sample=0)
-    assert told["frames"] == 18 and told["missing"] == 3
-    assert told["duplicate"] == 1 and told["differing"] == 1
+    (out / index.FILE).write_bytes(index.encode([*rows[:-2], rows[0]]))
+    report = verify(out, sample=0)
+    assert report["frames"] == 18 and report["missing"] == 3
+    assert report["duplicate"] == 1 and report["differing"] == 1
     assert command_line.main(["verify", str(out), "--sample", "0"]) == 1
     shutil.rmtree(out)
     shutil.copytree(whole, out)
     rows = [{**row, "sha256": "0"} if row["frame"] == 0 else row for row in index.read(out)]
-    (out / index.FILE).write_bytes(index.encoded(rows))
+    (out / index.FILE).write_bytes(index.encode(rows))
     assert verify(out, sample=10)["differing"] == 1
-    for name, said in (
+    for name, message in (
         ("starling.json", "set must have its starling.json"),
         ("plan.toml", "set must have its plan.toml"),
         (index.FILE, "set must have an index.parquet"),
     ):
         (out / name).unlink()
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             verify(out, sample=0)
     (out / index.FILE).write_bytes(b"parquet")
     with pytest.raises(InputError, match=r"index.parquet must be a Parquet file"):
@@ -332,7 +339,7 @@ def test_verify_finds_what_is_lost_doubled_or_changed(
     capsys.readouterr()
 
 
-def test_without_pyarrow_or_ray_it_is_said_what_to_install(monkeypatch: Any, tmp_path: Path):
+def test_missing_pyarrow_or_ray_is_refused_with_advice(monkeypatch: Any, tmp_path: Path):
     for name in ("pyarrow", "ray"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(InputError, match=r"index needs pyarrow.*pip install -e '\.\[data\]'"):
@@ -344,8 +351,8 @@ def test_without_pyarrow_or_ray_it_is_said_what_to_install(monkeypatch: Any, tmp
 
 
 @pytest.mark.long
-def test_a_cluster_that_loses_a_node_makes_the_same_set(plan: Path, whole: Path):
-    """A head and a second node on this machine; the node is killed while it works."""
+def test_cluster_that_loses_a_node_gives_the_same_set(plan: Path, whole: Path):
+    """Runs a head and a second node on this machine; the node is killed while it works."""
     pytest.importorskip("ray")
     out, port = plan.parent / "ray", "26399"
     tool = [str(Path(sys.executable).with_name("ray"))]
@@ -364,11 +371,11 @@ def test_a_cluster_that_loses_a_node_makes_the_same_set(plan: Path, whole: Path)
         time.sleep(8)
         command = [sys.executable, "-m", "starling", "generate", str(plan)]
         command += ["--out", str(out), "--ray", f"127.0.0.1:{port}", "--shard-frames", "4"]
-        with (plan.parent / "ray.log").open("w+") as said:
-            run = subprocess.Popen(command, env=environment, stderr=said, stdout=said)
+        with (plan.parent / "ray.log").open("w+") as message:
+            run = subprocess.Popen(command, env=environment, stderr=message, stdout=message)
             deadline = time.monotonic() + 240
             while not list(out.glob(".parts/*.json")) and time.monotonic() < deadline:
-                assert run.poll() is None, Path(said.name).read_text()
+                assert run.poll() is None, Path(message.name).read_text()
                 time.sleep(0.2)
             os.killpg(node.pid, signal.SIGKILL)
             assert run.wait(timeout=300) == 0

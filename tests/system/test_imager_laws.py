@@ -1,4 +1,4 @@
-"""Laws of the imager's electronics, measured as EMVA 1288 measures a camera's."""
+"""Laws of the imager's electronics, measured by the methods of EMVA 1288."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from starling.sim.imaging.imager.fixed_pattern import Die
 from starling.sim.sensor.sensor import Imager
 
 SHAPE = (240, 320)
-FINE = Imager(full_well_e=10000.0, black_level_dn=6000.0)  # 6.55 DN an electron.
+FINE = Imager(full_well_e=10000.0, black_level_dn=6000.0)  # 6.55 DN per electron.
 
 
 def read(part: Imager, light: np.ndarray | float, **changed: Any) -> np.ndarray:
-    """Read out in DN, as float64, with what does not matter to a law filled in."""
+    """Read out an image in DN, as float64, with defaults for irrelevant arguments."""
     electrons = np.broadcast_to(np.float32(light), SHAPE) if np.isscalar(light) else light
     chosen: dict[str, Any] = {
         "exposure_s": 0.01,
@@ -51,8 +51,8 @@ def test_photon_transfer(bit_depth: int, gain: float, read_noise_e: float):
     difference, less the converter's 1/12; K = slope, read noise = sqrt(intercept) / K, both to
     2 %. Source: EMVA 1288, release 4.0, photon transfer method.
 
-    Does not prove that a device has such numbers, nor that noise is white: the pixels' order does
-    not enter. With a read noise below a quarter of a step 1/12 would no longer hold.
+    Does not prove that a device has such numbers, nor that noise is white. With a read noise below
+    a quarter of a step, the converter's variance would differ from 1/12.
     """
     part = Imager(
         shot_noise=1.0,
@@ -70,18 +70,18 @@ def test_photon_transfer(bit_depth: int, gain: float, read_noise_e: float):
             second = read(part, light, seed=number, frame=2 * pair + 1)
             means.append((first.mean() + second.mean()) / 2 - part.black_level_dn)
             variances.append((first - second).var() / 2 - 1 / 12)
-    weights = 1 / np.array(variances)  # Of the variance's own deviation.
+    weights = 1 / np.array(variances)  # Standard deviation of the estimated variance.
     slope, intercept = np.polyfit(means, variances, 1, w=weights)
     assert slope == pytest.approx(part.dn_per_electron, rel=0.02)
     assert np.sqrt(intercept) / slope == pytest.approx(read_noise_e, rel=0.02)
 
 
 @pytest.mark.parametrize("electrons", [2.0, 8.0, 40.0])
-def test_few_electrons_are_as_lopsided_as_poissons(electrons: float):
+def test_few_electrons_have_poisson_skewness(electrons: float):
     """Mean, variance and third moment of Poisson counts plus Gaussian read noise of 1.5 electrons.
 
-    A plain normal deviate has third moment 0, which this refuses. Does not prove the distribution:
-    whole electrons are not told apart.
+    A normal distribution has third moment 0 and would fail. Does not prove the full distribution,
+    since whole electrons are not resolved.
     """
     part = dataclasses.replace(FINE, shot_noise=1.0, read_noise_e=1.5)
     seen = np.stack([read(part, electrons, frame=n) for n in range(16)])
@@ -92,12 +92,12 @@ def test_few_electrons_are_as_lopsided_as_poissons(electrons: float):
 
 
 @pytest.mark.parametrize("prnu", [0.005, 0.02])
-def test_prnu_is_the_devices_own(prnu: float):
-    """Deviation of the mean of many frames over its mean = PRNU to 3 %; it goes with the signal.
+def test_prnu_is_specific_to_a_device(prnu: float):
+    """Deviation over mean of a frame average = PRNU to 3 %, proportional to the signal.
 
-    The same pattern in other captures and at another level; another in the other imager and in
-    another unit. What temporal noise is left in the mean is subtracted. Does not prove that real
-    sensitivities are Gaussian or white over the image.
+    The pattern is the same in other captures and at another level. It differs in the other imager
+    and in another unit. The residual temporal noise of the average is subtracted. Does not prove
+    that real sensitivities are Gaussian or white over the image.
     """
     part = dataclasses.replace(FINE, shot_noise=1.0, read_noise_e=3.0, prnu=prnu)
     frames = 64
@@ -106,18 +106,18 @@ def test_prnu_is_the_devices_own(prnu: float):
         return average_e(part, light, frames, **changed) / light - 1
 
     bright = pattern(6000.0)
-    left_over = (6000.0 + 3.0**2) / frames / 6000.0**2
-    assert np.sqrt(bright.var() - left_over) == pytest.approx(prnu, rel=0.03)
+    residual = (6000.0 + 3.0**2) / frames / 6000.0**2
+    assert np.sqrt(bright.var() - residual) == pytest.approx(prnu, rel=0.03)
     again = pattern(3000.0, seed=9)
     assert np.mean(bright * again) == pytest.approx(prnu**2, rel=0.03)
-    for other in ({"side": "right"}, {"unit": 1, "seed": 5}):
-        assert abs(np.corrcoef(bright.ravel(), pattern(6000.0, **other).ravel())[0, 1]) < 0.02
+    for device in ({"side": "right"}, {"unit": 1, "seed": 5}):
+        assert abs(np.corrcoef(bright.ravel(), pattern(6000.0, **device).ravel())[0, 1]) < 0.02
 
 
 def test_dark_frames_give_dark_current_and_dsnu():
     """Mean = dark current x time, temporal variance = the same count, DSNU to 3 % and fixed.
 
-    Does not prove a temperature law: there is no temperature here.
+    Does not cover temperature, which is not modelled.
     """
     part = dataclasses.replace(FINE, shot_noise=1.0, dark_current_e_s=2000.0, dsnu_e=5.0)
     frames = 48
@@ -127,14 +127,16 @@ def test_dark_frames_give_dark_current_and_dsnu():
         pair = read(part, 0.0, exposure_s=exposure_s) - read(
             part, 0.0, exposure_s=exposure_s, frame=1
         )
-        # The devices' own mean of 76800 offsets is off by 5 / sqrt(76800) = 0.018 electrons.
+        # The mean of 76800 offsets deviates by 5 / sqrt(76800) = 0.018 electrons.
         assert mean.mean() == pytest.approx(dark_e, abs=0.1)
         assert pair.var() / 2 / part.dn_per_electron**2 == pytest.approx(dark_e, rel=0.03)
         assert np.sqrt(mean.var() - dark_e / frames) == pytest.approx(5.0, rel=0.03)
 
 
 def test_rows_change_with_the_frame_and_columns_stay():
-    """Constant along their line, of the deviation set (5 %), rows new each frame, columns never.
+    """Offsets are constant along a line, with the set deviation (5 %).
+
+    Rows change with each frame, columns never.
 
     Does not prove that a device's rows are independent of each other (mains hum is not).
     """
@@ -153,7 +155,7 @@ def test_rows_change_with_the_frame_and_columns_stay():
 
 
 def test_hot_pixels_are_binomial_fixed_and_full():
-    """Their number within 4 deviations of n p, the same in every capture, all at the ceiling."""
+    """Hot pixels: n p within 4 deviations, equal in all captures, all at the ceiling."""
     part = dataclasses.replace(FINE, hot_pixels=1e-3)
     n, p = SHAPE[0] * SHAPE[1], 1e-3
     counts = []
@@ -171,10 +173,10 @@ def test_hot_pixels_are_binomial_fixed_and_full():
 
 @given(st.floats(0.01, 0.5))
 def test_crosstalk_is_a_kernel_of_sum_one(share: float):
-    """A lit pixel: 1 - c in it, c / 4 in each neighbour; any image keeps its total, border too.
+    """A lit pixel keeps 1 - c and gives c / 4 to each neighbour; totals are conserved.
 
-    A signal's correlation over one pixel is that of the kernel: (c/2)(1-c) + 0 over its square sum.
-    Does not prove that a real pixel's neighbours share alike (microlenses, deep trenches).
+    A signal's correlation over one pixel is that of the kernel: (c/2)(1-c) over its square sum.
+    Does not prove that a real pixel's neighbours have equal shares (microlenses, deep trenches).
     """
     point = np.zeros((9, 9), np.float32)
     point[4, 4] = 1.0
@@ -184,13 +186,13 @@ def test_crosstalk_is_a_kernel_of_sum_one(share: float):
     white = np.random.default_rng(0).standard_normal((400, 400)).astype(np.float32)
     mixed = charge.crosstalk(white, share)
     assert mixed.sum(dtype=np.float64) == pytest.approx(white.sum(dtype=np.float64), abs=0.05)
-    beside = np.corrcoef(mixed[:, 1:].ravel(), mixed[:, :-1].ravel())[0, 1]
+    correlation = np.corrcoef(mixed[:, 1:].ravel(), mixed[:, :-1].ravel())[0, 1]
     square = (1 - share) ** 2 + share**2 / 4
-    assert beside == pytest.approx(share / 2 * (1 - share) / square, abs=0.012)
+    assert correlation == pytest.approx(share / 2 * (1 - share) / square, abs=0.012)
 
 
 def test_crosstalk_leaves_noise_independent():
-    """It spreads light before it is counted: neighbours' shot noise stays uncorrelated."""
+    """Crosstalk acts before photon counting: neighbours' shot noise is uncorrelated."""
     part = dataclasses.replace(FINE, shot_noise=1.0, crosstalk=0.4)
     image = read(part, 2000.0)
     assert abs(np.corrcoef(image[:, 1:].ravel(), image[:, :-1].ravel())[0, 1]) < 0.015
@@ -199,16 +201,16 @@ def test_crosstalk_leaves_noise_independent():
 @settings(max_examples=50)
 @given(st.floats(0.05, 1.0), st.integers(0, 2**32 - 1))
 def test_blooming_accounts_for_the_charge(share: float, seed: int):
-    """Stored = all - drained while nothing leaves; columns keep to themselves; none above full.
+    """Stored = total - drained; columns are independent; no pixel exceeds full well.
 
-    Columns of an image whose ends have ample room. Does not prove the streak's profile: a real
-    drain takes its share at every pixel passed.
+    The columns have enough room at their ends. Does not prove the streak's profile, since a real
+    drain takes charge at each pixel.
     """
     rng = np.random.default_rng(seed)
     part = Imager(blooming=share, full_well_e=1000.0)
     light = np.full((200, 12), 100.0, np.float32)
     light[90:110, 2:10] = rng.uniform(0, 3000, (20, 8)).astype(np.float32)
-    stored = well.contained(part, light)
+    stored = well.limit_to_full_well(part, light)
     excess = np.maximum(light - 1000, 0).sum(axis=0, dtype=np.float64)
     total = light.sum(axis=0, dtype=np.float64)
     assert stored.sum(axis=0, dtype=np.float64) == pytest.approx(
@@ -220,16 +222,16 @@ def test_blooming_accounts_for_the_charge(share: float, seed: int):
 
 
 def test_blooming_fills_pixel_after_pixel():
-    """By hand: 5000 electrons in a well of 1000 beside wells of 100: half of 4000 each way.
+    """By hand: 5000 electrons in a well of 1000; half of the excess of 4000 goes each way.
 
-    2000 electrons fill 900 + 900 + 200 of three neighbours; towards an end two pixels away
-    1800 are taken and 200 leave the image.
+    The neighbours hold 100. 2000 electrons fill 900 + 900 + 200 of three neighbours. Towards an
+    end two pixels away, 1800 are stored and 200 leave the image.
     """
     light = np.full((9, 1), 100.0, np.float32)
     light[2] = 5000.0
-    stored = well.contained(Imager(blooming=1.0, full_well_e=1000.0), light)[:, 0]
+    stored = well.limit_to_full_well(Imager(blooming=1.0, full_well_e=1000.0), light)[:, 0]
     assert stored.tolist() == [1000, 1000, 1000, 1000, 1000, 300, 100, 100, 100]
-    none = well.contained(Imager(full_well_e=1000.0), light)[:, 0]
+    none = well.limit_to_full_well(Imager(full_well_e=1000.0), light)[:, 0]
     assert none.tolist() == [100, 100, 1000, 100, 100, 100, 100, 100, 100]
 
 
@@ -251,7 +253,7 @@ def test_smoothing_lowers_and_correlates_noise(sigma: float):
     kept = (1 + 2 * q) / (2 * np.sqrt(np.pi) * sigma)
     assert variance == pytest.approx(20.0**2 * kept**2, rel=0.02)
     assert kept**2 == pytest.approx(1 / (4 * np.pi * sigma**2), rel=0.035)
-    assert smoothing.kept(sigma) == pytest.approx(kept, rel=1e-3)
+    assert smoothing.variance_share(sigma) == pytest.approx(kept, rel=1e-3)
     for apart in (1, 2, 3):
         along = (deviation[..., apart:] * deviation[..., :-apart]).mean() / variance
         down = (deviation[:, apart:] * deviation[:, :-apart]).mean() / variance
@@ -262,7 +264,7 @@ def test_smoothing_lowers_and_correlates_noise(sigma: float):
 
 
 def test_smoothing_averages_what_the_converter_can_hold():
-    """A dot ten times above the ceiling is cut first: its averaged peak is a full pixel's share."""
+    """A dot ten times above the ceiling is clipped before the averaging."""
     part = Imager(gain=1.0, full_well_e=1000.0, smoothing_px=1.0, bit_depth=8)
     hotter = dataclasses.replace(part, gain=10.0)
     light = np.zeros(SHAPE, np.float32)
@@ -272,11 +274,11 @@ def test_smoothing_averages_what_the_converter_can_hold():
 
 @given(st.floats(0.3, 3.0), st.sampled_from([255, 1023, 65535]))
 def test_gamma_inverts(gamma: float, ceiling: int):
-    """Raised to gamma again the signal comes back (1e-4 of full scale); 0 and the ceiling stay."""
+    """The inverse gamma restores the signal (1e-4 of full scale); 0 and the ceiling are fixed."""
     signal = np.linspace(-0.02, 1.0, 500, dtype=np.float32)[None] * ceiling
-    bent = converter.bent(signal, gamma, ceiling)
-    assert converter.bent(bent, 1 / gamma, ceiling) == pytest.approx(signal, abs=1e-4 * ceiling)
-    ends = converter.bent(np.array([[0.0, ceiling]], np.float32), gamma, ceiling)
+    bent = converter.apply_gamma(signal, gamma, ceiling)
+    assert converter.apply_gamma(bent, 1 / gamma, ceiling) == pytest.approx(signal, abs=1e-4 * ceiling)
+    ends = converter.apply_gamma(np.array([[0.0, ceiling]], np.float32), gamma, ceiling)
     assert ends == pytest.approx(np.array([[0.0, ceiling]]), rel=1e-5)
 
 
@@ -293,9 +295,9 @@ def test_gamma_of_an_image_by_hand():
 
 @pytest.mark.parametrize("bit_depth", [8, 10, 12, 16])
 def test_quantisation_steps(bit_depth: int):
-    """A ramp has all codes once each, of full_well / ceiling electrons; error sd = step / sqrt 12.
+    """A ramp has all codes, each full_well / ceiling electrons wide; error std = step / sqrt 12.
 
-    Does not prove a converter's own non-linearity (differential error): codes are of one width.
+    Does not cover a converter's differential non-linearity; all codes have one width.
     """
     part = Imager(bit_depth=bit_depth, full_well_e=4000.0)
     ramp = np.linspace(0, 4000, 2**19, dtype=np.float64).reshape(512, 1024)
@@ -310,16 +312,16 @@ def test_quantisation_steps(bit_depth: int):
 
 
 @given(st.floats(0.2, 5.0), st.floats(0.5, 4.0))
-def test_under_auto_exposure_light_and_gain_are_one(light: float, gain: float):
-    """More light or gain, a shorter exposure: the level stays; so neither shows in the mean.
+def test_under_auto_exposure_light_and_gain_are_confusable(light: float, gain: float):
+    """Auto exposure keeps the mean level for more light or gain.
 
-    Does not prove the control's dynamics: it finds its exposure at once, without flicker.
+    Does not cover the control's dynamics; it converges at once.
     """
     part = dataclasses.replace(FINE, auto_exposure_level=0.3, auto_exposure_max_s=10.0)
     base = np.random.default_rng(1).uniform(0.5, 1.5, (32, 32)).astype(np.float32) * 0.01
     stronger = dataclasses.replace(part, gain=gain)
-    plain = imager.control(part, base, 850.0)
-    moved = imager.control(stronger, base * np.float32(light), 850.0)
+    plain = imager.choose_exposure(part, base, 850.0)
+    moved = imager.choose_exposure(stronger, base * np.float32(light), 850.0)
     assert moved.exposure_s == pytest.approx(plain.exposure_s / (light * gain), rel=1e-4)
     electrons = imager.mean_electrons(stronger, base * np.float32(light), 850.0, moved)
     level = float(electrons.mean()) * stronger.dn_per_electron + part.black_level_dn
@@ -328,20 +330,20 @@ def test_under_auto_exposure_light_and_gain_are_one(light: float, gain: float):
 
 @given(st.floats(1.0, 6.0), st.floats(200.0, 9000.0))
 def test_a_smaller_full_well_is_a_larger_gain(factor: float, light: float):
-    """At a gain of 1 or more the two are one: equal codes, noise included.
+    """At a gain of 1 or more, full well and gain are equivalent: equal codes, noise included.
 
-    So "saturation" and "gain" are of one family. Below a gain of 1 only the well is full early.
+    So "saturation" and "gain" belong to one family. Below a gain of 1 only the well saturates.
     """
     part = Imager(shot_noise=1.0, read_noise_e=5.0, full_well_e=12000.0, bit_depth=10)
     smaller = dataclasses.replace(part, full_well_e=12000.0 / factor)
     louder = dataclasses.replace(part, gain=factor)
     by_well, by_gain = read(smaller, light), read(louder, light)
-    assert np.abs(by_well - by_gain).max() <= 1  # Rounding of the factor itself.
+    assert np.abs(by_well - by_gain).max() <= 1  # Rounding error of the factor.
     assert (by_well != by_gain).mean() < 0.01
 
 
 def test_patterns_are_drawn_once():
-    """Patterns are kept, shared and read-only."""
+    """Fixed patterns are cached, shared and read-only."""
     die = Die(7, "left")
     first = die.normal("prnu", (32, 48))
     assert first is die.normal("prnu", (32, 48))

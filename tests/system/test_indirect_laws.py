@@ -1,7 +1,7 @@
-"""Light that comes another way than straight from the projector: how much of it there must be.
+"""Indirect light: energy conservation and the radiosity equation.
 
-Rationale: in a closed room all light that enters is absorbed by the walls, and between matt
-surfaces light obeys the radiosity equation, whatever the paths' random numbers are.
+Rationale: the walls of a closed room absorb all light. Between diffuse surfaces light obeys the
+radiosity equation.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from starling.sim.geometry import frames
-from starling.sim.imaging.lens_input import received
+from starling.sim.imaging.lens_input import combine_light
 from starling.sim.render import backend, emission, indirect, mitsuba_scene, paths, paths_scalar
 from starling.sim.render import direct as render
 from starling.sim.render.lights import Lights
@@ -43,19 +43,19 @@ def even(tmp_path):
     )
 
 
-def lit(made: mitsuba_scene.Stage, sensor, *, samples: int, seed: int = 0):
-    layers = render.layers(made, sensor)
-    return indirect.add(layers, made, sensor, samples=samples, seed=seed)
+def lit(mi_scene: mitsuba_scene.MitsubaScene, sensor, *, samples: int, seed: int = 0):
+    layers = render.layers(mi_scene, sensor)
+    return indirect.add(layers, mi_scene, sensor, samples=samples, seed=seed)
 
 
 @pytest.mark.parametrize("reflectance", [0.5, BRIGHT])
 def test_integrating_sphere(even, reflectance):
     """Indirect radiance rho^2 P / (pi A (1 - rho)) everywhere on a sphere's inside, to 0.5 %.
 
-    Source: Goebel, Generalized integrating-sphere theory, 1967: every patch of a sphere receives
-    as much from every other, rho P / A after the first bounce and 1 / (1 - rho) of it after all.
+    Source: Goebel, Generalized integrating-sphere theory, 1967. Each patch of a sphere receives
+    equal light from all others: rho P / A after the first bounce, times 1 / (1 - rho) in total.
 
-    It does not prove how light falls off with distance and angle: in a sphere both cancel.
+    The test is insensitive to distance and angle, whose effects cancel in a sphere.
     """
     mi = backend.mitsuba()
     radius = 1.3
@@ -67,7 +67,9 @@ def test_integrating_sphere(even, reflectance):
             "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": reflectance}},
         }
     )
-    seen = lit(mitsuba_scene.Stage(Scene(name="sphere", shapes=(ball,))), even, samples=4096).left
+    seen = lit(
+        mitsuba_scene.MitsubaScene(Scene(name="sphere", shapes=(ball,))), even, samples=4096
+    ).left
     area = 4 * np.pi * radius**2
     expected = reflectance**2 / (np.pi * area * (1 - reflectance))
     assert seen.projector_indirect.mean() == pytest.approx(expected, rel=0.005)
@@ -79,17 +81,17 @@ def test_integrating_sphere(even, reflectance):
 def test_energy_in_is_energy_out_in_a_white_box(even):
     """The walls of a closed box absorb the projector's power, direct and indirect, to 0.5 %.
 
-    Six views of 90 degrees see every wall once. A wall of albedo rho that sends out radiance L
-    receives pi L / rho and keeps 1 - rho of it; a pixel is (z / f)^2 of a wall.
+    Six views of 90 degrees see each wall once. A wall of albedo rho and radiance L receives
+    pi L / rho and absorbs 1 - rho of it. A pixel covers (z / f)^2 of a wall.
 
-    It does not prove where on the walls the light falls.
+    The test does not show where on the walls the light falls.
     """
     size = np.array([2.0, 1.6, 2.4])
     room = solids.box(tuple(size))
     room.invert()
     white = Material(name="white", reflectance=BRIGHT)
     body = solids.body("room", room, white)
-    made = mitsuba_scene.Stage(Scene(name="box", bodies=(body,)))
+    mi_scene = mitsuba_scene.MitsubaScene(Scene(name="box", bodies=(body,)))
     even = dataclasses.replace(
         even, width=128, height=128, fx_px=64.0, fy_px=64.0, cx_px=63.5, cy_px=63.5
     )
@@ -98,13 +100,15 @@ def test_energy_in_is_energy_out_in_a_white_box(even):
     absorbed = 0.0
     turns = [(0, 0, 0), (0, 90, 0), (0, 180, 0), (0, -90, 0), (90, 0, 0), (-90, 0, 0)]
     for number, turn in enumerate(turns):
-        # The camera turns, the projector does not: it lights one wall of the room.
+        # The camera rotates; the projector is fixed and lights one wall.
         view = frames.pose((0, 0, 0), turn)
         part = dataclasses.replace(
             even.projector, rotation_deg=tuple(-float(angle) for angle in turn)
         )
         sensor = dataclasses.replace(even, projector=part)
-        posed = mitsuba_scene.Stage(dataclasses.replace(made.scene, world_from_left=view))
+        posed = mitsuba_scene.MitsubaScene(
+            dataclasses.replace(mi_scene.scene, world_from_left=view)
+        )
         layers = lit(posed, sensor, samples=128, seed=number)
         seen, normals = layers.left, layers.truth.normal
         radiance = seen.projector_direct + seen.projector_indirect
@@ -114,16 +118,16 @@ def test_energy_in_is_energy_out_in_a_white_box(even):
     assert absorbed == pytest.approx(1.0, rel=0.005)
 
 
-CORNER_M = 1.5  # From the camera to the edge in which two plates meet.
+CORNER_M = 1.5  # Distance from the camera to the common edge of the plates [m].
 PLATE_M = 1.0
-PATCHES = 24  # A side, of each plate.
+PATCHES = 24  # Patches per side of a plate.
 
 
 def corner_factor(away_m, height_m, low_m, high_m):
     """Form factor from an element to a rectangle in a perpendicular plane, in closed form.
 
-    The element is `away_m` from the line where the planes meet, the rectangle reaches from that
-    line to `height_m`, and along it from `low_m` to `high_m`, counted from the element.
+    The element is at distance `away_m` from the planes' common line. The rectangle extends from
+    that line to `height_m`, and along it from `low_m` to `high_m` relative to the element.
 
     Source: Howell, Menguc and Siegel, A Catalog of Radiation Heat Transfer Configuration Factors,
     B-5 by superposition.
@@ -158,14 +162,14 @@ def direct(away_m, along_m, sensor):
 
 
 def test_a_corner_agrees_with_the_radiosity_equation(even):
-    """Light between two plates at a right angle is what their form factors say, to 1 %.
+    """Light between two perpendicular plates agrees with their form factors, to 1 %.
 
-    The plates are alike and lit alike, so one plate's radiosity M = rho (E + F M) says all; F is
-    in closed form from elements to rectangles. Compared in bands beside the line where the
-    plates meet, through the whole chain: coarse paths, low-pass, raising.
+    By symmetry one plate's radiosity M = rho (E + F M) suffices. F is the closed form from elements
+    to rectangles. The comparison uses bands parallel to the common line and the whole method:
+    coarse paths, low-pass, upsampling.
 
-    It does not prove how other than matt surfaces pass light on, and not what is nearer to the
-    line than 5 cm, a few coarse pixels, where the low-pass rounds the light's steepest rise.
+    The test excludes other materials, and points closer than 5 cm to the line. There, within a few
+    coarse pixels, the low-pass smooths the light's steep rise.
     """
     sensor = dataclasses.replace(
         even, width=640, height=640, fx_px=360.0, fy_px=360.0, cx_px=319.5, cy_px=319.5
@@ -181,8 +185,8 @@ def test_a_corner_agrees_with_the_radiosity_equation(even):
         )
         for name, side in (("right", 1), ("left", -1))
     ]
-    made = mitsuba_scene.Stage(Scene(name="corner", bodies=tuple(plates)))
-    layers = lit(made, sensor, samples=64)
+    mi_scene = mitsuba_scene.MitsubaScene(Scene(name="corner", bodies=tuple(plates)))
+    layers = lit(mi_scene, sensor, samples=64)
     centres = (np.arange(PATCHES) + 0.5) / PATCHES * PLATE_M
     away, along = (axis.ravel() for axis in np.meshgrid(centres, centres, indexing="ij"))
     alone = direct(away, along, sensor)
@@ -202,35 +206,35 @@ def test_a_corner_agrees_with_the_radiosity_equation(even):
         expected = BRIGHT / np.pi * gathered(x, y, exitance.reshape(PATCHES, PATCHES))
         first = BRIGHT / np.pi * direct(x, y, sensor)
         np.testing.assert_allclose(seen.projector_direct.ravel()[points], first, rtol=0.01)
-        found = seen.projector_indirect.ravel()[points]
-        assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+        measured = seen.projector_indirect.ravel()[points]
+        assert measured.mean() == pytest.approx(expected.mean(), rel=0.01)
 
 
 def test_paths_agree_with_mitsubas_path_tracer(even):
-    """Mean and picture of own paths and of Mitsuba's, on matt and glossy things, to 2 %."""
-    made = mitsuba_scene.Stage(scenes.clutter())
+    """`paths` and Mitsuba's path tracer agree on diffuse and glossy objects, to 2 %."""
+    mi_scene = mitsuba_scene.MitsubaScene(scenes.clutter())
     dots = emission.irradiance_at_unit_distance(even.projector)
-    camera, _ = cameras(even, made.scene.world_from_left)
-    own = paths.radiance(made, camera, Lights.of(made, even), 512, 1)
+    camera, _ = cameras(even, mi_scene.scene.world_from_left)
+    traced = paths.radiance(mi_scene, camera, Lights.from_sensor(mi_scene, even), 512, 1)
     theirs = paths_scalar.radiance(
-        made, even, made.scene.world_from_left, [dots], shrink=1, samples=512, seed=1
+        mi_scene, even, mi_scene.scene.world_from_left, [dots], shrink=1, samples=512, seed=1
     )
-    assert own.mean() == pytest.approx(theirs.mean(), rel=0.02)
-    small_own, small_theirs = (cv2.blur(image, (5, 5)).ravel() for image in (own, theirs))
+    assert traced.mean() == pytest.approx(theirs.mean(), rel=0.02)
+    small_own, small_theirs = (cv2.blur(image, (5, 5)).ravel() for image in (traced, theirs))
     assert np.corrcoef(small_own, small_theirs)[0, 1] > 0.98
-    seen = paths.surfaces(made, camera)
-    plugged = paths_scalar.surfaces(made, even, made.scene.world_from_left, shrink=1)
+    seen = paths.surfaces(mi_scene, camera)
+    plugged = paths_scalar.surfaces(mi_scene, even, mi_scene.scene.world_from_left, shrink=1)
     for name in ("albedo", "depth_m", "normal"):
         apart = np.abs(getattr(seen, name) - getattr(plugged, name))
         assert np.quantile(apart, 0.99) < 2e-3
 
 
 def test_a_mirror_shows_indirect_light_once(even):
-    """What a mirror shows of directly lit surfaces is direct light, not indirect light too.
+    """The mirror image of directly lit surfaces is direct light, not indirect light.
 
-    The projector lights the wall behind the camera, which sees it in a mirror. What is left is
-    light that goes from the wall by the mirror to the wall again: the mirror, 1 m wide and 2 m
-    from the wall, is seen from there under less than 1 / (4 pi) of the hemisphere's cosine.
+    The projector lights the wall behind the camera, which sees it in a mirror. The only indirect
+    light goes from the wall by the mirror back to the wall. Seen from the wall, the mirror (1 m
+    wide at 2 m) has a form factor of less than 1 / (4 pi).
     """
     mirror = Material(name="mirror", kind="mirror", reflectance=1.0)
     wall = solids.plane(12, 12)
@@ -241,7 +245,9 @@ def test_a_mirror_shows_indirect_light_once(even):
     )
     part = dataclasses.replace(even.projector, rotation_deg=(0.0, 180.0, 0.0))
     sensor = dataclasses.replace(even, projector=part)
-    seen = lit(mitsuba_scene.Stage(Scene(name="mirror", bodies=bodies)), sensor, samples=64).left
+    seen = lit(
+        mitsuba_scene.MitsubaScene(Scene(name="mirror", bodies=bodies)), sensor, samples=64
+    ).left
     shown = seen.body == 1
     direct = seen.projector_direct[shown].mean()
     assert direct > 0
@@ -249,23 +255,23 @@ def test_a_mirror_shows_indirect_light_once(even):
 
 
 def test_all_bounces_cost_equal_bits_for_equal_seeds(even):
-    made = mitsuba_scene.Stage(scenes.tabletop())
-    first, again, other = (
-        lit(made, even, samples=4, seed=seed).left.projector_indirect for seed in (1, 1, 2)
+    mi_scene = mitsuba_scene.MitsubaScene(scenes.tabletop())
+    first, again, different = (
+        lit(mi_scene, even, samples=4, seed=seed).left.projector_indirect for seed in (1, 1, 2)
     )
     assert np.array_equal(first, again)
-    assert not np.array_equal(first, other)
+    assert not np.array_equal(first, different)
 
 
 def test_ambient_light_leaves_the_dots_amplitude():
-    """Before noise and exposure, more ambient light adds the same to dots and to what is between.
+    """Before noise and exposure, more ambient light adds equally to dots and background.
 
-    It does not prove what auto exposure makes of it: a shorter exposure, dimmer dots.
+    The test excludes auto exposure, which would shorten the exposure and dim the dots.
     """
     sensor = presets.load("d435")
-    view = render.layers(mitsuba_scene.Stage(scenes.wall(1.0)), sensor, subpixels=1).left
+    view = render.layers(mitsuba_scene.MitsubaScene(scenes.wall(1.0)), sensor, subpixels=1).left
     dim, bright = (
-        received(
+        combine_light(
             view,
             Scene(
                 name="wall",

@@ -1,6 +1,6 @@
-"""Analytic light: what a plain wall must return, whatever the renderer does inside.
+"""Radiance of a plain wall in closed form.
 
-Rationale: a Lambertian wall before a projector without pattern has a closed-form radiance.
+Rationale: a Lambertian wall lit by a projector without pattern has a closed-form radiance.
 Expected: L = rho / pi E cos(theta) with E = P / A / z^2 on a fronto-parallel plane, to 0.5 %.
 """
 
@@ -21,7 +21,7 @@ REFLECTANCE = 0.6
 
 @pytest.fixture
 def even(tmp_path):
-    """A D435 whose projector, at the left imager's place, lights its whole field evenly."""
+    """A D435 whose projector, at the left imager, lights its whole field evenly."""
     import cv2
 
     path = tmp_path / "even.png"
@@ -45,7 +45,7 @@ def wall(distance_m: float, *, tilt_deg: float = 0.0):
         frames.pose((0, 0, distance_m), (0, tilt_deg, 0)),
     )
     light = Ambient(gradient=0.0)
-    return mitsuba_scene.Stage(Scene(name="wall", bodies=(sheet,), ambient=light))
+    return mitsuba_scene.MitsubaScene(Scene(name="wall", bodies=(sheet,), ambient=light))
 
 
 def centre(image, sensor):
@@ -98,7 +98,7 @@ def test_ambient_wall(even):
 
 
 def test_all_power_lands_on_the_plane(even):
-    """Energy out = energy in: all emitters' irradiance integrated over the unit plane is 1 W."""
+    """Energy conservation: the irradiance of all emitters over the unit plane is 1 W."""
     part = presets.load("d415").projector
     half_x, half_y = emission.half_tangents(part)
     images = [
@@ -112,20 +112,20 @@ def test_all_power_lands_on_the_plane(even):
     "material", [materials.WOOD, materials.PLASTIC, materials.POLISHED_ALUMINIUM]
 )
 def test_no_material_returns_more_than_it_gets(even, material):
-    """Furnace: even ambient light of irradiance 1 comes back as radiance of at most 1 / pi."""
+    """Furnace test: even ambient light of irradiance 1 gives radiance of at most 1 / pi."""
     sheet = solids.body("wall", solids.plane(20, 20), material, frames.pose((0, 0, 1.0)))
     light = Ambient(gradient=0.0)
-    made = mitsuba_scene.Stage(Scene(name="wall", bodies=(sheet,), ambient=light))
-    assert direct.layers(made, even).left.ambient.max() <= (1 + 1e-5) / np.pi
+    mi_scene = mitsuba_scene.MitsubaScene(Scene(name="wall", bodies=(sheet,), ambient=light))
+    assert direct.layers(mi_scene, even).left.ambient.max() <= (1 + 1e-5) / np.pi
 
 
-def test_other_ambient_light_compiles_nothing_anew(even):
-    """A diagnosis asks for light of many gradients; a kernel takes as long as the rendering."""
+def test_other_ambient_light_recompiles_nothing(even):
+    """Another gradient recompiles no kernel; compilation takes as long as rendering."""
     dr, lit = backend.drjit(), wall(1.0)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         for up, gradient in (((0.0, -1.0, 0.0), 0.31), ((0.0, -0.6, -0.8), 0.72)):
             dr.kernel_history_clear()
             light = Ambient(gradient=gradient, up=up)
-            direct.layers(lit.of(dataclasses.replace(lit.scene, ambient=light)), even)
-            ran = [one for one in dr.kernel_history() if one["type"] == dr.KernelType.JIT]
-    assert ran and all(one["cache_hit"] and not one["cache_disk"] for one in ran)
+            direct.layers(lit.with_scene(dataclasses.replace(lit.scene, ambient=light)), even)
+            ran = [kernel for kernel in dr.kernel_history() if kernel["type"] == dr.KernelType.JIT]
+    assert ran and all(kernel["cache_hit"] and not kernel["cache_disk"] for kernel in ran)

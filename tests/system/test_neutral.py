@@ -1,4 +1,4 @@
-"""The table's two laws over the whole chain: neutral is the identity, and every row acts."""
+"""Effects in the whole pipeline: neutral is the identity, and each effect acts."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from starling.sim.effects import setting as setting
 from starling.sim.imaging import imager
 from starling.sim.render import direct
 from starling.sim.render.layers import Layers
-from starling.sim.render.mitsuba_scene import Stage as Set
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Sensor
 
 SMALL = 0.4
-FRAMES = 5  # For what acts over time.
+FRAMES = 5  # For temporal effects.
 
 
 @cache
 def noisy() -> tuple[Sensor, Scene]:
-    """A D435 at two fifths of its size, as the preset has it."""
+    """A D435 preset at two fifths of its resolution."""
     preset = presets.load("d435")
     geometry = {
         name: getattr(preset, name) * SMALL for name in ("fx_px", "fy_px", "cx_px", "cy_px")
@@ -42,7 +42,7 @@ def noisy() -> tuple[Sensor, Scene]:
 
 @cache
 def ideal() -> tuple[Sensor, Scene]:
-    """The same without any departure, but lit by the room and not only by dots."""
+    """The same sensor with neutral settings, in ambient light."""
     sensor, scene = setting.ideal(*noisy())
     return sensor, setting.on_scene(scene, {"ambient": 0.1})
 
@@ -50,13 +50,13 @@ def ideal() -> tuple[Sensor, Scene]:
 @cache
 def ideal_layers() -> Layers:
     sensor, scene = ideal()
-    return direct.layers(Set(scene), sensor)
+    return direct.layers(MitsubaScene(scene), sensor)
 
 
-def test_the_ideal_camera_is_nothing_but_a_scale() -> None:
-    """Light times a number, rounded: no stage leaves a trace in the infrared, bit for bit.
+def test_the_ideal_camera_only_scales_light() -> None:
+    """With neutral settings the infrared equals scaled, rounded light, bit for bit.
 
-    It does not prove that fields beyond the infrared (matcher, post) are neutral.
+    The test excludes settings after the infrared (matcher, post-processing).
     """
     sensor, scene = ideal()
     layers = ideal_layers()
@@ -77,11 +77,11 @@ def test_the_ideal_camera_is_nothing_but_a_scale() -> None:
 
 
 def _moved(row: Effect, base: tuple[Sensor, Scene]) -> dict[str, Value]:
-    """The row's first parameter far from where it stands."""
+    """A value of the effect's first parameter far from neutral."""
     first = row.parameters[0]
-    here = setting.value(first, *base)
+    near_value = setting.value(first, *base)
     ends: tuple[Any, ...] = first.choices or (first.low, first.high)
-    return {row.name: next(end for end in reversed(ends) if end != here)}
+    return {row.name: next(end for end in reversed(ends) if end != near_value)}
 
 
 NO_NEED = [row for row in effects.table() if not row.rerender and row.stage is not Stage.MATCHER]
@@ -89,8 +89,8 @@ NO_NEED = [row for row in effects.table() if not row.rerender and row.stage is n
 
 @settings(max_examples=25)
 @given(st.sets(st.sampled_from(NO_NEED), max_size=6), st.integers(0, 5))
-def test_back_at_neutral_is_as_if_it_had_never_been(rows: set[Effect], seed: int) -> None:
-    """Random sets of rows go away from neutral and come back: the infrared has the same bits."""
+def test_returning_to_neutral_restores_all_bits(rows: set[Effect], seed: int) -> None:
+    """Random effects change from neutral and return: the infrared has the same bits."""
     base = ideal()
     away = {name: value for row in rows for name, value in _moved(row, base).items()}
     back = {name: setting.value(setting.parameter_of(name)[1], *base) for name in away}
@@ -117,7 +117,7 @@ def _reading(sensor: Sensor, scene: Scene) -> list[np.ndarray]:
 @pytest.mark.slow
 @pytest.mark.parametrize("row", effects.table(), ids=lambda row: row.name)
 def test_every_row_acts(row: Effect) -> None:
-    """Away from neutral a row changes the infrared, the depth or the registered depth."""
+    """A non-neutral effect changes the infrared, the depth or the registered depth."""
     base = noisy() if row.stage in (Stage.MATCHER, Stage.POST) else ideal()
     base = setting.apply(*base, atlas.SHOWN_WITH.get(row.name, {}))
     plain = _reading(*base)

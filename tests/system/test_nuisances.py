@@ -1,8 +1,8 @@
-"""What is fitted to each scene before effects are asked for: its light, its pattern's scale.
+"""Nuisance parameters of a scene: light, pattern scale, and pose of the reference.
 
-**Rationale.** Captures are simulated with a pattern that warmth has spread, and their scenes'
-descriptions taken away, as of a real room. A fit by dots alone has to find the scale again; that
-of another pattern has to find none. Effects depart from what was fitted, by hand-made numbers.
+**Rationale.** Captures are simulated with a scaled pattern, and their scene files are removed, as
+for a real room. The fit must recover the scale from dots alone, and none for another pattern.
+Settings of effects are compared with numbers computed by hand.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from starling.diagnosis.scenes import estimated, fit_scene, pose, scene_model
 from starling.diagnosis.scenes.fit_scene import AMBIENT, SCALE, SHIFT, TURN, Nuisance
 from starling.diagnosis.validation.adapters import check_camera
 from starling.diagnosis.which import attribution
-from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.which.candidates import Segment
 from starling.sim import simulate
 from starling.sim.captures import capture, png
 from starling.sim.captures.capture import CapturedScene
@@ -37,9 +37,9 @@ FITTED = {AMBIENT: Nuisance(0.4, 0.1), SCALE: Nuisance(1.0, 0.999)}
 
 def captured(folder: Path, scale: float = WARM, scene: str = "clutter:1") -> CapturedScene:
     simulate_captures(scene, with_values(SENSOR, [("projector.pattern_scale", scale)]), folder)
-    (one,) = capture.open_set(folder).scenes
-    (one.path / "scene.toml").unlink()
-    return one
+    (scene_folder,) = capture.open_set(folder).scenes
+    (scene_folder.path / "scene.toml").unlink()
+    return scene_folder
 
 
 @pytest.fixture(scope="module")
@@ -47,28 +47,28 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> CapturedScene:
     return captured(tmp_path_factory.mktemp("warm") / "set")
 
 
-def fitted(scene: CapturedScene, sensor: Sensor) -> float | None:
-    found = fit_scene.of_dots(scene, sensor)
-    return found[SCALE].own if found else None
+def fitted_scale(scene: CapturedScene, sensor: Sensor) -> float | None:
+    nuisances = fit_scene.fit_pattern_scale(scene, sensor)
+    return nuisances[SCALE].value if nuisances else None
 
 
-def test_the_scale_is_found_that_captures_were_made_with(warm):
-    assert fitted(warm, SENSOR) == pytest.approx(WARM, abs=1.5e-4)
-    other = with_values(SENSOR, [("projector.pattern_scale", 1.001)])
-    assert fitted(warm, other) == pytest.approx(WARM, abs=1.5e-4)
+def test_the_scale_of_the_captured_pattern_is_recovered(warm):
+    assert fitted_scale(warm, SENSOR) == pytest.approx(WARM, abs=1.5e-4)
+    scaled = with_values(SENSOR, [("projector.pattern_scale", 1.001)])
+    assert fitted_scale(warm, scaled) == pytest.approx(WARM, abs=1.5e-4)
 
 
 @pytest.mark.long
-def test_where_the_first_frame_has_depth_alone_another_tells(warm, tmp_path):
+def test_a_first_frame_with_depth_alone_is_skipped(warm, tmp_path):
     whole = shutil.copytree(warm.path.parent, tmp_path / "set")
     frame = whole / warm.name / "0"
     shutil.copytree(frame, frame.with_name("1"))
     for image in frame.glob("ir_*.png"):
         image.unlink()
     (scene,) = capture.open_set(whole).scenes
-    assert fitted(scene, SENSOR) == fitted(warm, SENSOR)
+    assert fitted_scale(scene, SENSOR) == fitted_scale(warm, SENSOR)
     (known, estimates), (all_known, all_estimates) = (
-        estimated.scene(one, SENSOR) for one in (scene, warm)
+        estimated.load_scene(folder, SENSOR) for folder in (scene, warm)
     )
     assert len(estimates) == len(all_estimates)
     assert known.ambient == all_known.ambient
@@ -76,77 +76,77 @@ def test_where_the_first_frame_has_depth_alone_another_tells(warm, tmp_path):
 
 def test_without_dots_ambient_light_is_not_fitted(warm, tmp_path):
     off = with_values(SENSOR, [("projector.power_w", 0.0)])
-    assert fit_scene.of_dots(warm, off) == {}
-    assert fit_scene.of_light(warm, estimated.scene(warm, off)[0], off) == {}
+    assert fit_scene.fit_pattern_scale(warm, off) == {}
+    assert fit_scene.light_nuisance(warm, estimated.load_scene(warm, off)[0], off) == {}
     whole = shutil.copytree(warm.path.parent, tmp_path / "set")
     for image in whole.rglob("ir_*.png"):
         image.unlink()
     (blind,) = capture.open_set(whole).scenes
-    assert fit_scene.of_dots(blind, SENSOR) == {}
-    assert fit_scene.of_light(blind, estimated.scene(blind, SENSOR)[0], SENSOR) == {}
+    assert fit_scene.fit_pattern_scale(blind, SENSOR) == {}
+    assert fit_scene.light_nuisance(blind, estimated.load_scene(blind, SENSOR)[0], SENSOR) == {}
 
 
 @pytest.mark.long
-def test_dots_of_another_pattern_or_none_tell_no_scale(warm, tmp_path):
-    scene = estimated.surface(warm)
+def test_another_pattern_or_no_dots_have_no_scale(warm, tmp_path):
+    scene = estimated.plain_surface(warm)
     for path, value in (("projector.pattern_seed", 3), ("projector.power_w", 0.0)):
         sensor = with_values(SENSOR, [(path, value)])
-        assert fit_scene.pattern_scale(warm, scene, sensor) is None
+        assert fit_scene.estimate_pattern_scale(warm, scene, sensor) is None
     alone = captured(tmp_path / "alone")
     (alone.path / "0" / "ir_right.png").unlink()
     (again,) = capture.open_set(tmp_path / "alone").scenes
-    assert fit_scene.pattern_scale(again, scene, SENSOR) is None
+    assert fit_scene.estimate_pattern_scale(again, scene, SENSOR) is None
 
 
-def test_a_subject_is_simulated_as_its_scene_was(warm):
-    one = scene_model.subject(warm, SENSOR)
-    assert one.nuisances.keys() == {AMBIENT, SCALE, *TURN, *SHIFT}
-    assert one.sensor.projector.pattern_scale == one.nuisances[SCALE].own != 1
-    assert one.nuisances[AMBIENT].own == one.scene.ambient.irradiance_w_m2
-    again = scene_model.subject(warm, SENSOR, fitted=FITTED)
+def test_a_scene_model_has_the_fitted_parameters(warm):
+    model = scene_model.load_scene_model(warm, SENSOR)
+    assert model.nuisances.keys() == {AMBIENT, SCALE, *TURN, *SHIFT}
+    assert model.sensor.projector.pattern_scale == model.nuisances[SCALE].value != 1
+    assert model.nuisances[AMBIENT].value == model.scene.ambient.irradiance_w_m2
+    again = scene_model.load_scene_model(warm, SENSOR, fitted=FITTED)
     assert again.sensor.projector.pattern_scale == 0.999
     assert again.nuisances[SCALE] == FITTED[SCALE]
 
 
-def test_a_reference_that_stands_off_is_put_right(warm, tmp_path):
-    """By disparity alone, and by half, as few squares tell of much more than is expected; what a
-    subject is compared with, and made of, is that reference."""
+def test_a_displaced_reference_is_corrected(warm, tmp_path):
+    """By about half, as few cells oppose the prior; the scene model uses the corrected one."""
     whole = shutil.copytree(warm.path.parent, tmp_path / "set")
     true_m, info = warm.truth_m(), warm.info
-    off = pose.moved(true_m, info, ModelError(turn_deg=(0.2, -0.1, 0.1), shift_m=(0, 0, 0.02)))
-    code = to_code(off, info.depth_unit_m)
+    error = ModelError(turn_deg=(0.2, -0.1, 0.1), shift_m=(0, 0, 0.02))
+    code = to_code(pose.move_depth(true_m, info, error), info.depth_unit_m)
     (whole / warm.name / "truth.png").write_bytes(png.encode(code))
     (scene,) = capture.open_set(whole).scenes
-    found = fit_scene.of_reference(scene, SENSOR)
-    assert found.keys() == {*TURN, *SHIFT}
-    right = fit_scene.put_right(scene, found)
+    fitted = fit_scene.fit_reference_pose(scene, SENSOR)
+    assert fitted.keys() == {*TURN, *SHIFT}
+    corrected = fit_scene.correct_reference(scene, fitted)
     before, after = (
-        np.nanmedian(np.abs(info.disparity_px(one.truth_m()) - info.disparity_px(true_m)))
-        for one in (scene, right)
+        np.nanmedian(np.abs(info.disparity_px(each.truth_m()) - info.disparity_px(true_m)))
+        for each in (scene, corrected)
     )
     assert after < before / 2
-    one = scene_model.subject(scene, SENSOR)
-    assert {name: one.nuisances[name].own for name in found} == {
-        name: each.own for name, each in found.items()
+    model = scene_model.load_scene_model(scene, SENSOR)
+    assert {name: model.nuisances[name].value for name in fitted} == {
+        name: nuisance.value for name, nuisance in fitted.items()
     }
-    known = np.isfinite(one.ground.disparity_px)
-    assert_allclose(one.ground.disparity_px[known], info.disparity_px(right.truth_m())[known])
-    assert "model_turn" not in {each.name for each in attribution.tried(Arm.IMAGE, [one])}
-    assert fit_scene.own({"model_turn": 0.3}, one.nuisances) == {"model_turn": 0.3}
+    reference_px, known = model.strata.disparity_px, np.isfinite(model.strata.disparity_px)
+    assert_allclose(reference_px[known], info.disparity_px(corrected.truth_m())[known])
+    tried = attribution.segment_candidates(Segment.IMAGE, [model])
+    assert "model_turn" not in {candidate.name for candidate in tried}
+    assert fit_scene.shift_settings({"model_turn": 0.3}, model.nuisances) == {"model_turn": 0.3}
 
 
-def test_each_scene_s_pose_is_fitted_with_noise_of_its_own(warm, monkeypatch):
-    """Else what noise makes of one would be made of all, as the camera's own."""
+def test_each_scene_has_independent_noise_in_its_pose_fit(warm, monkeypatch):
+    """Common noise would give a common error, which would look like an effect of the camera."""
     seeds: list[int] = []
     infrared = simulate.infrared
 
-    def drawn(*arguments: Any, seed: int) -> simulate.Pair:
+    def with_seed(*arguments: Any, seed: int) -> simulate.InfraredPair:
         seeds.append(seed)
         return infrared(*arguments, seed=seed)
 
-    monkeypatch.setattr(simulate, "infrared", drawn)
+    monkeypatch.setattr(simulate, "infrared", with_seed)
     for name in ("hall", "attic"):
-        assert fit_scene.of_reference(dataclasses.replace(warm, name=name), SENSOR)
+        assert fit_scene.fit_reference_pose(dataclasses.replace(warm, name=name), SENSOR)
     assert len(set(seeds)) == len(seeds) == 2
 
 
@@ -154,30 +154,31 @@ def test_no_reference_is_moved_without_a_pair(warm, tmp_path):
     whole = shutil.copytree(warm.path.parent, tmp_path / "set")
     (whole / warm.name / "0" / "ir_right.png").unlink()
     (scene,) = capture.open_set(whole).scenes
-    assert fit_scene.of_reference(scene, SENSOR) == {}
-    assert fit_scene.put_right(scene, {}) is scene
+    assert fit_scene.fit_reference_pose(scene, SENSOR) == {}
+    assert fit_scene.correct_reference(scene, {}) is scene
 
 
-def test_effects_depart_from_what_a_scene_has_of_its_own():
-    assert fit_scene.own({"gamma": 1.2}, FITTED) == {"gamma": 1.2}
-    assert fit_scene.own({SCALE: 1.002, "gamma": 1.2}, FITTED) == pytest.approx(
+def test_settings_depart_from_the_fitted_base():
+    assert fit_scene.shift_settings({"gamma": 1.2}, FITTED) == {"gamma": 1.2}
+    assert fit_scene.shift_settings({SCALE: 1.002, "gamma": 1.2}, FITTED) == pytest.approx(
         {SCALE: 1.001, "gamma": 1.2}
     )
-    assert fit_scene.own(fit_scene.commonly(FITTED), FITTED) == {AMBIENT: 0.1, SCALE: 0.999}
-    assert fit_scene.own({AMBIENT: 0.6}, FITTED) == pytest.approx({AMBIENT: 0.3})
-    assert fit_scene.own({AMBIENT: 0.2}, FITTED) == {AMBIENT: 0.0}
-    assert fit_scene.on_sensor(SENSOR, {AMBIENT: FITTED[AMBIENT]}) is SENSOR
+    common = fit_scene.common_settings(FITTED)
+    assert fit_scene.shift_settings(common, FITTED) == {AMBIENT: 0.1, SCALE: 0.999}
+    assert fit_scene.shift_settings({AMBIENT: 0.6}, FITTED) == pytest.approx({AMBIENT: 0.3})
+    assert fit_scene.shift_settings({AMBIENT: 0.2}, FITTED) == {AMBIENT: 0.0}
+    assert fit_scene.apply_to_sensor(SENSOR, {AMBIENT: FITTED[AMBIENT]}) is SENSOR
 
 
 @pytest.mark.long
-def test_what_was_fitted_is_tried_against_another_capture_alone(warm):
-    """Of the very images that it was fitted to it is no question."""
+def test_fitted_parameters_are_tried_only_against_another_capture(warm):
+    """They cannot explain a gap of the captures that they were fitted to."""
     tried = {}
     for against in (None, warm):
-        one = scene_model.subject(warm, SENSOR, against=against, fitted=FITTED)
+        model = scene_model.load_scene_model(warm, SENSOR, against=against, fitted=FITTED)
         families = ["ambient", "pattern_scale"]
-        _, screen = attribution.screened(Arm.IMAGE, [one], families=families)
-        tried[against] = {rough.name: rough for rough in screen.rough}
+        _, screening = attribution.screen_segment(Segment.IMAGE, [model], families=families)
+        tried[against] = {signature.name: signature for signature in screening.signatures}
     assert tried[None].keys() == {"sunlight"}
     assert tried[warm].keys() == {AMBIENT, SCALE, "sunlight"}
     assert tried[warm][AMBIENT].candidate.base == 0.4

@@ -1,7 +1,7 @@
-"""All rays of a stage are traced in one Mitsuba scene.
+"""All rays of a scene are traced in one Mitsuba scene.
 
-Rationale: OptiX knows one scene in a kernel. Rays into a second meet nothing on a GPU, without an
-error; on processors nothing is amiss.
+Rationale: an OptiX kernel knows one scene. Rays into a second scene hit nothing on a GPU, without
+an error; on CPUs they work.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from starling.sim import simulate
 from starling.sim.differentiable import light
 from starling.sim.geometry import frames
 from starling.sim.render import backend
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import solids
 from starling.sim.scene.scene import Finish, Material, Scene, Sun
 from starling.sim.sensor import presets
@@ -23,21 +23,21 @@ from starling.sim.sensor.sensor import Projector
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> set[int]:
-    """The scenes that rays were traced in."""
-    mi, found = backend.mitsuba(), set()
+def traced_scenes(monkeypatch: pytest.MonkeyPatch) -> set[int]:
+    """Return the identities of scenes in which rays were traced."""
+    mi, scenes = backend.mitsuba(), set()
     for name in ("ray_intersect", "ray_test"):
         traced = getattr(mi.Scene, name)
 
         def spy(scene: Any, *rest: Any, traced: Any = traced, **more: Any) -> Any:
-            found.add(id(scene))
+            scenes.add(id(scene))
             return traced(scene, *rest, **more)
 
         monkeypatch.setattr(mi.Scene, name, spy)
-    return found
+    return scenes
 
 
-def test_rays_are_traced_in_one_scene(asked: set[int]) -> None:
+def test_rays_are_traced_in_one_scene(traced_scenes: set[int]) -> None:
     sheet, matt = solids.plane(8, 8), Material(name="white", reflectance=0.6)
     things = {
         "wall": (sheet, matt, 1.0),
@@ -60,9 +60,9 @@ def test_rays_are_traced_in_one_scene(asked: set[int]) -> None:
     sensor = dataclasses.replace(
         presets.load("d435"), width=64, height=48, fx_px=60.0, fy_px=60.0, cx_px=31.5, cy_px=23.5
     )
-    stage = Stage(scene)
+    stage = MitsubaScene(scene)
     simulate.simulate(stage, sensor, samples=1)
-    assert asked == {id(stage.mitsuba)}
-    asked.clear()
+    assert traced_scenes == {id(stage.mitsuba)}
+    traced_scenes.clear()
     light.trace(stage, sensor, "left")
-    assert asked == {id(stage.mitsuba)}
+    assert traced_scenes == {id(stage.mitsuba)}

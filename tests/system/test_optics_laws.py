@@ -1,7 +1,7 @@
-"""Laws of the optics on rendered walls: what each departure does to images and to depth.
+"""Laws of the optics on rendered walls: effect of each aberration on images and depth.
 
-Rationale: noise-free pairs of a fronto-parallel wall correlate to a hundredth of a pixel without a
-matcher, so geometric laws can be held to that.
+Rationale: correlation of noise-free pairs of a fronto-parallel wall is accurate to 0.01 px, without
+a matcher.
 """
 
 import dataclasses
@@ -13,10 +13,11 @@ import pytest
 from numpy.typing import NDArray
 
 from starling.sim import metrics
-from starling.sim.imaging.lens_input import Received, received
+from starling.sim.arrays import Image
+from starling.sim.imaging.lens_input import LensInput, combine_light
 from starling.sim.imaging.optics import image
 from starling.sim.render import direct, mitsuba_scene
-from starling.sim.render.layers import Image, Layers
+from starling.sim.render.layers import Layers
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Alignment, Imager, Lens, Sensor
@@ -45,28 +46,29 @@ def sensor_with(
 
 
 @cache
-def wall(distance_m: float) -> tuple[mitsuba_scene.Stage, Layers]:
-    made = mitsuba_scene.Stage(scenes.wall(distance_m))
-    return made, direct.layers(made, D435)
+def wall(distance_m: float) -> tuple[mitsuba_scene.MitsubaScene, Layers]:
+    mi_scene = mitsuba_scene.MitsubaScene(scenes.wall(distance_m))
+    return mi_scene, direct.layers(mi_scene, D435)
 
 
 def form(
-    light: Received, layers: Layers, sensor: Sensor, side: Literal["left", "right"] = "left"
+    light: LensInput, layers: Layers, sensor: Sensor, side: Literal["left", "right"] = "left"
 ) -> Image:
     view = layers.left if side == "left" else layers.right
     return image.image(light, view.depth_m, sensor, side, seed=3)
 
 
 def pair(distance_m: float, sensor: Sensor) -> tuple[Image, Image]:
-    made, layers = wall(distance_m)
+    mi_scene, layers = wall(distance_m)
     left, right = (
-        received(view, made.scene, sensor, seed=0, frame=0) for view in (layers.left, layers.right)
+        combine_light(view, mi_scene.scene, sensor, seed=0, frame=0)
+        for view in (layers.left, layers.right)
     )
     return form(left, layers, sensor), form(right, layers, sensor, "right")
 
 
-HALF = (120, 70)  # Of a window about a pixel, along x and y [px].
-MARGIN = 40  # Of the window, for the search [px].
+HALF = (120, 70)  # Half size of the window along x and y [px].
+MARGIN = 40  # Search range of the window [px].
 
 
 def around(seen: NDArray, column: float, row: float) -> NDArray:
@@ -75,7 +77,7 @@ def around(seen: NDArray, column: float, row: float) -> NDArray:
 
 
 def shift(distance_m: float, sensor: Sensor, column: float, row: float) -> float:
-    """How far left of a thing's column less the wall's disparity the right imager sees it."""
+    """Deviation of the measured disparity from the wall's disparity, by correlation [px]."""
     left, right = pair(distance_m, sensor)
     disparity = round(FB / distance_m)
     left, right = around(left, column, row), around(right, column - disparity, row)
@@ -83,7 +85,7 @@ def shift(distance_m: float, sensor: Sensor, column: float, row: float) -> float
 
 
 def rise(distance_m: float, sensor: Sensor, column: float, row: float) -> float:
-    """How far below its row in the left image the right one sees a thing, by correlation."""
+    """Vertical shift of the right image against the left, by correlation [px]."""
     left, right = pair(distance_m, sensor)
     disparity = round(FB / distance_m)
     left, right = around(left, column, row).T, around(right, column - disparity, row).T
@@ -93,7 +95,7 @@ def rise(distance_m: float, sensor: Sensor, column: float, row: float) -> float:
 def weighted(
     moved: tuple[NDArray, NDArray], distance_m: float, column: float, row: float
 ) -> tuple[float, float]:
-    """Shift along x alone and along y alone that fit a field (x, y) of shifts by least squares.
+    """Least-squares fit of a shift along x alone and along y alone to a field of shifts.
 
     To first order the misfit of a shift s along x is sum (I_x (u - s) + I_y v)^2.
     """
@@ -115,9 +117,9 @@ ROWS, COLUMNS = np.indices((D435.height, D435.width), np.float64)
 @pytest.mark.parametrize("offset", [-0.5, -0.13, 0.0, 0.3, 0.5])
 @pytest.mark.parametrize("blur_px", [0.0, 0.6])
 def test_a_vertical_offset_moves_the_correlation_peak(offset: float, blur_px: float) -> None:
-    """By the offset to 0.002 px, and the disparity not at all.
+    """The vertical shift is the offset to 0.002 px; the disparity is unchanged.
 
-    Does not show what a matcher makes of rows that do not correspond.
+    Does not show the effect on a matcher.
     """
     sensor = sensor_with(right=Alignment(offset_y_px=offset), lens=Lens(blur_px=blur_px))
     assert rise(DISTANCES_M[1], sensor, *CENTRE) == pytest.approx(offset, abs=0.002)
@@ -130,17 +132,17 @@ def test_a_vertical_offset_moves_the_correlation_peak(offset: float, blur_px: fl
 def test_roll_tilts_the_rows(roll_deg: float) -> None:
     """dy = -roll x to 0.005 px: opposite at the left and the right edge.
 
-    Does not show that a device turns about its principal point.
+    Does not show that a device rotates about its principal point.
     """
     sensor, distance = sensor_with(right=Alignment(roll_deg=roll_deg)), DISTANCES_M[1]
     angle = np.deg2rad(roll_deg)
     field = (angle * (ROWS - D435.cy_px), -angle * (COLUMNS - FB / distance - D435.cx_px))
-    found = {}
+    measured = {}
     for column in (200, 700):
-        found[column] = rise(distance, sensor, column, CENTRE[1])
+        measured[column] = rise(distance, sensor, column, CENTRE[1])
         _, expected = weighted(field, distance, column, CENTRE[1])
-        assert found[column] == pytest.approx(expected, abs=0.005)
-    assert found[200] * found[700] < -0.1
+        assert measured[column] == pytest.approx(expected, abs=0.005)
+    assert measured[200] * measured[700] < -0.1
 
 
 def test_pitch_moves_rows_apart_and_more_so_off_the_middle() -> None:
@@ -157,20 +159,20 @@ def test_pitch_moves_rows_apart_and_more_so_off_the_middle() -> None:
 
 
 def depths_m(sensor: Sensor) -> NDArray[np.float64]:
-    """Depth that the wall's disparity gives, at each of the distances [m]."""
-    found = [FB / z + shift(z, sensor, *CENTRE) for z in DISTANCES_M]
-    return depth_from_disparity(np.array(found), focal_px=FB, baseline_m=1.0).astype(np.float64)
+    """Depth from the wall's measured disparity at each distance [m]."""
+    measured = [FB / z + shift(z, sensor, *CENTRE) for z in DISTANCES_M]
+    return depth_from_disparity(np.array(measured), focal_px=FB, baseline_m=1.0).astype(np.float64)
 
 
 @pytest.mark.parametrize(
     "alignment",
     [Alignment(offset_x_px=0.2), Alignment(yaw_deg=-float(np.rad2deg(0.2 / D435.fx_px)))],
 )
-def test_a_disparity_offset_errs_with_the_square_of_depth(alignment: Alignment) -> None:
-    """d' = d - o, so z' - z = z z' o / (f b): z^2 to first order, to 1 % (yaw: 3 %, for it grows
-    off the axis by 1 + x^2 / f^2).
+def test_a_disparity_offset_gives_a_depth_error_quadratic_in_depth(alignment: Alignment) -> None:
+    """d' = d - o, so z' - z = z z' o / (f b), to 1 %. To first order it grows with z^2.
 
-    Does not show that matched depth errs alike: a matcher adds its own bias.
+    For yaw the tolerance is 3 %, since its shift grows off the axis by 1 + x^2 / f^2. Does not show
+    the error of matched depth, to which a matcher adds its bias.
     """
     true = np.array(DISTANCES_M)
     seen = depths_m(sensor_with(right=alignment))
@@ -180,7 +182,7 @@ def test_a_disparity_offset_errs_with_the_square_of_depth(alignment: Alignment) 
     assert slope == pytest.approx(2, abs=0.01)
 
 
-def test_a_focal_scale_errs_in_proportion_to_depth() -> None:
+def test_a_focal_scale_gives_a_depth_error_proportional_to_depth() -> None:
     """d' = m d, so z' - z = z (1 / m - 1) to 1 %. A baseline error does just the same."""
     m = 0.99
     true = np.array(DISTANCES_M)
@@ -190,8 +192,8 @@ def test_a_focal_scale_errs_in_proportion_to_depth() -> None:
 
 
 @pytest.mark.parametrize("distance_m", DISTANCES_M)
-def test_distortion_shifts_disparity_alike_at_every_depth(distance_m: float) -> None:
-    """In the right image x moves by s r^2 x / r_h^3, whatever is seen there, to 0.005 px."""
+def test_distortion_shifts_disparity_equally_at_all_depths(distance_m: float) -> None:
+    """Distortion moves x in the right image by s r^2 x / r_h^3, to 0.005 px."""
     sensor = sensor_with(right=Alignment(distortion_px=1.0))
     half_diagonal = np.hypot(D435.width, D435.height) / 2
     across = COLUMNS - FB / distance_m - D435.cx_px
@@ -214,8 +216,8 @@ def test_vignetting_stays_with_the_camera_and_dims_all_light() -> None:
     perfect, dimmed = sensor_with(lens=Lens()), sensor_with(lens=Lens(vignetting=4.0))
     square = ((COLUMNS - D435.cx_px) / D435.fx_px) ** 2 + ((ROWS - D435.cy_px) / D435.fy_px) ** 2
     for distance in (DISTANCES_M[0], DISTANCES_M[2]):
-        made, layers = wall(distance)
-        light = received(layers.left, made.scene, D435, seed=0, frame=0)
+        mi_scene, layers = wall(distance)
+        light = combine_light(layers.left, mi_scene.scene, D435, seed=0, frame=0)
         none = np.zeros_like(light.rest)
         for lit in (dataclasses.replace(light, laser=none), dataclasses.replace(light, rest=none)):
             before, after = (form(lit, layers, sensor) for sensor in (perfect, dimmed))
@@ -226,33 +228,33 @@ def test_vignetting_stays_with_the_camera_and_dims_all_light() -> None:
 
 
 @pytest.mark.parametrize(("width_nm", "lost"), [(60.0, 0.3), (30.0, 0.9)])
-def test_the_filters_blue_shift_takes_the_dots_and_leaves_the_room(
+def test_the_filters_blue_shift_dims_dots_but_not_ambient_light(
     width_nm: float, lost: float
 ) -> None:
-    """Towards the corner laser light falls by more than the ambient light, which does not fall.
+    """Towards the corner laser light falls; ambient light does not.
 
-    How much is the law of `starling.sim.scene.spectra`. Does not show what a lamp of uneven spectrum does.
+    The amount follows `starling.sim.scene.spectra`. Does not cover lamps with uneven spectra.
     """
-    made, layers = wall(DISTANCES_M[1])
-    light = received(layers.left, made.scene, D435, seed=0, frame=0)
+    mi_scene, layers = wall(DISTANCES_M[1])
+    light = combine_light(layers.left, mi_scene.scene, D435, seed=0, frame=0)
     none = np.zeros_like(light.laser)
     corner, middle = (slice(0, 60), slice(0, 60)), (slice(205, 265), slice(395, 455))
     for lit in (dataclasses.replace(light, rest=none), dataclasses.replace(light, laser=none)):
         bare = form(lit, layers, sensor_with(lens=Lens()))
         seen = form(lit, layers, sensor_with(lens=Lens(filter_width_nm=width_nm)))
         assert seen[middle].sum() / bare[middle].sum() == pytest.approx(1, abs=0.01)
-        kept = seen[corner].sum() / bare[corner].sum()
-        assert kept < 1 - lost if lit.rest is none else 1 < kept < 1.4
+        share = seen[corner].sum() / bare[corner].sum()
+        assert share < 1 - lost if lit.rest is none else 1 < share < 1.4
 
 
-def test_the_veil_is_a_pedestal_without_the_scenes_structure() -> None:
-    """L' = (1 - v) L + v mean: an even pedestal, though albedo is not even; the mean unchanged.
+def test_veiling_glare_is_an_even_pedestal() -> None:
+    """L' = (1 - v) L + v mean: an even pedestal for any albedo, with unchanged mean.
 
-    Does not show ghosts or the veil that light from outside the image makes.
+    Does not cover ghosts, or glare from light outside the image.
     """
-    made = mitsuba_scene.Stage(scenes.tabletop())
-    layers = direct.layers(made, D435)
-    light = received(layers.left, made.scene, D435, seed=0, frame=0)
+    mi_scene = mitsuba_scene.MitsubaScene(scenes.tabletop())
+    layers = direct.layers(mi_scene, D435)
+    light = combine_light(layers.left, mi_scene.scene, D435, seed=0, frame=0)
     clear = form(light, layers, sensor_with()).astype(np.float64)
     veiled = form(light, layers, sensor_with(lens=Lens(blur_px=0.6, veil=0.05))).astype(np.float64)
     assert veiled.mean() == pytest.approx(clear.mean(), rel=1e-5)
@@ -263,10 +265,10 @@ def test_the_veil_is_a_pedestal_without_the_scenes_structure() -> None:
 
 @pytest.mark.parametrize("distance_m", DISTANCES_M)
 def test_defocus_widens_by_depth(distance_m: float) -> None:
-    """Sigma of a wall's defocus is k |1/z - 1/z_f| to 5 %; none at all in focus.
+    """Sigma of a wall's defocus is k |1/z - 1/z_f| to 5 %, and 0 in focus.
 
-    Measured by the best fit among Gaussian blurs made in the frequency domain. Does not show that
-    the spot is Gaussian (a real one is nearly a disc), nor what happens at depth edges.
+    It is measured by the best-fitting Gaussian blur in the frequency domain. Does not show that the
+    spot is Gaussian (a real one is nearly a disc), nor the effect at depth edges.
     """
     k, focus_m = 0.6, DISTANCES_M[1]
     sharp, soft = (
@@ -293,16 +295,17 @@ def test_defocus_widens_by_depth(distance_m: float) -> None:
 
 @pytest.mark.parametrize("contrast", [0.05, 0.2, 0.5])
 def test_speckle_through_the_optics(contrast: float) -> None:
-    """Contrast as set to 3 %; the imagers' grains are unrelated; frames share them; ambient light
-    has none.
+    """Speckle has the set contrast to 3 %; ambient light has none.
 
-    Does not show the grain's size against a real device, nor that grains move with scene or camera.
+    It is independent in the imagers and equal in all frames.
+
+    Does not cover a real device's grain size, or motion of the grains with scene or camera.
     """
     _, layers = wall(DISTANCES_M[1])
     even = np.ones((D435.height, D435.width), np.float32)
     none = np.zeros_like(even)
     sensor = sensor_with(contrast=contrast)
-    laser, room = Received(laser=even, rest=none), Received(laser=none, rest=even)
+    laser, room = LensInput(laser=even, rest=none), LensInput(laser=none, rest=even)
     left, right = form(laser, layers, sensor), form(laser, layers, sensor, "right")
     for seen in (left, right):
         assert seen.mean(dtype=float) == pytest.approx(1, abs=0.01)

@@ -1,4 +1,4 @@
-"""Sun and another device's projector: their strength, their shadows, and that they add up."""
+"""Sun and a second projector: strength, shadows, and linearity."""
 
 import dataclasses
 
@@ -27,7 +27,7 @@ def plate(name, distance_m, *, size_m=8.0, x_m=0.0):
 
 def rendered(*bodies, sensor=None, subpixels=2, **changes):
     scene = Scene(name="test", bodies=bodies, **changes)
-    return direct.layers(mitsuba_scene.Stage(scene), sensor or small(), subpixels=subpixels)
+    return direct.layers(mitsuba_scene.MitsubaScene(scene), sensor or small(), subpixels=subpixels)
 
 
 def middle(image):
@@ -36,14 +36,14 @@ def middle(image):
 
 @pytest.mark.parametrize("towards", [(0, 0, -1), (0, -1, -1), (3.0, 0.5, -1.0)])
 def test_sunlit_wall(towards):
-    """Radiance rho / pi E cos(theta); the sun's own half degree, which softens shadows, is not."""
+    """The radiance is rho / pi E cos(theta); the sun is a point, without soft shadows."""
     seen = rendered(plate("wall", 1.0), sun=Sun(irradiance_w_m2=40.0, towards=towards)).left
     cosine = -towards[2] / np.linalg.norm(towards)
     assert middle(seen.other) == pytest.approx(WHITE.reflectance / np.pi * 40 * cosine, rel=1e-4)
 
 
-def test_the_sun_throws_its_shadow_where_geometry_says():
-    """A plate 0.1 m before the wall, the sun at 45 degrees: the shadow is 0.1 m beside it."""
+def test_sun_shadow_follows_geometry():
+    """A plate 0.1 m before the wall under sun at 45 degrees casts its shadow 0.1 m aside."""
     small_plate = plate("plate", 0.9, size_m=0.1, x_m=0.2)
     sun = Sun(irradiance_w_m2=10.0, towards=(1.0, 0.0, -1.0))
     sensor = small()
@@ -59,8 +59,8 @@ def device(power_w, **changes):
     return Projector(power_w=power_w, pattern="d415", fov_x_deg=70.0, fov_y_deg=55.0, **changes)
 
 
-def test_another_projector_lights_like_the_own():
-    """At the same place it gives the own layer times its power, so its light is one law with it."""
+def test_second_projector_equals_the_own_layer():
+    """At the same place, a second projector equals the camera's own layer times its power."""
     part = device(0.5, position_m=(0.1, 0.02, 0.0), rotation_deg=(0.0, 5.0, 0.0))
     sensor = small(projector=part)
     view = rendered(plate("wall", 1.0), sensor=sensor, other_projector=part).left
@@ -68,10 +68,10 @@ def test_another_projector_lights_like_the_own():
     assert view.other.max() > 0
 
 
-def test_another_projector_paints_the_surface():
-    """Both imagers see its dots on the same surface points: a true texture, also for stereo.
+def test_second_projector_is_a_surface_texture():
+    """Both imagers see its dots on the same surface points, as a texture.
 
-    What the devices' exposures do to each other in time is not in it.
+    The exposure times of two devices are not modelled.
     """
     sensor = small(baseline_m=0.05)  # 10 px of disparity at 1 m.
     part = device(1.0, position_m=(-0.2, 0.0, 0.0))
@@ -98,8 +98,8 @@ def test_other_lights_add_up():
     assert not bare.other.any()
 
 
-def test_another_projector_before_a_structured_light_camera():
-    """It may stand anywhere, though the camera's own takes the right imager's place."""
+def test_second_projector_with_structured_light():
+    """It works at any position, though the camera's own projector replaces the right imager."""
     kinect = dataclasses.replace(
         presets.load("kinect-v1"),
         width=160,

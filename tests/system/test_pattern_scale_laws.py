@@ -1,8 +1,8 @@
 """Laws of the pattern's scale: direction cosines grow in proportion, energy is kept.
 
-Rationale: a diffractive element throws its order m at sin t = m lambda / period, so a wavelength
-1 + e times as long makes all direction cosines 1 + e times as large. The light of a pencil stays
-what it was. Expected values follow by hand.
+Rationale: a diffractive element has its order m at sin t = m lambda / period. A wavelength longer
+by the factor 1 + e therefore scales all direction cosines by 1 + e. The power of each order is
+unchanged. Expected values are derived by hand.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pytest
 from starling.patterns import Pattern
 from starling.patterns.field import Field
 from starling.sim.render import direct, emission
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import presets
 from starling.sim.sensor.emitter import Emitter
@@ -29,7 +29,7 @@ SIZE = {"width": 640, "height": 320, "cx_px": 319.5, "cy_px": 159.5}
 
 
 def camera(focal_px: float, **light: Any) -> Sensor:
-    """A camera with one emitter, at the left imager."""
+    """A camera with one emitter at the left imager."""
     preset = presets.load("d415")
     part = dataclasses.replace(preset.projector, position_m=(0.0, 0.0, 0.0), emitters=())
     part = dataclasses.replace(part, **light)
@@ -42,7 +42,7 @@ def scaled(sensor: Sensor, scale: float) -> Sensor:
 
 
 def lit(sensor: Sensor, distance_m: float = 1.0) -> np.ndarray:
-    layers = direct.layers(Stage(scenes.wall(distance_m)), sensor)
+    layers = direct.layers(MitsubaScene(scenes.wall(distance_m)), sensor)
     return layers.left.projector_direct.astype(np.float64)
 
 
@@ -52,7 +52,7 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> Sensor:
 
     def make(*, fov_x_deg: float, fov_y_deg: float, seed: int) -> Pattern:
         x = np.tan(np.deg2rad(DOTS_DEG))
-        return Pattern.of_dots(
+        return Pattern.from_dots(
             x,
             0 * x,
             0 * x + 1,
@@ -71,19 +71,19 @@ DOTS_DEG = np.array([-35.0, -20.0, 5.0, 20.0, 35.0])
 
 
 def columns_px(image: np.ndarray, near_px: np.ndarray) -> np.ndarray:
-    """Centroids of dots within 15 px of places."""
-    profile, found = image.sum(axis=0), []
+    """Centroids of dots within 15 px of the given positions."""
+    profile, measured = image.sum(axis=0), []
     for near in np.rint(near_px).astype(int):
         window = np.arange(max(near - 15, 0), near + 16)
-        found.append((profile[window] * window).sum() / profile[window].sum())
-    return np.array(found)
+        measured.append((profile[window] * window).sum() / profile[window].sum())
+    return np.array(measured)
 
 
 @pytest.mark.parametrize("scale", [0.97, 0.997, 1.003, 1.03])
 def test_dots_move_in_proportion_to_their_direction_cosine(dots: Sensor, scale: float) -> None:
     """sin t = s sin t0, to 0.02 px (4.2 px at 35 degrees for 1 %), at two distances.
 
-    It does not prove that a device's projector is diffractive: an image thrown by a lens does not
+    Does not prove that a device's projector is diffractive; an image projected by a lens would not
     grow with the wavelength.
     """
     for distance_m in (0.5, 2.0):
@@ -92,16 +92,16 @@ def test_dots_move_in_proportion_to_their_direction_cosine(dots: Sensor, scale: 
             for s in (1.0, scale)
         )
         still = columns_px(lit(dots, distance_m), home)
-        found = columns_px(lit(scaled(dots, scale), distance_m), moved)
-        np.testing.assert_allclose(found - still, moved - home, atol=0.02)
+        measured = columns_px(lit(scaled(dots, scale), distance_m), moved)
+        np.testing.assert_allclose(measured - still, moved - home, atol=0.02)
 
 
 @pytest.mark.parametrize("scale", [0.95, 0.995, 1.005, 1.05])
 def test_no_light_is_lost_or_made(dots: Sensor, scale: float) -> None:
-    """The light on a plane across the axis is the same to 0.1 %, where all of it is in the image.
+    """The total light on a plane across the axis is unchanged to 0.1 %.
 
-    The image of a fronto-parallel wall is that plane: equal pixels are equal areas of it, and its
-    radiance goes as the irradiance.
+    A fronto-parallel wall is that plane. Pixels cover equal areas, and radiance is proportional to
+    irradiance.
     """
     total = lit(dots).sum()
     assert lit(scaled(dots, scale)).sum() == pytest.approx(total, rel=1e-3)
@@ -117,7 +117,7 @@ def even(tmp_path: Path) -> Sensor:
 def test_even_light_changes_by_the_laws_factor(even: Sensor, scale: float) -> None:
     """E / E0 = (cos t / cos t0)^4 / s^2 to 2e-5, and the field's edge is at s times its cosine.
 
-    It does not prove how an element's efficiency goes with the wavelength: each order's is kept.
+    Does not cover the element's efficiency, which is assumed to be independent of wavelength.
     """
     before, after = lit(even), lit(scaled(even, scale))
     rows, columns = np.indices(before.shape)
@@ -128,14 +128,14 @@ def test_even_light_changes_by_the_laws_factor(even: Sensor, scale: float) -> No
     expected = (1 / far / nominal_cos**2) ** 2 / scale**2
     half_x, half_y = emission.half_tangents(even.projector)
     inside = np.maximum(abs(a / nominal_cos) / half_x, abs(b / nominal_cos) / half_y)
-    # Two pixels in from the edges of either field; sub-pixel means add the curvature's rest.
+    # Two pixels inside the edges of both fields. Sub-pixel means add an error by curvature.
     deep = (inside < 0.98) & (abs(x) < 0.98 * half_x) & (abs(y) < 0.98 * half_y)
     np.testing.assert_allclose(after[deep] / before[deep], expected[deep], rtol=2e-5)
     assert (after[inside < 0.99] > 0).all() and not after[inside > 1.01].any()
 
 
-def test_all_emitters_scale_alike_about_their_own_axes(dots: Sensor) -> None:
-    """Seen from its place and along its axis every emitter's pattern grows as a single one's."""
+def test_all_emitters_scale_about_their_own_axes(dots: Sensor) -> None:
+    """In its own frame each emitter's pattern scales like that of a single emitter."""
     turn_deg, offset = (0.0, 4.0, 0.0), (0.02, 0.0, 0.0)
     emitters = (Emitter(offset_m=offset, rotation_deg=turn_deg),)
     with_emitter = dataclasses.replace(dots.projector, emitters=emitters, pattern_scale=1.02)
@@ -146,13 +146,14 @@ def test_all_emitters_scale_alike_about_their_own_axes(dots: Sensor) -> None:
     np.testing.assert_allclose(first, second, rtol=2e-3, atol=1e-4 * second.max())
 
 
-def test_a_scale_next_to_neutral_is_next_to_neutral(even: Sensor) -> None:
-    """Neutral takes a shorter way: the longer one ends at the same numbers."""
+def test_pattern_scale_is_continuous_at_neutral(even: Sensor) -> None:
+    """The shortcut at neutral gives the same numbers as the general code."""
     np.testing.assert_allclose(lit(scaled(even, 1 + 1e-9)), lit(even), rtol=2e-6)
 
 
 def test_structured_lights_reference_keeps_its_scale() -> None:
     kinect = presets.load("kinect-v1")
     assert np.array_equal(
-        structured_light.image(kinect), structured_light.image(scaled(kinect, 1.003))
+        structured_light.reference_image(kinect),
+        structured_light.reference_image(scaled(kinect, 1.003)),
     )

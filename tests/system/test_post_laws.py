@@ -1,7 +1,7 @@
-"""Laws of post-processing: what each filter must do to noise, edges, holes and steps.
+"""Laws of post-processing: effect of each filter on noise, edges, holes and steps.
 
-Rationale: every filter is linear between edges, so its effect on white noise is a number that
-follows from its recursion; edges, dropouts and steps follow from its thresholds.
+Rationale: filters are linear between edges, so their recursion gives the effect on white noise.
+Their thresholds give the effect on edges, dropouts and steps.
 """
 
 from __future__ import annotations
@@ -19,35 +19,34 @@ STILL_PX = 20.0
 
 
 def noise(shape, sigma_px=0.02, seed=0):
-    """White noise about one disparity, far below the filters' delta."""
+    """White noise around one disparity, far below the filters' delta."""
     rng = np.random.default_rng(seed)
     return STILL_PX + rng.normal(0, sigma_px, shape).astype(np.float32)
 
 
 @pytest.mark.parametrize(("alpha", "iterations"), [(0.5, 1), (0.5, 2), (0.8, 3), (0.35, 2)])
-def test_spatial_filter_lowers_white_noise_as_its_recursion_says(alpha, iterations):
+def test_spatial_filter_reduces_white_noise_by_its_recursion(alpha, iterations):
     """Variance falls by (mean over w of |H|^(4 n))^2, |H|^2 = a^2 / (1 + b^2 - 2 b cos w), to 3 %.
 
-    Does not prove: real disparity noise is correlated over the matcher's window, so it falls less.
+    Real disparity noise is correlated over the matcher's window, so it falls less.
     """
     w = np.linspace(0, 2 * np.pi, 4096, endpoint=False)
     b = 1 - alpha
     gain = alpha**2 / (1 + b**2 - 2 * b * np.cos(w))
     expected = np.mean(gain ** (2 * iterations)) ** 2
-    found = spatial.smooth(
+    filtered = spatial.smooth(
         noise((1400, 1400)), alpha=alpha, delta_px=DELTA_PX, iterations=iterations
     )
-    inside = found[100:-100, 100:-100].astype(np.float64)
+    inside = filtered[100:-100, 100:-100].astype(np.float64)
     assert inside.var() / 0.02**2 == pytest.approx(expected, rel=0.03)
 
 
 @pytest.mark.parametrize("step_px", [0.7, 1.0, 10.0])
 def test_spatial_filter_keeps_planes_and_edges(step_px):
-    """A constant and a plane stay to 1e-3 px; beside an edge above delta noise moves nothing far.
+    """A constant and a plane are kept to 1e-3 px, and so are edges above delta.
 
-    The mean disparity of the columns at the edge stays within 0.05 px on both sides. Does not
-    prove: an edge that the matcher has fattened or ramped over several pixels, each step below
-    delta, is smoothed like a slope.
+    The mean disparity of the columns at the edge stays within 0.05 px on both sides. An edge that
+    the matcher has blurred into steps below delta would be smoothed like a slope.
     """
     flat = np.full((60, 80), STILL_PX, np.float32)
     settings = {"alpha": 0.5, "delta_px": DELTA_PX, "iterations": 2}
@@ -58,35 +57,35 @@ def test_spatial_filter_keeps_planes_and_edges(step_px):
     np.testing.assert_allclose(spatial.smooth(plane, **settings)[middle], plane[middle], atol=1e-3)
     edge = noise((200, 80))
     edge[:, 40:] += step_px
-    found = spatial.smooth(edge, **settings)
-    assert found[:, 39].mean() == pytest.approx(STILL_PX, abs=0.05)
-    assert found[:, 40].mean() == pytest.approx(STILL_PX + step_px, abs=0.05)
+    filtered = spatial.smooth(edge, **settings)
+    assert filtered[:, 39].mean() == pytest.approx(STILL_PX, abs=0.05)
+    assert filtered[:, 40].mean() == pytest.approx(STILL_PX + step_px, abs=0.05)
 
 
 def test_spatial_filter_rounds_an_edge_below_delta():
-    """The law above can fail: half of delta is no edge, and its corners go.
+    """A step of half of delta is not an edge, so its corners are rounded.
 
-    Does not prove how wide the rounding is on the device beyond the recursion's own length.
+    Does not prove the width of the rounding on a device.
     """
     edge = np.full((8, 80), STILL_PX, np.float32)
     edge[:, 40:] += DELTA_PX / 2
-    found = spatial.smooth(edge, alpha=0.5, delta_px=DELTA_PX, iterations=2)
-    assert found[0, 39] - STILL_PX > 0.1
+    filtered = spatial.smooth(edge, alpha=0.5, delta_px=DELTA_PX, iterations=2)
+    assert filtered[0, 39] - STILL_PX > 0.1
 
 
 @pytest.mark.parametrize("alpha", [0.2, 0.4, 0.7])
 def test_temporal_filter_lowers_noise_and_correlates_frames(alpha):
     """A static scene's variance falls to a / (2 - a); lag-1 correlation is 1 - a; both to 3 %.
 
-    Does not prove: noise that stands still while the scene does (speckle, fixed pattern) is not
-    lowered at all; only noise that is new in every frame is.
+    Only noise that is independent in each frame falls. Static noise (speckle, fixed pattern) does
+    not.
     """
     past, frames = None, []
     for number in range(120):
         frame = noise((96, 96), seed=number)
-        found, past = temporal.smooth(frame, past, alpha=alpha, delta_px=DELTA_PX, persistence=3)
-        if number >= 40:  # The first frame's noise has faded: 0.8^80 < 1e-7.
-            frames.append(found.astype(np.float64) - STILL_PX)
+        filtered, past = temporal.smooth(frame, past, alpha=alpha, delta_px=DELTA_PX, persistence=3)
+        if number >= 40:  # The first frame's noise has decayed: 0.8^80 < 1e-7.
+            frames.append(filtered.astype(np.float64) - STILL_PX)
     series = np.array(frames)
     assert series.var() / 0.02**2 == pytest.approx(alpha / (2 - alpha), rel=0.03)
     lag = np.mean(series[1:] * series[:-1]) / np.mean(series**2)
@@ -94,19 +93,19 @@ def test_temporal_filter_lowers_noise_and_correlates_frames(alpha):
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.4])
-def test_a_jump_above_delta_passes_at_once_and_a_smaller_one_dies_away(alpha):
-    """What moves by more than delta is never smeared; less is taken over as 1 - (1 - a)^n.
+def test_a_jump_above_delta_passes_and_a_smaller_one_decays(alpha):
+    """Steps above delta are adopted at once; smaller ones follow 1 - (1 - a)^n.
 
-    Does not prove: a slow drift, below delta from frame to frame, lags behind for ever.
+    A slow drift below delta per frame lags behind permanently.
     """
     for step_px, large in ((DELTA_PX * 1.01, True), (DELTA_PX / 2, False)):
         settings = {"alpha": alpha, "delta_px": DELTA_PX, "persistence": 3}
         before = np.full((1, 1), STILL_PX, np.float32)
         _, past = temporal.smooth(before, None, **settings)
         for n in range(1, 6):
-            found, past = temporal.smooth(before + np.float32(step_px), past, **settings)
+            filtered, past = temporal.smooth(before + np.float32(step_px), past, **settings)
             share = 1.0 if large else 1 - (1 - alpha) ** n
-            assert found[0, 0] - STILL_PX == pytest.approx(step_px * share, abs=1e-4)
+            assert filtered[0, 0] - STILL_PX == pytest.approx(step_px * share, abs=1e-4)
 
 
 WINDOWS = {1: (8, 8), 2: (2, 3), 3: (2, 4), 4: (2, 8), 5: (1, 2), 6: (1, 5), 7: (1, 8)}
@@ -114,9 +113,9 @@ WINDOWS = {1: (8, 8), 2: (2, 3), 3: (2, 4), 4: (2, 8), 5: (1, 2), 6: (1, 5), 7: 
 
 @pytest.mark.parametrize("mode", range(9))
 def test_persistence_follows_its_table_on_every_history(mode):
-    """One pixel for each of the 256 histories of eight frames; then all drop out at once.
+    """Persistence: one pixel per history of eight frames (256), followed by a dropout of all.
 
-    Exact. Does not prove that the device itself uses these modes: the table is the library's.
+    Exact. The table is the library's; the test does not show that a device uses these modes.
     """
     history = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).astype(bool)
     still = np.full((1, 256), STILL_PX, np.float32)
@@ -124,30 +123,30 @@ def test_persistence_follows_its_table_on_every_history(mode):
     _, past = temporal.smooth(still, None, **settings)
     for seen in history.T[::-1]:  # The last column is the oldest frame.
         _, past = temporal.smooth(np.where(seen, still, NAN), past, **settings)
-    found, after = temporal.smooth(still * NAN, past, **settings)
+    filtered, after = temporal.smooth(still * NAN, past, **settings)
     needed, last = WINDOWS.get(mode, (0 if mode == 8 else 9, 8))
     expected = history[:, :last].sum(axis=1) >= needed
-    np.testing.assert_array_equal(np.isfinite(found[0]), expected)
-    assert not (after.seen & 1).any()  # What stands in is no observation.
+    np.testing.assert_array_equal(np.isfinite(filtered[0]), expected)
+    assert not (after.seen & 1).any()  # A persistent value does not count as an observation.
 
 
-def test_a_jump_begins_the_history_anew():
-    """Eight good frames count for nothing once the depth has jumped.
+def test_a_jump_resets_the_history():
+    """A jump of depth resets the history of eight good frames.
 
-    Does not prove anything of what stands in: only when.
+    The test covers when values persist, not which ones.
     """
     settings = {"alpha": 0.4, "delta_px": DELTA_PX, "persistence": 3}
     past = None
     for disparity in [STILL_PX] * 8 + [STILL_PX + 5, np.nan]:
-        found, past = temporal.smooth(np.full((1, 1), disparity, np.float32), past, **settings)
-    assert np.isnan(found[0, 0])  # 1 of the last 4.
+        filtered, past = temporal.smooth(np.full((1, 1), disparity, np.float32), past, **settings)
+    assert np.isnan(filtered[0, 0])  # Mode: valid in 1 of the last 4 frames.
 
 
 @pytest.mark.parametrize("side", [2, 3])
 def test_decimation_takes_the_median_of_what_is_valid(side):
-    """Blocks are constant, and one outlier or hole a block changes nothing.
+    """Blocks are constant, and one outlier or hole per block changes nothing.
 
-    Does not prove the device's own reduction of resolution, which is done before matching.
+    Does not cover the device's reduction of resolution before matching.
     """
     image = np.full((36, 48), STILL_PX, np.float32)
     image[::side, ::side] = NAN
@@ -159,7 +158,7 @@ def test_decimation_takes_the_median_of_what_is_valid(side):
 def test_decimation_by_the_mean_averages_noise():
     """A block of n pixels has 1 / n of the variance, to 5 %.
 
-    Does not prove: depth's mean is biased far where its noise is skewed; here it is 0.1 %.
+    At large depth, where noise is skewed, the mean depth would be biased; here by 0.1 %.
     """
     blocks = decimation.decimate(noise((1600, 1600)), 4).astype(np.float64)
     assert blocks.var() == pytest.approx(0.02**2 / 16, rel=0.05)
@@ -169,24 +168,23 @@ def test_decimation_by_the_mean_averages_noise():
 def test_hole_at_an_edge_is_filled_from_the_side_that_the_mode_names(mode):
     """A shadow of 6 px between a near left and a far right half.
 
-    left: the near side, whole. farthest and nearest see only what lies to the left, above and
-    below, so a hole that is open to the right is filled with the near side by all three; under a
-    roof of far depth, farthest takes the roof. Does not prove which is right: no filter knows.
+    Mode left fills it with the near side. The modes farthest and nearest use only pixels to the
+    left, above and below. A hole that is open to the right is therefore filled with the near side
+    by all three. Below a roof of far depth, farthest takes the roof.
     """
     near, far = 30.0, 10.0
     image = np.full((12, 40), far, np.float32)
     image[:, :20] = near
     image[1:, 20:26] = NAN
-    found = hole_filling.fill(image, mode)
-    assert np.unique(found[5, 20:26]).tolist() == [far if mode == "farthest" else near]
+    filtered = hole_filling.fill(image, mode)
+    assert np.unique(filtered[5, 20:26]).tolist() == [far if mode == "farthest" else near]
 
 
 @pytest.mark.parametrize("unit_m", [1e-4, 1e-3, 1e-2])
 def test_codes_step_by_the_depth_unit(unit_m):
-    """Depths read back lie on multiples of the unit, all used; error uniform, sd unit / sqrt(12).
+    """Depths read back lie on multiples of the unit, all used; error uniform, std unit / sqrt(12).
 
-    To 3 %. Does not prove: inside the program depth stays unrounded, and the device rounds once
-    more before its filters.
+    To 3 %. The program keeps unrounded depth; a device also rounds before its filters.
     """
     depth = np.linspace(0.5, 0.5 + 200 * unit_m, 100_003, dtype=np.float64)
     code = to_code(depth, unit_m)
@@ -199,24 +197,23 @@ def test_codes_step_by_the_depth_unit(unit_m):
 def test_threshold_cuts_a_slope_at_its_ends():
     """On a slope of depth exactly the pixels outside [near, far] go.
 
-    Does not prove: the device cuts codes, ours depth; they part by half a unit at the ends.
+    A device clips codes, the program clips depth; they differ by half a unit at the ends.
     """
     depth = np.linspace(0.2, 4.0, 5000, dtype=np.float32)[None]
     geometry = {"focal_px": 600.0, "baseline_m": 0.05}
     disparity = disparity_from_depth(depth, **geometry)
-    found = threshold.limit(disparity, **geometry, near_m=0.5, far_m=3.0)
+    filtered = threshold.limit(disparity, **geometry, near_m=0.5, far_m=3.0)
     inside = (depth > 0.5001) & (depth < 2.9999)
     outside = (depth < 0.4999) | (depth > 3.0001)
-    assert np.isfinite(found[inside]).all() and np.isnan(found[outside]).all()
+    assert np.isfinite(filtered[inside]).all() and np.isnan(filtered[outside]).all()
 
 
-def test_a_real_device_gives_raw_depth_and_the_filters_would_show(captures):
+def test_a_real_devices_depth_is_unfiltered(captures):
     """Beyond 2.5 m, where codes are sparser than millimetres, a D415's depth is a comb.
 
-    Every code is round(f b / (k / 32 px)) for a whole k and one f b for all rooms: nothing after
-    the matcher averaged. Our spatial filter at its defaults on the same depth leaves no more on
-    the comb than chance does (to 0.05). Does not prove that the device's own logic smooths
-    nothing before it rounds to 1/32 px.
+    Each code is round(f b / (k / 32 px)) for a whole k and one f b in all rooms. So depth is not
+    averaged after the matcher. The default spatial filter would leave only chance coincidences
+    with the comb (to 0.05). Does not exclude smoothing in the device before this rounding.
     """
     folder = captures / "d415-faro"
     if not folder.is_dir():
@@ -238,7 +235,7 @@ def test_a_real_device_gives_raw_depth_and_the_filters_would_show(captures):
         on = np.unique(comb(focal_baseline))
         return counts[on[on < counts.size]].sum()
 
-    # The set's file gives f and b to four digits; the comb knows their product to 1e-6.
+    # The capture file gives f and b to four digits; the comb determines their product to 1e-6.
     tried = info.fx_px * info.baseline_m * (1 + np.arange(-80, 81) * 5e-7)
     product = max(tried, key=hits)
     assert hits(product) == counts.sum()

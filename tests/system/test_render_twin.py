@@ -1,6 +1,6 @@
-"""The plugin-made twin of the renderer agrees with it, in another process and variant.
+"""The renderer agrees with the scalar variant, which uses Mitsuba's plugins in another process.
 
-It does not prove either right: both take the pattern, its power and the poses from the same code.
+Common errors remain undetected: both use the same code for pattern, power and poses.
 """
 
 import dataclasses
@@ -33,14 +33,14 @@ np.savez(sys.argv[2], direct=layers.left.projector_direct, right=layers.right.pr
 
 
 def camera(name: str) -> Sensor:
-    """A small D435, or one with the D415's emitters further apart and turned."""
+    """A small D435, or one with the D415's emitters, farther apart and rotated."""
     sensor = dataclasses.replace(
         presets.load("d435"), width=160, height=90, fx_px=80.0, fy_px=80.0, cx_px=80.3, cy_px=44.1
     )
     if name == "one emitter":
         return sensor
     light = presets.load("d415").projector
-    left, right = (one.pattern for one in light.emitters)
+    left, right = (emitter.pattern for emitter in light.emitters)
     emitters = (
         Emitter(offset_m=(-0.02, 0.01, -0.003), pattern=left, power_share=3.0),
         Emitter(offset_m=(0.05, 0.0, 0.0), rotation_deg=(2.0, -3.0, 10.0), pattern=right),
@@ -49,13 +49,13 @@ def camera(name: str) -> Sensor:
 
 
 def rendered(name: str) -> Layers:
-    """What a camera sees of things on a table; those before two emitters are lit unevenly."""
+    """Layers of a cluttered table; with two emitters the ambient light is uneven."""
     scene = scenes.clutter()
     if name == "two emitters":
         share = np.repeat(np.array([[0.5, 2.5]], np.float32), 2, axis=0)
         bodies = [dataclasses.replace(body, ambient_share=share) for body in scene.bodies[::2]]
         scene = dataclasses.replace(scene, bodies=(*bodies, *scene.bodies[1::2]))
-    return direct.layers(mitsuba_scene.Stage(scene), camera(name), subpixels=2)
+    return direct.layers(mitsuba_scene.MitsubaScene(scene), camera(name), subpixels=2)
 
 
 @pytest.mark.parametrize("name", ["one emitter", "two emitters"])
@@ -73,7 +73,7 @@ def test_both_renderers_agree(tmp_path: Path, name: str) -> None:
         ("direct", layers.left.projector_direct),
         ("right", layers.right.projector_direct),
     ):
-        # Mitsuba's projector takes its vertical field from the image's rounded aspect.
+        # Mitsuba's projector derives its vertical field from the image's rounded aspect.
         assert np.corrcoef(twin[key].ravel(), mine.ravel())[0, 1] > 0.995
         assert np.isclose(twin[key].mean(), mine.mean(), rtol=0.01)
     np.testing.assert_allclose(twin["depth"], layers.truth.depth_m, rtol=1e-4)
@@ -81,7 +81,7 @@ def test_both_renderers_agree(tmp_path: Path, name: str) -> None:
     assert np.array_equal(twin["material"], layers.truth.material)
     assert (twin["sees"] != layers.truth.right_sees).mean() < 1e-3
     assert (twin["lit"] != layers.truth.lit).mean() < 1e-3
-    # The twin's ambient light has one position a pixel.
+    # The scalar variant samples ambient light once per pixel.
     assert np.isclose(twin["ambient"].mean(), layers.left.ambient.mean(), rtol=0.01)
     alike = np.isclose(twin["ambient"], layers.left.ambient, rtol=0.02)
     assert alike.mean() > 0.85

@@ -1,4 +1,4 @@
-"""The whole chain: determinism, reasons, passive stereo, structured light, indirect light."""
+"""The whole pipeline: determinism, reasons, passive stereo, structured light, indirect light."""
 
 import dataclasses
 
@@ -16,7 +16,7 @@ from starling.sim.sensor import presets
 
 @pytest.fixture(scope="module")
 def clutter():
-    return mitsuba_scene.Stage(scenes.clutter())
+    return mitsuba_scene.MitsubaScene(scenes.clutter())
 
 
 def bounced(scene):
@@ -25,10 +25,10 @@ def bounced(scene):
 
 def test_one_seed_one_result(clutter):
     sensor = presets.load("d435")
-    first, again, other = (simulate.simulate(clutter, sensor, seed=s) for s in (1, 1, 2))
+    first, again, different = (simulate.simulate(clutter, sensor, seed=s) for s in (1, 1, 2))
     for name in ("ir_left", "ir_right"):
         assert np.array_equal(getattr(first, name), getattr(again, name))
-        assert not np.array_equal(getattr(first, name), getattr(other, name))
+        assert not np.array_equal(getattr(first, name), getattr(different, name))
     for name in ("disparity_px", "depth_m", "valid", "reason"):
         assert np.array_equal(
             getattr(first.depth, name),
@@ -60,17 +60,17 @@ def test_most_depth_is_right(clutter):
     assert shot.depth.valid.mean() > 0.85
 
 
-def test_geometry_gives_its_reasons(clutter):
+def test_geometric_reasons(clutter):
     depth = simulate.simulate(clutter, presets.load("d435")).depth
     seen = set(np.unique(depth.reason))
     assert {Reason.OUTSIDE_OVERLAP, Reason.OCCLUDED, Reason.SHADOWED} <= seen
 
 
 def test_projector_off_is_passive_stereo():
-    """A plain wall without dots gives a matcher nothing; with dots nearly everything."""
+    """A plain wall has no depth without dots, and nearly full depth with dots."""
     sensor = presets.load("d435")
     dark = dataclasses.replace(sensor, projector=dataclasses.replace(sensor.projector, power_w=0.0))
-    wall = mitsuba_scene.Stage(scenes.wall(1.0))
+    wall = mitsuba_scene.MitsubaScene(scenes.wall(1.0))
     active, passive = (simulate.simulate(wall, s) for s in (sensor, dark))
     inside = (slice(40, -40), slice(100, -100))
     assert np.array_equal(active.layers.left.projector_direct, passive.layers.left.projector_direct)
@@ -79,7 +79,7 @@ def test_projector_off_is_passive_stereo():
     assert right[inside].mean() < 0.3
 
 
-def test_no_light_at_all_is_too_little_signal():
+def test_no_light_is_low_signal():
     sensor = presets.load("d435")
     dark = dataclasses.replace(sensor, projector=dataclasses.replace(sensor.projector, power_w=0.0))
     scene = dataclasses.replace(scenes.wall(1.0), ambient=Ambient(irradiance_w_m2=0.0))
@@ -89,7 +89,7 @@ def test_no_light_at_all_is_too_little_signal():
     assert missing.size and (missing == Reason.LOW_SIGNAL).all()
 
 
-def test_glaring_light_saturates():
+def test_strong_light_saturates():
     sensor = presets.load("d435")
     left = dataclasses.replace(sensor.left, auto_exposure_level=0.0, exposure_s=1.0)
     glaring = dataclasses.replace(sensor, left=left)
@@ -109,7 +109,7 @@ def test_range_limits_name_themselves():
 
 @pytest.mark.parametrize("name", ["kinect-v1", "xtion"])
 def test_structured_light_measures_a_wall(name):
-    """One imager against the stored pattern: d = f b / z holds as in a pair."""
+    """Structured light: d = f b / z also holds between an imager and the stored pattern."""
     sensor = presets.load(name)
     shot = simulate.simulate(scenes.wall(1.2), sensor)
     inner = (slice(60, -60), slice(80, -80))
@@ -117,7 +117,7 @@ def test_structured_light_measures_a_wall(name):
     assert np.nanmedian(shot.depth.depth_m[inner]) == pytest.approx(1.2, abs=0.01)
 
 
-def test_structured_light_has_no_right_imager_to_be_hidden_from():
+def test_structured_light_has_no_occlusion():
     reasons = simulate.simulate(scenes.tabletop(), presets.load("kinect-v1")).depth.reason
     assert (reasons == Reason.SHADOWED).any()
     assert not (reasons == Reason.OCCLUDED).any()
@@ -136,12 +136,12 @@ def test_structured_light_has_no_right_image():
 
 @pytest.mark.long
 def test_holes_do_not_move_with_samples(clutter):
-    """Renderer noise must not make holes: 1 and 64 samples differ by < 0.1 points.
+    """Renderer noise causes no holes: 1 and 64 samples differ by less than 0.1 points.
 
-    In the mean over three seeds: by chance one seed's rate is off by 0.05 points.
+    The mean is over three seeds, since a single seed's rate varies by 0.05 points.
     """
     sensor = presets.load("d435")
-    lit = mitsuba_scene.Stage(bounced(clutter.scene))
+    lit = mitsuba_scene.MitsubaScene(bounced(clutter.scene))
 
     def holes(samples: int) -> float:
         shots = [simulate.simulate(lit, sensor, seed=k, samples=samples) for k in range(3)]
@@ -151,7 +151,7 @@ def test_holes_do_not_move_with_samples(clutter):
 
 
 def test_indirect_light_agrees_with_a_plain_path_tracer(clutter):
-    """Neither the averaged pattern nor the low-pass changes how much light there is."""
+    """The averaged pattern and the low-pass conserve the total light."""
     mi, sensor = backend.mitsuba(), presets.load("d435")
     dots = emission.irradiance_at_unit_distance(sensor.projector)
     lit = plugin_scene.lit(clutter, sensor, dots)
@@ -170,11 +170,11 @@ def test_indirect_light_agrees_with_a_plain_path_tracer(clutter):
     assert 0 < view.projector_indirect.mean() < 0.3 * view.projector_direct.mean()
 
 
-def test_indirect_light_of_a_flat_wall_is_nothing():
+def test_a_flat_wall_has_no_indirect_light():
     shot = simulate.simulate(bounced(scenes.wall(1.0)), presets.load("d435"), samples=4)
     assert shot.layers.left.projector_indirect.max() <= 1e-6
     assert direct.layers(
-        mitsuba_scene.Stage(scenes.wall(1.0)), presets.load("d435")
+        mitsuba_scene.MitsubaScene(scenes.wall(1.0)), presets.load("d435")
     ).left.ambient.any()
 
 

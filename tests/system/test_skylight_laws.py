@@ -1,12 +1,11 @@
-"""What surfaces return of an open sky, by `starling.sim.render.skylight`'s sums and by Mitsuba's own surfaces.
+"""Skylight reflected by surfaces: `starling.sim.render.skylight` and Mitsuba's BSDFs agree.
 
-**Rationale.** A coat and a metal mirror the sky that is there; a matt surface returns its mean. The
-sums over microfacets and the surfaces that the projector's light falls on must be one thing.
+**Rationale.** Tables of skylight and the BSDFs for projector light must describe one material.
 
-**Expected behaviour.** Mitsuba's surfaces, sampled, return the same share of an even sky and of one
-that is brighter above; rendered plates return what the table says.
+**Expected behaviour.** Sampling of Mitsuba's BSDFs gives the tabulated reflection of an even sky,
+and of a sky with a gradient. Rendered plates agree with the table.
 
-**What it does not prove.** That other bodies stand before the sky: here nothing does.
+**What it does not prove.** Occlusion of the sky by bodies, which is not modelled.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from starling.sim.sensor.edits import with_values
 
 SAMPLES = 1 << 18
 COSINES = (1.0, 0.75, 0.5, 0.25)
-VIEWER = np.array([0.0, 0.0, -1.0])  # Where the middle pixel's ray comes from.
+VIEWER = np.array([0.0, 0.0, -1.0])  # Direction of the middle pixel's ray.
 
 
 def plate(material: Material, turn_deg: float = 0.0):
@@ -41,9 +40,9 @@ def surface(kind, reflectance: float, roughness: float) -> Material:
 
 
 def sampled(material: Material, cosine: float) -> np.ndarray:
-    """A, and V along the normal and along the mirrored way, by Mitsuba's sampling."""
+    """A, V along the normal, and V along the mirror direction, by sampling Mitsuba's BSDF."""
     mi, dr = backend.mitsuba(), backend.drjit()
-    plain = mi.load_dict(bsdf.of(plate(material), Finish()))
+    plain = mi.load_dict(bsdf.from_body(plate(material), Finish()))
     rays = mi.PCG32(size=SAMPLES)
     si = dr.zeros(mi.SurfaceInteraction3f, SAMPLES)
     si.wi = mi.Vector3f(float(np.sqrt(1 - cosine**2)), 0, cosine)
@@ -54,14 +53,14 @@ def sampled(material: Material, cosine: float) -> np.ndarray:
 
 
 def table(body: Body, *, gloss: float = 0.0, metal: float = 0.0) -> np.ndarray:
-    found = skylight.of(body, Finish(gloss=gloss, metal=metal, roughness=0.3))
-    assert found is not None
-    return found
+    measured = skylight.body_table(body, Finish(gloss=gloss, metal=metal, roughness=0.3))
+    assert measured is not None
+    return measured
 
 
 def tabled(material: Material, cosine: float) -> np.ndarray:
-    own = table(plate(material))
-    return skylight.looked_up(own, np.array(cosine), np.array(material.reflectance))
+    coefficients = table(plate(material))
+    return skylight.interpolate(coefficients, np.array(cosine), np.array(material.reflectance))
 
 
 @pytest.mark.parametrize("cosine", COSINES)
@@ -75,33 +74,33 @@ def tabled(material: Material, cosine: float) -> np.ndarray:
         ("glossy", 0.6, 0.08),
     ],
 )
-def test_sums_over_facets_are_what_mitsuba_samples(kind, reflectance, roughness, cosine):
-    """Within 3 % of the light, of which a coat's ground at grazing angles takes most."""
+def test_facet_sums_agree_with_mitsubas_sampling(kind, reflectance, roughness, cosine):
+    """To 3 % of the light; the largest error is a coat's base at grazing angles."""
     material = surface(kind, reflectance, roughness)
-    found = tabled(material, cosine)
-    np.testing.assert_allclose(found, sampled(material, cosine), atol=0.03 * found[0] + 1e-3)
+    measured = tabled(material, cosine)
+    np.testing.assert_allclose(measured, sampled(material, cosine), atol=0.03 * measured[0] + 1e-3)
 
 
 def seen(material: Material, turn_deg: float, ambient: Ambient) -> float:
     small = [("width", 80), ("height", 60), ("fx_px", 80.0), ("fy_px", 80.0)]
     sensor = with_values(presets.load("d435"), [*small, ("cx_px", 40.0), ("cy_px", 30.0)])
     scene = Scene(name="plate", bodies=(plate(material, turn_deg),), ambient=ambient)
-    return float(direct.layers(mitsuba_scene.Stage(scene), sensor).left.ambient[30, 40])
+    return float(direct.layers(mitsuba_scene.MitsubaScene(scene), sensor).left.ambient[30, 40])
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 30.0, 60.0])
-def test_metal_mirrors_the_sky_that_is_there(turn_deg):
-    """A nearly smooth metal returns R (1 + g m . up) / pi of the direction m that it mirrors."""
+def test_metal_mirrors_the_sky(turn_deg):
+    """A nearly smooth metal reflects R (1 + g m . up) / pi from the mirror direction m."""
     metal, normal = surface("metal", 1.0, 0.01), facing(turn_deg)
     mirrored = 2 * (normal @ VIEWER) * normal - VIEWER
     for up in ((0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)):
-        found = seen(metal, turn_deg, Ambient(gradient=0.8, up=up))
+        measured = seen(metal, turn_deg, Ambient(gradient=0.8, up=up))
         expected = (1 + 0.8 * mirrored @ up) / np.pi
-        assert found == pytest.approx(expected, rel=0.02, abs=0.002)
+        assert measured == pytest.approx(expected, rel=0.02, abs=0.002)
 
 
 @pytest.mark.parametrize(("kind", "turn_deg"), [("metal", 40.0), ("glossy", 70.0)])
-def test_a_plate_returns_what_its_table_says(kind, turn_deg):
+def test_rendered_plates_agree_with_the_table(kind, turn_deg):
     material = surface(kind, 0.4, 0.2)
     even, along, across = tabled(material, float(np.cos(np.deg2rad(turn_deg))))
     assert seen(material, turn_deg, Ambient(gradient=0.0)) * np.pi == pytest.approx(even, rel=0.01)
@@ -118,7 +117,9 @@ def test_a_plate_returns_what_its_table_says(kind, turn_deg):
 
 @pytest.mark.parametrize("kind", ["diffuse", "mirror", "glass"])
 def test_matt_bodies_mirrors_and_glass_have_no_table(kind):
-    assert skylight.of(plate(surface(kind, 0.5, 0.1)), Finish(of="other", gloss=1.0)) is None
+    assert (
+        skylight.body_table(plate(surface(kind, 0.5, 0.1)), Finish(of="other", gloss=1.0)) is None
+    )
 
 
 def test_shares_of_a_finish_mix_tables():

@@ -22,10 +22,10 @@ EIGHTHS = 8
 
 
 def seen(sensor, scene):
-    """What the imager sees, its disparities, and the true ones [px]."""
+    """Return the shot, its disparities and the true disparities [px]."""
     shot = simulate.simulate(scene, sensor)
     true_px = sensor.focal_baseline_px_m / shot.layers.truth.depth_m
-    return shot, structured_light.matched(shot.ir_left, sensor), true_px
+    return shot, structured_light.match_reference(shot.ir_left, sensor), true_px
 
 
 @pytest.fixture(scope="module")
@@ -46,16 +46,16 @@ def test_disparity_is_unbiased_up_to_the_left_border(name, distance_m):
     that a device's own interpolation is as good.
     """
     sensor = presets.load(name)
-    _, found, true_px = seen(sensor, scenes.wall(distance_m))
-    assert found.valid[20:-20, :60].mean() > 0.8
-    assert found.valid[20:-20].mean() > 0.95
-    assert np.nanmedian(found.disparity_px - true_px) == pytest.approx(0, abs=0.1)
+    _, result, true_px = seen(sensor, scenes.wall(distance_m))
+    assert result.valid[20:-20, :60].mean() > 0.8
+    assert result.valid[20:-20].mean() > 0.95
+    assert np.nanmedian(result.disparity_px - true_px) == pytest.approx(0, abs=0.1)
 
 
-def test_disparities_are_eighths_and_depths_few(slanted):
+def test_disparities_are_eighths_so_depths_are_discrete(slanted):
     """z = f b / (n / 8), n whole; between 0.9 and 1.1 m there are 8 f b (1/0.9 - 1/1.1) of them."""
-    sensor, _, found, _ = slanted
-    counts = found.disparity_px[found.valid] * EIGHTHS
+    sensor, _, result, _ = slanted
+    counts = result.disparity_px[result.valid] * EIGHTHS
     assert np.array_equal(counts, np.rint(counts))
     low, high = (EIGHTHS * sensor.focal_baseline_px_m / z for z in (1.1, 0.9))
     between = np.unique(counts[(counts > low) & (counts < high)])
@@ -67,12 +67,14 @@ def test_interpolation_does_not_pull_to_whole_pixels(slanted):
 
     It does not prove anything of other dots: the correction is for dots as wide as these.
     """
-    sensor, shot, found, true_px = slanted
+    sensor, shot, result, true_px = slanted
     plain = dataclasses.replace(
         sensor.matcher,
         refinement=dataclasses.replace(sensor.matcher.refinement, locking_px=0.0),
     )
-    pulled = structured_light.matched(shot.ir_left, dataclasses.replace(sensor, matcher=plain))
+    pulled = structured_light.match_reference(
+        shot.ir_left, dataclasses.replace(sensor, matcher=plain)
+    )
     eighth = np.floor(true_px % 1 * EIGHTHS)
 
     def largest(disparity_px):
@@ -80,12 +82,12 @@ def test_interpolation_does_not_pull_to_whole_pixels(slanted):
         off[np.abs(off) > 0.5] = np.nan
         return max(abs(np.nanmean(off[eighth == part])) for part in range(EIGHTHS))
 
-    assert largest(found.disparity_px) < 0.04
+    assert largest(result.disparity_px) < 0.04
     assert largest(pulled.disparity_px) > 0.06
 
 
 def test_noise_grows_with_the_square_of_distance():
-    """Deviation of disparity is alike at 0.7 and 1.4 m (to 50 %), so that of depth is four times.
+    """Disparity noise is equal at 0.7 and 1.4 m (to 50 %), so depth noise grows fourfold.
 
     Far below what distance would do. It does not prove the size of the noise.
     """
@@ -94,17 +96,19 @@ def test_noise_grows_with_the_square_of_distance():
     for distance_m in (0.7, 1.4):
         deviations = []
         for near in (0.97, 0.985, 1.0, 1.015, 1.03):
-            _, found, true_px = seen(sensor, scenes.wall(near * distance_m))
-            off = (found.disparity_px - true_px)[40:-40, 40:-40]
+            _, result, true_px = seen(sensor, scenes.wall(near * distance_m))
+            off = (result.disparity_px - true_px)[40:-40, 40:-40]
             deviations.append(np.nanvar(off[np.abs(off) < 0.5]))
         spread.append(np.sqrt(np.mean(deviations)))
     assert spread[1] / spread[0] == pytest.approx(1, abs=0.5)
     assert 0.04 < spread[0] < 0.15
 
 
-def test_a_wider_reference_is_the_same_image_with_more_on_the_left():
+def test_wider_reference_only_adds_columns_on_the_left():
     sensor = presets.load("kinect-v1")
-    narrow, wide = (structured_light.image(sensor, beyond_px=n).astype(int) for n in (0, 100))
+    narrow, wide = (
+        structured_light.reference_image(sensor, beyond_px=n).astype(int) for n in (0, 100)
+    )
     assert wide.shape == (480, 740)
     assert (
         np.abs(wide[:, 108:] - narrow[:, 8:]).max() <= 1
@@ -112,12 +116,12 @@ def test_a_wider_reference_is_the_same_image_with_more_on_the_left():
     assert wide[:, 40:100].std() > 0.5 * narrow.std()
 
 
-def test_a_converter_of_more_bits_matches_alike():
-    """12 bits are matched as 10: the same image to a level, so depth to the noise of one."""
+def test_converter_with_more_bits_gives_equal_matches():
+    """12 bits are matched as 10: images agree within a level, so depth agrees within its noise."""
     sensor = presets.load("kinect-v1")
     shot, ten, _ = seen(sensor, scenes.wall(1.0))
     finer = dataclasses.replace(sensor.left, bit_depth=12)
-    twelve = structured_light.matched(shot.ir_left, dataclasses.replace(sensor, left=finer))
+    twelve = structured_light.match_reference(shot.ir_left, dataclasses.replace(sensor, left=finer))
     both = ten.valid & twelve.valid
     assert both.mean() > 0.95
     assert np.abs(ten.disparity_px - twelve.disparity_px)[both].mean() < 1 / 16
@@ -126,11 +130,11 @@ def test_a_converter_of_more_bits_matches_alike():
 @pytest.mark.parametrize("beyond_px", [-1, 10_000])
 def test_a_reference_of_absurd_width_is_refused(beyond_px):
     with pytest.raises(InputError, match="beyond_px must be in"):
-        structured_light.image(presets.load("kinect-v1"), beyond_px=beyond_px)
+        structured_light.reference_image(presets.load("kinect-v1"), beyond_px=beyond_px)
 
 
 @pytest.mark.parametrize("name", ["kinect-v1", "xtion"])
-def test_speckle_is_what_the_aperture_leaves(name):
+def test_speckle_follows_the_aperture(name):
     """C = 1 / sqrt(2 M): a pixel averages M looks of each of two polarisations (Goodman 2007)."""
     sensor = presets.load(name)
     grain_px = speckle_field.grain_px(
@@ -143,7 +147,7 @@ def test_speckle_is_what_the_aperture_leaves(name):
 
 
 def test_the_window_is_nine_pixels():
-    """As documented of the device; a wider census would widen it."""
+    """As documented for the device; a wider census would widen the window."""
     engine = named("kinect").engine
     assert isinstance(engine, CensusSemiGlobal)
     assert (engine.support_px, engine.census_px) == (9, 3)

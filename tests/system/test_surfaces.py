@@ -1,4 +1,4 @@
-"""Mirrors, glass and finishes: what optics says of each of them."""
+"""Mirrors, glass and finishes, compared with laws of optics."""
 
 import dataclasses
 
@@ -19,14 +19,12 @@ from starling.sim.sensor.sensor import Projector
 EVEN = Ambient(gradient=0.0)
 WHITE = Material(name="white", reflectance=0.6)
 INDEX = 1.5
-FACE = (
-    (INDEX - 1) / (INDEX + 1)
-) ** 2  # What one face of glass reflects of light along its normal.
+FACE = ((INDEX - 1) / (INDEX + 1)) ** 2  # Reflectance of one face of glass at normal incidence.
 
 
 @pytest.fixture
 def even(tmp_path):
-    """A small camera whose projector, at the left imager's place, lights its whole field evenly."""
+    """A small camera whose projector, at the left imager, lights the whole field evenly."""
     path = tmp_path / "even.png"
     cv2.imwrite(str(path), np.full((64, 96), 200, np.uint8))
     part = Projector(pattern=str(path), fov_x_deg=100.0, fov_y_deg=80.0)
@@ -59,7 +57,7 @@ def pane(thickness_m=0.005, *, turn_deg=0.0, distance_m=0.5):
 
 def rendered(*bodies, sensor=None, subpixels=2, **changes):
     scene = Scene(name="test", bodies=bodies, **{"ambient": EVEN, **changes})
-    return direct.layers(mitsuba_scene.Stage(scene), sensor or small(), subpixels=subpixels)
+    return direct.layers(mitsuba_scene.MitsubaScene(scene), sensor or small(), subpixels=subpixels)
 
 
 def middle(image):
@@ -67,7 +65,7 @@ def middle(image):
 
 
 def same(a, b):
-    """Whether two renderings are the same bits."""
+    """Whether two renderings have equal bits."""
     views = [(getattr(a, side), getattr(b, side)) for side in ("left", "right")]
     names = ("projector_direct", "ambient", "other", "depth_m", "body")
     return all(
@@ -82,7 +80,7 @@ def same(a, b):
 
 @pytest.mark.parametrize("kind", ["diffuse", "glossy", "metal"])
 def test_shares_of_nothing_are_identity(kind):
-    """A finish of other bodies, and shares of 0, give the bits of no finish."""
+    """A finish of other bodies, or with shares of 0, changes no bit."""
     surface = Material(name="x", kind=kind, reflectance=0.4)
     plain = rendered(plate("wall", 1.0, surface))
     elsewhere = Finish(of="cup", gloss=0.5, metal=0.5, transparency=0.5, reflectance_scale=0.5)
@@ -99,9 +97,9 @@ def test_a_share_of_one_is_that_material(share, kind):
 
 @pytest.mark.parametrize("share", ["gloss", "metal"])
 def test_shares_mix_linearly(even, share):
-    """Radiance = (1 - s) of the one + s of the other, under every light.
+    """Radiance is the mixture (1 - s) of one material and s of the other, for all lights.
 
-    It does not prove that coats are made of patches: a real one also dims what is below it.
+    The mixture is a model. A real partial coat also dims the material below it.
     """
     none, half, full = (
         rendered(plate("wall", 1.0), sensor=even, finish=Finish(**{share: s, "roughness": 0.3}))
@@ -116,10 +114,10 @@ def test_shares_mix_linearly(even, share):
 @pytest.mark.parametrize("reflectance", [0.06, 0.4, 0.6])
 @pytest.mark.parametrize("roughness", [0.1, 0.15, 0.3])
 def test_a_coated_surface_returns_its_reflectance(reflectance, roughness):
-    """Light along the normal, gathered over all directions, and light from everywhere alike."""
+    """Reflectance for light along the normal, and for uniform light from all directions."""
     mi, dr = backend.mitsuba(), backend.drjit()
     material = Material(name="m", kind="glossy", reflectance=reflectance, roughness=roughness)
-    plain = mi.load_dict(bsdf.of(plate("wall", 1.0, material), Finish()))
+    plain = mi.load_dict(bsdf.from_body(plate("wall", 1.0, material), Finish()))
     rays, count = mi.PCG32(size=1 << 18), 1 << 18
     si = dr.zeros(mi.SurfaceInteraction3f, count)
     si.wi = mi.Vector3f(0, 0, 1)
@@ -130,11 +128,11 @@ def test_a_coated_surface_returns_its_reflectance(reflectance, roughness):
     assert middle(sky) * np.pi == pytest.approx(reflectance, rel=1e-3)
 
 
-def test_a_coat_without_a_ground_that_fits_does_what_it_can():
-    assert coat.beneath(0.01, 0.1) == 0 and coat.beneath(1.0, 0.3) == 1
+def test_unreachable_coat_reflectances_are_clipped():
+    assert coat.base_albedo(0.01, 0.1) == 0 and coat.base_albedo(1.0, 0.3) == 1
     texture = np.array([[0.1, 0.5]], np.float32)
-    each = [coat.beneath(float(value), 0.15) for value in texture[0]]
-    assert coat.beneath(texture, 0.15) == pytest.approx(np.array([each]))
+    each = [coat.base_albedo(float(value), 0.15) for value in texture[0]]
+    assert coat.base_albedo(texture, 0.15) == pytest.approx(np.array([each]))
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.5, 1.5, 3.0])
@@ -156,8 +154,7 @@ def test_reflectance_scale_is_linear_up_to_one(even, scale):
 def test_a_transparent_pane(even, share):
     """Radiance = (1 - t) front + t background; the projector's light passes the pane twice: t^2.
 
-    It does not prove that a thin real pane is so: it also reflects, and its share varies with the
-    angle (glass does both).
+    A real thin pane also reflects, and its transmission depends on the angle. Glass models both.
     """
     front, back = plate("pane", 0.5, Material(name="dark", reflectance=0.2)), plate("wall", 1.0)
     alone = {name: rendered(body, sensor=even).left for name, body in (("f", front), ("b", back))}
@@ -166,7 +163,7 @@ def test_a_transparent_pane(even, share):
         near, far = (middle(getattr(alone[name], layer)) for name in "fb")
         expected = (1 - share) * near + share**passes * far
         assert middle(getattr(seen, layer)) == pytest.approx(expected, rel=2e-3)
-    assert middle(seen.depth_m) == pytest.approx(0.5)  # Truth is of the first surface.
+    assert middle(seen.depth_m) == pytest.approx(0.5)  # The truth belongs to the first surface.
 
 
 # Glass and mirrors -------------------------------------------------------------------------------
@@ -176,8 +173,8 @@ def test_a_transparent_pane(even, share):
 def test_glass_passes_what_fresnel_leaves(even, panes):
     """Each pane passes (1 - R)^2 along its normal, both ways, R = ((n - 1) / (n + 1))^2.
 
-    Light reflected back and forth inside a pane is left out, here and in the program: the real
-    share is (1 - R) / (1 + R), 0.2 % more for n = 1.5.
+    Test and program ignore multiple reflections inside a pane. They would give a transmission of
+    (1 - R) / (1 + R), 0.2 % more for n = 1.5.
     """
     sheets = [pane(distance_m=0.4 + 0.2 * i) for i in range(panes)]
     bare = rendered(plate("wall", 1.0), sensor=even).left.projector_direct
@@ -186,8 +183,8 @@ def test_glass_passes_what_fresnel_leaves(even, panes):
 
 
 @pytest.mark.parametrize(("panes", "beyond"), [(4, True), (5, False)])
-def test_what_stands_behind_eight_faces_is_seen_and_lit(even, panes, beyond):
-    """Two bottles, one behind the other, are 8 faces; behind more it is dark."""
+def test_surfaces_behind_eight_faces_are_seen_and_lit(even, panes, beyond):
+    """Light passes 8 faces, as of two bottles, but no more."""
     sheets = [pane(distance_m=0.4 + 0.1 * i) for i in range(panes)]
     bare = rendered(plate("wall", 1.0), sensor=even).left.projector_direct
     seen = rendered(plate("wall", 1.0), *sheets, sensor=even).left.projector_direct
@@ -195,8 +192,8 @@ def test_what_stands_behind_eight_faces_is_seen_and_lit(even, panes, beyond):
     assert middle(seen) / middle(bare) == pytest.approx(share, rel=0.01)
 
 
-def test_glass_shows_what_is_before_it():
-    """The first face mirrors a share R of the sky (radiance 1 / pi) beside what passes."""
+def test_glass_reflects_the_sky():
+    """The first face also reflects a share R of the sky, whose radiance is 1 / pi."""
     seen = rendered(plate("wall", 1.0), pane()).left.ambient
     expected = (1 - FACE) ** 2 * WHITE.reflectance + FACE
     assert middle(seen) * np.pi == pytest.approx(expected, rel=0.002)
@@ -211,9 +208,9 @@ def test_the_sun_shines_through_glass():
 
 @pytest.mark.parametrize("turn_deg", [25.0, -40.0])
 def test_a_tilted_slab_shifts_the_image(turn_deg):
-    """Sideways by t sin(a) (1 - cos(a) / sqrt(n^2 - sin^2 a)) (Snell's law, a plane slab).
+    """A slab shifts the view by t sin(a) (1 - cos(a) / sqrt(n^2 - sin^2 a)) (Snell's law).
 
-    It proves refraction of the view at two faces; light from projectors is not bent.
+    The test covers refraction of the view at two faces. Projector light is not refracted.
     """
     sensor = small(fx_px=400.0, fy_px=400.0, height=40, cy_px=19.5)
     thickness, distance = 0.05, 1.0
@@ -227,7 +224,7 @@ def test_a_tilted_slab_shifts_the_image(turn_deg):
         far = plate("far", 50.0, Material(name="black", reflectance=0.0), size_m=1.0)
         image = with_spot - rendered(far, *bodies[1:], sensor=sensor, subpixels=6).left.ambient
         positions.append((image * np.arange(sensor.width)).sum() / image.sum())
-    ray = 0.0  # Angle at which the eye then sees the middle; it tilts the slab by as much more.
+    ray = 0.0  # Viewing angle of the middle, which adds to the slab's tilt.
     for _ in range(30):
         ray = np.arcsin(slab_shift(thickness, np.deg2rad(turn_deg) + ray) / distance)
     expected = -sensor.fx_px * np.tan(ray)
@@ -240,7 +237,7 @@ def slab_shift(thickness_m, angle):
 
 
 def painted(distance_m, *, size_m=6.0):
-    """A sheet that faces +z, painted with blots a few centimetres wide."""
+    """A sheet that faces +z, with a texture of a few centimetres."""
     rng = np.random.default_rng(0)
     noise = scipy.ndimage.gaussian_filter(rng.standard_normal((400, 400)), 1.5)
     paint = np.clip(0.5 + 0.2 * noise / noise.std(), 0, 1).astype(np.float32)
@@ -255,7 +252,7 @@ def painted(distance_m, *, size_m=6.0):
 
 
 def disparity_px(left, right, near):
-    """Shift of least squares between two images, searched about `near` [px]."""
+    """Least-squares shift between two images, searched near `near` [px]."""
     window = np.s_[20:-20, 50:-20]
 
     def misfit(shift):
@@ -267,19 +264,18 @@ def disparity_px(left, right, near):
 
 
 def test_stereo_measures_the_virtual_image():
-    """What a plane mirror shows is as far as the mirror plus what is before it.
+    """A mirror image is at the distance of the mirror plus the object's distance to it.
 
-    Measured on the images alone, by shifting one onto the other; a matcher with its windows is
-    not in this test.
+    The disparity is measured by shifting one image onto the other, without a matcher.
     """
     sensor = small(width=320, height=160, cx_px=159.5, cy_px=79.5, fx_px=400.0, fy_px=400.0)
     mirror = Material(name="mirror", kind="mirror", reflectance=0.9)
     layers = rendered(plate("mirror", 0.6, mirror), painted(-0.4), sensor=sensor, subpixels=4)
     distance = 0.6 + (0.6 + 0.4)
-    found = disparity_px(
+    measured = disparity_px(
         layers.left.ambient, layers.right.ambient, sensor.focal_baseline_px_m / distance
     )
-    assert sensor.focal_baseline_px_m / found == pytest.approx(distance, rel=0.01)
+    assert sensor.focal_baseline_px_m / measured == pytest.approx(distance, rel=0.01)
     assert np.nanmedian(layers.truth.depth_m) == pytest.approx(0.6)
 
 
@@ -293,7 +289,7 @@ def test_a_mirror_dims_by_its_reflectance(reflectance):
 
 
 def test_mirrors_throw_shadows_and_glass_does_not(even):
-    """Truth's `lit` and the light agree on it; both surfaces are alike to the truth's depth."""
+    """The truth's `lit` agrees with the light; depth does not distinguish the surfaces."""
     wall = plate("wall", 1.0)
     sensor = dataclasses.replace(
         even, projector=dataclasses.replace(even.projector, position_m=(0.3, 0.0, 0.0))
@@ -312,14 +308,14 @@ def test_mirrors_throw_shadows_and_glass_does_not(even):
 
 
 def test_shapes_with_their_own_bsdf_are_followed():
-    """A mirror that a Mitsuba file brings is one, by its BSDF's flags; so is glass."""
+    """Mirrors and glass from a Mitsuba file are recognised by their BSDF flags."""
     mi = backend.mitsuba()
     place = mi.ScalarTransform4f().translate([0, 0, 0.6]).rotate([0, 1, 0], 180).scale(4)
     conductor = {"type": "twosided", "bsdf": {"type": "conductor", "specular_reflectance": 0.7}}
     for bsdf_dict, expected in ((conductor, 0.7), ({"type": "dielectric", "int_ior": INDEX}, FACE)):
         shape = mi.load_dict({"type": "rectangle", "to_world": place, "bsdf": bsdf_dict})
         scene = Scene(name="shapes", shapes=(shape,), ambient=EVEN)
-        seen = direct.layers(mitsuba_scene.Stage(scene), small()).left.ambient
+        seen = direct.layers(mitsuba_scene.MitsubaScene(scene), small()).left.ambient
         assert middle(seen) * np.pi == pytest.approx(expected, rel=0.01)
 
 
@@ -335,9 +331,9 @@ def test_shapes_with_their_own_bsdf_are_followed():
     ],
 )
 def test_nothing_returns_more_than_it_gets(material, finish):
-    """Furnace: under an even sky of radiance 1 / pi, before a white wall, no pixel exceeds it.
+    """Furnace test: under an even sky of radiance 1 / pi no pixel of a ball exceeds it.
 
-    A ball shows all angles. Light that would come in by way of other surfaces is not in it.
+    A ball shows all angles. Indirect ambient light is not included.
     """
     ball = solids.body("ball", solids.sphere(0.2), material, frames.pose((0, 0, 0.7)), smooth=True)
     wall = plate("wall", 1.5, Material(name="w", reflectance=1.0))
@@ -346,7 +342,7 @@ def test_nothing_returns_more_than_it_gets(material, finish):
     assert seen.max() * np.pi <= 1 + 1e-4
 
 
-# What needs a compiler ---------------------------------------------------------------------------
+# Compiled variants only ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -361,17 +357,17 @@ def test_nothing_returns_more_than_it_gets(material, finish):
         (WHITE, {"other_projector": Projector(power_w=1.0)}, "scene.other_projector.power_w"),
     ],
 )
-def test_the_twin_refuses_what_it_cannot_do(material, changes, named):
-    made = mitsuba_scene.Stage(
+def test_the_scalar_variant_refuses_unsupported_scenes(material, changes, named):
+    mi_scene = mitsuba_scene.MitsubaScene(
         Scene(name="test", bodies=(plate("wall", 1.0, material),), **changes)
     )
     with pytest.raises(BackendError, match=rf"^{named} must be absent in scalar_rgb; .*LLVM"):
-        scalar.layers(made, small(), subpixels=1)
+        scalar.layers(mi_scene, small(), subpixels=1)
 
 
 def test_a_finish_of_no_effect_changes_no_bsdf():
     body = plate("wall", 1.0)
-    assert bsdf.of(body, Finish()) == {
+    assert bsdf.from_body(body, Finish()) == {
         "type": "twosided",
         "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 0.6}},
     }

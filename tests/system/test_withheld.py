@@ -1,4 +1,4 @@
-"""The second camera and the simulator, which share no code, on one scene's light."""
+"""The second camera implementation and the simulator on the light of one scene."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from starling.diagnosis.scenes import observation, scene_model
 from starling.diagnosis.validation.adapters import light_sets
 from starling.diagnosis.validation.protocol import case, shoot
 from starling.diagnosis.which import null
-from starling.diagnosis.which import table as bench
-from starling.diagnosis.which.candidates import Arm, candidates
-from starling.diagnosis.which.fit import fit, folds
-from starling.diagnosis.which.response import signature
+from starling.diagnosis.which import table as feature_table
+from starling.diagnosis.which.candidates import Segment, candidates
+from starling.diagnosis.which.fit import fit, room_folds
+from starling.diagnosis.which.response import simulate_signature
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture
 from starling.sim.captures.capture import CaptureSet
@@ -31,7 +31,7 @@ SCENES = ("clutter:1", "clutter:2")
 
 
 def nominal() -> Sensor:
-    """An ideal camera but for noise and a lens's spot, 160 x 90."""
+    """Return an ideal camera of 160 x 90 with noise and lens blur."""
     camera, _ = setting.ideal(presets.load("d435"), scenes.clutter(1))
     size = [("width", 160), ("height", 90), ("fx_px", 81.0), ("fy_px", 81.0)]
     centre = [("cx_px", 79.5), ("cy_px", 44.5)]
@@ -51,78 +51,82 @@ def light(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def shot(light: Path, out: Path, **settings: float) -> CaptureSet:
     kind = "single" if settings else "null"
-    one = case.Case(number=0, kind=kind, settings=settings, seed=5)
-    shoot.shoot(light, one, out)
+    single_case = case.Case(number=0, kind=kind, settings=settings, seed=5)
+    shoot.shoot(light, single_case, out)
     return capture.open_set(out)
 
 
-def test_light_says_what_the_other_side_needs(light):
-    told = json.loads((light / light_sets.NOMINAL).read_text())
-    assert told["read_noise_e"] == 5.0 and told["ambient_w_m2"] > 0
+def test_light_holds_all_camera_values(light):
+    camera = json.loads((light / light_sets.NOMINAL).read_text())
+    assert camera["read_noise_e"] == 5.0 and camera["ambient_w_m2"] > 0
     with np.load(light / "clutter-1" / light_sets.LIGHT) as arrays:
         laser, even = arrays["left_laser_e"], arrays["left_even_e"]
         assert laser.shape == (90, 160)
         lit = even > 0
-        assert laser[lit].mean() == pytest.approx(even[lit].mean(), rel=0.15)  # Of one power.
+        assert laser[lit].mean() == pytest.approx(
+            even[lit].mean(), rel=0.15
+        )  # Both have the same power.
         assert np.nanmax(np.abs(arrays["left_px"][lit])) <= np.tan(np.radians(45)) + 0.01
 
 
-def test_without_an_effect_both_cameras_see_the_same(light, tmp_path):
-    """Levels within 2 % by thirds of the image; the spots differ in shape, not in width."""
+def test_both_cameras_agree_without_an_effect(light, tmp_path):
+    """Levels within 2 % by thirds of the image; the lens blurs differ in shape, not in width."""
     captures = shot(light, tmp_path / "null")
     for scene in captures.scenes:
-        one = scene_model.subject(scene, nominal())
-        ours = one.simulate({}, seed=0)
-        assert one.real.left is not None and ours.left is not None
+        model = scene_model.load_scene_model(scene, nominal())
+        ours = model.simulate({}, seed=0)
+        assert model.real.left is not None and ours.left is not None
         for side in ("left", "right"):
-            theirs, own = getattr(one.real, side)[0], getattr(ours, side)[0]
+            theirs, simulated = getattr(model.real, side)[0], getattr(ours, side)[0]
             for part in np.array_split(np.arange(160), 3):
                 level = float(theirs[:, part].mean()) - 4
-                assert level == pytest.approx(float(own[:, part].mean()) - 4, rel=0.02)
-        assert one.real.device_px is None
+                assert level == pytest.approx(float(simulated[:, part].mean()) - 4, rel=0.02)
+        assert model.real.device_px is None
 
 
-def test_an_effect_of_theirs_is_measured_by_ours(light, tmp_path):
-    """A vertical offset of 0.5 px, each resampled in its own way."""
+def test_effect_of_second_camera_is_measured(light, tmp_path):
+    """Each implementation resamples a vertical offset of 0.5 px in its own way."""
     captures = shot(light, tmp_path / "offset", vertical_offset=0.5)
-    subjects = [scene_model.subject(scene, nominal()) for scene in captures.scenes]
-    table = bench.bench(subjects, Arm.IMAGE, cache=tmp_path / "cache")
-    base = null.base(table, seeds=2)
-    known = candidates(nominal(), subjects[0].scene, Arm.IMAGE)
-    (candidate,) = [one for one in known if one.name == "vertical_offset"]
-    made = signature(candidate, table, candidate.nodes)
-    assert made is not None
-    found = fit(made, base.likelihood(table.real(), np.ones(len(table.names))), folds(["a", "b"]))
-    assert float(found.value) == pytest.approx(0.5, rel=0.25)
-    assert found.gain.min() > null.LEAST_GAIN
+    scene_models = [scene_model.load_scene_model(scene, nominal()) for scene in captures.scenes]
+    table = feature_table.build_feature_table(scene_models, Segment.IMAGE, cache=tmp_path / "cache")
+    base = null.simulate_base(table, seeds=2)
+    known = candidates(nominal(), scene_models[0].scene, Segment.IMAGE)
+    (candidate,) = [each for each in known if each.name == "vertical_offset"]
+    signature = simulate_signature(candidate, table, candidate.nodes)
+    assert signature is not None
+    result = fit(
+        signature, base.likelihood(table.real(), np.ones(len(table.names))), room_folds(["a", "b"])
+    )
+    assert float(result.value) == pytest.approx(0.5, rel=0.25)
+    assert result.gain.min() > null.LEAST_GAIN
 
 
 def test_nothing_is_simulated_twice(light, tmp_path, monkeypatch):
     captures = shot(light, tmp_path / "null")
-    one = scene_model.subject(captures.scenes[0], nominal())
-    first = bench.bench([one], Arm.IMAGE, cache=tmp_path / "cache")
-    made = first.change({"veil": 0.05})
-    assert made is not None
+    model = scene_model.load_scene_model(captures.scenes[0], nominal())
+    first = feature_table.build_feature_table([model], Segment.IMAGE, cache=tmp_path / "cache")
+    change = first.change({"veil": 0.05})
+    assert change is not None
     assert first.change({"veil": 0.05, "distortion": 0.1, "exposure": -1.0}) is None
-    again = bench.bench([one], Arm.IMAGE, cache=tmp_path / "cache")
-    monkeypatch.setattr(scene_model.Subject, "simulate", None)
-    kept = again.change({"veil": 0.05})
-    assert kept is not None
-    np.testing.assert_array_equal(kept, made)
+    again = feature_table.build_feature_table([model], Segment.IMAGE, cache=tmp_path / "cache")
+    monkeypatch.setattr(scene_model.SceneModel, "simulate", None)
+    cached = again.change({"veil": 0.05})
+    assert cached is not None
+    np.testing.assert_array_equal(cached, change)
     assert again.change({"veil": 0.05, "distortion": 0.1, "exposure": -1.0}) is None
 
 
 def test_real_images_are_matched_again_with_other_settings(light, tmp_path):
     captures = shot(light, tmp_path / "null")
-    one = scene_model.subject(captures.scenes[0], nominal())
-    other = one.rematch({"median": 0})
-    assert other.device_px is not None and one.real.ours_px is not None
-    assert not np.array_equal(other.device_px, one.real.ours_px, equal_nan=True)
-    same = one.rematch({})
-    assert one.real.ours_px is not None
-    whole_units = observation.written(one.real.ours_px, nominal())
+    model = scene_model.load_scene_model(captures.scenes[0], nominal())
+    rematched = model.rematch({"median": 0})
+    assert rematched.device_px is not None and model.real.ours_px is not None
+    assert not np.array_equal(rematched.device_px, model.real.ours_px, equal_nan=True)
+    same = model.rematch({})
+    assert model.real.ours_px is not None
+    whole_units = observation.quantise_depth(model.real.ours_px, nominal())
     np.testing.assert_array_equal(same.device_px, whole_units)
-    assert observation.read(captures.scenes[0], nominal()).left is not None
+    assert observation.read_observation(captures.scenes[0], nominal()).left is not None
 
 
 def test_scenes_in_different_light_are_refused(tmp_path, monkeypatch):
@@ -130,7 +134,7 @@ def test_scenes_in_different_light_are_refused(tmp_path, monkeypatch):
         level = 0.1 if name == "clutter:1" else 0.2
         return with_ambient(scenes.clutter(1), level)
 
-    monkeypatch.setattr(light_sets.scenes, "load", lit)
+    monkeypatch.setattr(light_sets.sources, "load", lit)
     with pytest.raises(InputError, match="scenes must share one ambient light; got"):
         light_sets.write(tmp_path / "out", SCENES, nominal())
     assert not (tmp_path / "out").exists()
@@ -141,7 +145,7 @@ def with_ambient(scene: Scene, level: float) -> Scene:
     return dataclasses.replace(scene, ambient=ambient)
 
 
-def test_scenes_that_cannot_be_lit_are_refused(tmp_path):
+def test_missing_scenes_are_refused(tmp_path):
     with pytest.raises(InputError, match="scenes must be at least one, each once; got 0"):
         light_sets.write(tmp_path / "out", [], nominal())
     assert not (tmp_path / "out").exists()

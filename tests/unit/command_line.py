@@ -1,4 +1,4 @@
-"""The command line as tests type it."""
+"""Helpers that run the command line in tests."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ Capsys = pytest.CaptureFixture[str]
 
 
 def run(*arguments: object, capsys: Capsys) -> tuple[int, str, str]:
-    """Run a command; return its exit code and what it said on both outputs."""
+    """Run a command; return its exit code, standard output and standard error."""
     code = command_line.main([str(argument) for argument in arguments])
-    said = capsys.readouterr()
-    return code, said.out, said.err
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
 
 
 def refused(*arguments: object, capsys: Capsys) -> str:
-    """Run what must be refused; return its one line."""
+    """Run a command that must fail; return its one-line error."""
     code, out, err = run(*arguments, capsys=capsys)
     assert (code, out) == (1, "")
     assert err.startswith("starling: ") and err.count("\n") == 1, err

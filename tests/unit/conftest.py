@@ -1,4 +1,4 @@
-"""What the unit tests share: a small capture set on disk, made from nothing."""
+"""Shared fixtures of the unit tests: a small synthetic capture set on disk."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ def _write_set(path: Path, scenes: tuple[str, ...] = ("a", "b"), seed: int = 0) 
 
 @pytest.fixture(scope="session")
 def write_set() -> Callable[..., Path]:
-    """Give the function `write_set(path, scenes=("a", "b"), seed=0)` that writes a small set."""
+    """Return `write_set(path, scenes=("a", "b"), seed=0)`, which writes a small set."""
     return _write_set
 
 
 @pytest.fixture
 def small_set(tmp_path: Path) -> Path:
-    """Give the folder of a small capture set, which the test may damage."""
+    """Return the folder of a small capture set, which the test may modify."""
     return _write_set(tmp_path / "set")

@@ -1,4 +1,4 @@
-"""The command line: what each verb prints, where it prints it, and how it refuses."""
+"""The command line: output of each verb, its stream, and error messages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from starling.sim import simulate
 from starling.sim.commands import simulate_captures
 from starling.sim.console import progress
 from starling.sim.render import backend
-from starling.sim.render.layers import Layers, Truth, View
+from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.scene.builtin import scenes as builtin
 from starling.sim.sensor import presets as sensors
 from starling.sim.stereo import measurement
@@ -42,7 +42,7 @@ def _shot(shape: tuple[int, int]) -> Any:
     zeros = np.zeros(shape, np.float32)
     ones = np.ones(shape, bool)
     layers = ("projector_direct", "projector_indirect", "ambient", "other", "depth_m")
-    view = View(**dict.fromkeys(layers, zeros), body=zeros.astype(np.uint32))
+    view = ViewLayers(**dict.fromkeys(layers, zeros), body=zeros.astype(np.uint32))
     codes = np.zeros(shape, np.uint32)
     truth = Truth(
         depth_m=zeros + 1, normal=np.zeros((*shape, 3), np.float32), material=codes,
@@ -62,7 +62,7 @@ def _shot(shape: tuple[int, int]) -> Any:
 
 @pytest.fixture
 def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put simple stand-ins where rendering and matching would take seconds.
+    """Replace rendering and matching, which take seconds, by simple substitutes.
 
     What still takes long on a busy machine does not say how far it is.
     """
@@ -132,7 +132,7 @@ def test_sensors(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "name must be given" in _refused("sensors", "show", capsys=capsys)
 
 
-def test_doctor_and_bench_print_what_they_are_told(
+def test_doctor_and_bench_print_their_results(
     capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stand_in = types.ModuleType("starling.sim.commands.bench")
@@ -150,12 +150,12 @@ def test_doctor_and_bench_print_what_they_are_told(
 @pytest.mark.usefixtures("no_renderer")
 def test_simulate_writes_a_whole_set(capsys: Capsys, tmp_path: Path, small_set: Path) -> None:
     out = tmp_path / "out"
-    code, said, err = _run(
+    code, message, err = _run(
         "simulate", small_set, "--sensor", "d435", "--out", out, "--frames", 2, "--seed", 7,
         "--set", "projector.power_w=0.2", "--set", "imager.gain=2", "--json", capsys=capsys,
     )  # fmt: skip
     assert (code, err) == (0, "")
-    result = json.loads(said)
+    result = json.loads(message)
     assert set(result) == {"out", "files", "seconds", "scenes"}
     assert result["files"] == 3 + 2 * (2 + 2 * 6)
     record = json.loads((out / "starling.json").read_text())
@@ -173,9 +173,9 @@ def test_simulate_writes_a_whole_set(capsys: Capsys, tmp_path: Path, small_set: 
     assert frame["seed"] == simulate_captures.scene_seed(7, "a")
     assert frame["reasons"] == {"valid": 48 * 160}
     assert (out / "a" / "room").read_text() == "kitchen\n"
-    code, said, _ = _run("compare", small_set, out, "--json", capsys=capsys)
+    code, message, _ = _run("compare", small_set, out, "--json", capsys=capsys)
     assert code == 0
-    assert json.loads(said)["metrics"]["ndp_rate"]["sim"] == 0
+    assert json.loads(message)["metrics"]["ndp_rate"]["sim"] == 0
     assert "nmad_px" in _run("compare", small_set / "a", out / "a", capsys=capsys)[1]
     assert "--force" in _refused(
         "simulate", small_set, "--sensor", "d435", "--out", out, capsys=capsys
@@ -195,8 +195,18 @@ def test_simulate_a_builtin_scene(capsys: Capsys, tmp_path: Path) -> None:
         (("--samples", 4), 4),
         ((*bounced, "--samples", 8), 8),
     ):
-        asked = ("simulate", "wall", "--sensor", "d435", "--out", out, *small, *indirect, "--force")
-        assert _run(*asked, capsys=capsys)[0] == 0
+        requested = (
+            "simulate",
+            "wall",
+            "--sensor",
+            "d435",
+            "--out",
+            out,
+            *small,
+            *indirect,
+            "--force",
+        )
+        assert _run(*requested, capsys=capsys)[0] == 0
         frame = json.loads((out / "wall" / "0" / "frame.json").read_text())
         assert frame["samples"] == samples
     assert "frames must be in" in _refused(
@@ -205,7 +215,7 @@ def test_simulate_a_builtin_scene(capsys: Capsys, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_renderer")
-def test_two_scenes_of_one_set_have_noise_of_their_own(
+def test_scenes_of_one_set_have_independent_noise(
     capsys: Capsys, tmp_path: Path, small_set: Path
 ) -> None:
     def noise(out: Path, scene: str, frame: int) -> np.ndarray:
@@ -217,14 +227,14 @@ def test_two_scenes_of_one_set_have_noise_of_their_own(
     seeded = ("--sensor", "d415", "--seed", 7, "--frames", 2)
     assert _run("simulate", small_set, *seeded, "--out", whole, capsys=capsys)[0] == 0
     assert _run("simulate", small_set / "b", *seeded, "--out", single, capsys=capsys)[0] == 0
-    for other in (noise(whole, "b", 0), noise(whole, "b", 1), noise(whole, "a", 1)):
-        assert abs(np.corrcoef(noise(whole, "a", 0), other)[0, 1]) < 0.1
+    for second in (noise(whole, "b", 0), noise(whole, "b", 1), noise(whole, "a", 1)):
+        assert abs(np.corrcoef(noise(whole, "a", 0), second)[0, 1]) < 0.1
     assert np.array_equal(noise(whole, "b", 1), noise(single, "b", 1))
     record = json.loads((whole / "starling.json").read_text())
-    own = json.loads((whole / "b" / "0" / "frame.json").read_text())["seed"]
-    assert record["arguments"]["seed"] == 7 and 0 <= own < 2**53
+    expected = json.loads((whole / "b" / "0" / "frame.json").read_text())["seed"]
+    assert record["arguments"]["seed"] == 7 and 0 <= expected < 2**53
     again = simulate.simulate(
-        builtin.wall(), sensors.load(str(whole / "sensor.toml")), seed=own, frame=0
+        builtin.wall(), sensors.load(str(whole / "sensor.toml")), seed=expected, frame=0
     )
     assert np.array_equal(again.ir_left[:48, :64].ravel(), noise(whole, "b", 0))
 
@@ -243,7 +253,7 @@ def test_progress_counts_frames(
 
 @pytest.mark.usefixtures("no_renderer")
 @pytest.mark.parametrize("verb", ["match", "simulate", "show"])
-def test_nothing_is_written_over_its_own_input(
+def test_output_never_overwrites_the_input(
     verb: str, capsys: Capsys, small_set: Path, tmp_path: Path
 ) -> None:
     (small_set / "starling.json").write_text("{}")  # As if starling had written it.
@@ -252,7 +262,7 @@ def test_nothing_is_written_over_its_own_input(
     sensor = () if verb == "show" else ("--sensor", "d415")
     for out in (small_set, small_set / "a", small_set.parent, small_set / "new", tmp_path / "link"):
         message = _refused(verb, small_set / "a", "--out", out, "--force", *sensor, capsys=capsys)
-        assert "out must lie apart from what it is made from; got " in message
+        assert "out must lie outside its input; got " in message
     assert sorted(small_set.rglob("*")) == before
 
 
@@ -263,19 +273,19 @@ def test_simulate_spares_a_scene_file(capsys: Capsys, tmp_path: Path) -> None:
     message = _refused(
         "simulate", mesh, "--sensor", "d415", "--out", tmp_path, "--force", capsys=capsys
     )
-    assert "out must lie apart from" in message and mesh.exists()
+    assert "out must lie outside" in message and mesh.exists()
 
 
 @pytest.mark.usefixtures("no_renderer")
 def test_match_prints_and_writes(capsys: Capsys, tmp_path: Path, small_set: Path) -> None:
     (small_set / "b" / "truth.png").unlink()
     out = tmp_path / "out"
-    code, said, err = _run(
+    code, printed, err = _run(
         "match", small_set, "--sensor", "d415", "--setting", "fast", "--out", out, "--json",
         capsys=capsys,
     )  # fmt: skip
     assert (code, err) == (0, "")
-    result = json.loads(said)
+    result = json.loads(printed)
     keys = {"bias_px", "nmad_px", "bad1_pct", "fill", "ndp_iou"}
     for row in (*result["scenes"].values(), result["median"]):
         assert {name: set(figures) for name, figures in row.items()} == dict.fromkeys(
@@ -285,9 +295,9 @@ def test_match_prints_and_writes(capsys: Capsys, tmp_path: Path, small_set: Path
     assert result["scenes"]["b"]["agreement"]["fill"] == 1
     assert (out / "a" / "0" / "depth.png").is_file()
     assert not (out / "a" / "0" / "ir_left.png").exists()
-    asked = json.loads((out / "starling.json").read_text())["arguments"]
+    requested = json.loads((out / "starling.json").read_text())["arguments"]
     typed = {"captures": str(small_set), "sensor": "d415", "setting": "fast", "set": []}
-    assert asked == {**typed, "device_preset": None}
+    assert requested == {**typed, "device_preset": None}
     message = _refused("match", out, "--sensor", "d415", capsys=capsys)
     assert "must hold ir_left.png and ir_right.png" in message
     message = _refused("match", small_set, "--sensor", "d415", "--setting", "fats", capsys=capsys)
@@ -300,16 +310,16 @@ def test_match_without_device_or_known_truth(capsys: Capsys, small_set: Path) ->
         (small_set / scene / "0" / "depth.png").unlink()
     (small_set / "a" / "truth.png").unlink()
     cv2.imwrite(str(small_set / "b" / "truth.png"), np.zeros((48, 160), np.uint16))
-    said = _run("match", small_set, "--sensor", "d415", "--json", capsys=capsys)[1]
-    assert json.loads(said)["median"]["ours"] == dict.fromkeys(
+    message = _run("match", small_set, "--sensor", "d415", "--json", capsys=capsys)[1]
+    assert json.loads(message)["median"]["ours"] == dict.fromkeys(
         ("bias_px", "nmad_px", "bad1_pct", "fill", "ndp_iou")
     )
 
 
 def test_show_writes_a_picture(capsys: Capsys, tmp_path: Path, small_set: Path) -> None:
     out = tmp_path / "a.png"
-    code, said, _ = _run("show", small_set / "a", "--out", out, "--json", capsys=capsys)
-    assert code == 0 and json.loads(said) == {"out": str(out), "files": 1}
+    code, message, _ = _run("show", small_set / "a", "--out", out, "--json", capsys=capsys)
+    assert code == 0 and json.loads(message) == {"out": str(out), "files": 1}
     assert cv2.imread(str(out)) is not None
     assert "out must not exist" in _refused("show", small_set / "a", "--out", out, capsys=capsys)
     assert "There are: 0" in _refused(

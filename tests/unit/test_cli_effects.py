@@ -1,4 +1,4 @@
-"""The command line: the effect table, the atlas, device controls, and what they refuse."""
+"""The command line: effect table, atlas, device controls, and their error messages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Capsys = pytest.CaptureFixture[str]
 
 
 def _printed(*arguments: object, capsys: Capsys) -> str:
-    """Run what must succeed; return what it prints, nothing of which is on standard error."""
+    """Run a command that must succeed without standard error; return its standard output."""
     code = command_line.main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     assert (code, err) == (0, "")
@@ -26,7 +26,7 @@ def _printed(*arguments: object, capsys: Capsys) -> str:
 
 
 def _refused(*arguments: object, capsys: Capsys) -> str:
-    """Run what must be refused; return its one line."""
+    """Run a command that must fail; return its one-line error."""
     code = command_line.main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     assert (code, out) == (1, "")
@@ -35,16 +35,16 @@ def _refused(*arguments: object, capsys: Capsys) -> str:
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Stand in for the work of `simulate`; what it was asked for appears in the dict."""
-    said: dict[str, Any] = {}
+def call(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Replace the work of `simulate`; the dict receives its arguments."""
+    arguments: dict[str, Any] = {}
 
     def simulated(scene: str, sensor: Sensor, out: Path, **more: Any) -> dict[str, Any]:
-        said.update(more, sensor=sensor)
+        arguments.update(more, sensor=sensor)
         return {"out": str(out)}
 
     monkeypatch.setattr(simulate_captures, "simulate_captures", simulated)
-    return said
+    return arguments
 
 
 def test_effects_list_and_show(capsys: Capsys) -> None:
@@ -66,7 +66,7 @@ def test_effects_refuses(capsys: Capsys) -> None:
 
 
 def test_simulate_takes_effects_preset_and_emitter(
-    capsys: Capsys, asked: dict[str, Any], tmp_path: Path
+    capsys: Capsys, call: dict[str, Any], tmp_path: Path
 ) -> None:
     code = command_line.main(
         ["simulate", "wall", "--sensor", "d435", "--out", str(tmp_path / "out"), "--json",
@@ -75,12 +75,12 @@ def test_simulate_takes_effects_preset_and_emitter(
     )  # fmt: skip
     out, err = capsys.readouterr()
     assert (code, json.loads(out)) == (0, {"out": str(tmp_path / "out")})
-    assert "param-" in err  # What the preset changes and what it cannot is said, beside the result.
-    assert asked["effects"] == {"lens_blur": 0.8, "hole_filling": "left"}
-    assert asked["sensor"].projector.power_w == 0
-    assert asked["sensor"].matcher.engine.second_peak > 0
-    assert asked["asked"]["device_preset"] == "high_accuracy"
-    assert asked["asked"]["emitter"] == "off"
+    assert "param-" in err  # Notes list the controls that the preset sets and those it cannot set.
+    assert call["effects"] == {"lens_blur": 0.8, "hole_filling": "left"}
+    assert call["sensor"].projector.power_w == 0
+    assert call["sensor"].matcher.engine.second_peak > 0
+    assert call["options"]["device_preset"] == "high_accuracy"
+    assert call["options"]["emitter"] == "off"
 
 
 def test_bad_emitter_is_a_bad_flag(capsys: Capsys, tmp_path: Path) -> None:
@@ -138,8 +138,8 @@ def test_simulate_refuses(
 ) -> None:
     out = tmp_path / "new" / "out"
     sensor = () if "--sensor" in arguments else ("--sensor", "d435")
-    said = _refused("simulate", "wall", *sensor, "--out", out, *arguments, capsys=capsys)
-    assert said.startswith(message), said
+    printed = _refused("simulate", "wall", *sensor, "--out", out, *arguments, capsys=capsys)
+    assert printed.startswith(message), printed
     assert not out.parent.exists()
 
 
@@ -149,7 +149,7 @@ def test_atlas_refuses_before_it_draws(
     def seen(*_: Any) -> None:
         raise AssertionError("rendered")
 
-    monkeypatch.setattr(atlas, "_seen", seen)
+    monkeypatch.setattr(atlas, "_measure", seen)
     out = tmp_path / "new" / "out"
     message = _refused("atlas", "prnu", "lens_blurr", "--out", out, capsys=capsys)
     assert message.startswith("effect must be a known name; got 'lens_blurr'")
@@ -168,17 +168,17 @@ def test_atlas_writes_a_page_and_a_picture_each(
     capsys: Capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     figures, zeros = {"no depth [%]": 1.0}, np.zeros((2, 2), np.float32)
-    seen: Any = atlas._Seen(shot=None, truth_m=zeros, error_px=zeros, figures=figures)  # type: ignore[arg-type]
-    monkeypatch.setattr(atlas, "_seen", lambda *_, **__: seen)
+    seen: Any = atlas._Measured(shot=None, truth_m=zeros, error_px=zeros, figures=figures)  # type: ignore[arg-type]
+    monkeypatch.setattr(atlas, "_measure", lambda *_, **__: seen)
     monkeypatch.setattr(atlas, "_picture", lambda *_: b"picture")
     out = tmp_path / "out"
     arguments = ("atlas", "prnu", "lens_blur", "prnu", "--out", out, "--json")
-    said = json.loads(_printed(*arguments, capsys=capsys))
+    message = json.loads(_printed(*arguments, capsys=capsys))
     written = sorted(path.name for path in out.iterdir())
     assert written == ["index.md", "lens_blur.jpg", "lens_blur.md", "prnu.jpg", "prnu.md",
                        "starling.json"]  # fmt: skip
-    assert (said["out"], said["files"]) == (str(out), len(written))
-    assert set(said) == {"out", "files", "seconds", "effects"}
-    assert set(said["effects"]["prnu"]) == {"value", "without", "with"}
+    assert (message["out"], message["files"]) == (str(out), len(written))
+    assert set(message) == {"out", "files", "seconds", "effects"}
+    assert set(message["effects"]["prnu"]) == {"value", "without", "with"}
     record = json.loads((out / "starling.json").read_text())
     assert record["arguments"]["effects"] == ["prnu", "lens_blur"]

@@ -1,4 +1,4 @@
-"""The command line: how a process ends, and what it leaves when it is made to."""
+"""The command line: termination of a process, and the files it leaves."""
 
 from __future__ import annotations
 
@@ -33,9 +33,10 @@ def test_warnings_are_one_line(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) 
     assert (code, json.loads(out), err) == (0, {"a": 1}, "starling: warning: slow\n")
 
 
-def test_reader_that_goes_away_is_no_error() -> None:
+def test_closed_output_pipe_is_no_error() -> None:
     run = subprocess.run(
-        [sys.executable, "-c", f"import sys; from starling.command_line import main; sys.stdout = open({os.devnull!r}, 'w');"
+        [sys.executable, "-c", "import sys; from starling.command_line import main;"
+         f"sys.stdout = open({os.devnull!r}, 'w');"
          "from starling.sim.console import shell;"
          "shell.say = lambda *_, **__: (_ for _ in ()).throw(BrokenPipeError());"
          "sys.exit(main(['sensors', 'show', 'd435']))"],
@@ -45,7 +46,7 @@ def test_reader_that_goes_away_is_no_error() -> None:
 
 
 def test_termination_leaves_nothing(tmp_path: Path) -> None:
-    """A process that is told to end while it writes cleans up like one that fails."""
+    """A process terminated while it writes removes partial output, like one that fails."""
     code = (
         "import sys, time; from starling.command_line import main\n"
         "from starling.sim.console.output import OutputFolder\n"

@@ -1,1 +1,1 @@
-"""Programs that connect the validation to Starling."""
+"""Programs that connect the validation of the diagnosis to Starling."""

@@ -1,12 +1,12 @@
-"""Diagnosis of many capture sets of the same scenes, which is given nothing but these.
+r"""Diagnose many capture sets of the same scenes, without any knowledge of their effects.
 
-    python -m starling.diagnosis.validation.adapters.batch CASES OUT --sensor FILE [--against SET] [--cache FOLDER]
-                                                      [--without FILE]
+    python -m starling.diagnosis.validation.adapters.batch CASES OUT --sensor FILE \
+        [--against SET] [--cache FOLDER] [--without FILE]
 
-CASES holds capture sets in folders of their own; OUT gets a verdict FOLDER.json for each, or two in
-`without family` and `without twins` where an effect is not to be tried. Verdicts that are there
-stay, so a run that was stopped goes on where it was. What effects do to the scenes is simulated
-once for all. `starling diagnose` says more of one capture set.
+CASES holds capture sets in subfolders. OUT gets a verdict FOLDER.json for each. With --without, it
+gets two verdicts, in `without family` and `without twins`. Existing verdicts are kept, so a stopped
+run continues where it stopped. The effects on the scenes are simulated once for all sets. For one
+capture set, `starling diagnose` reports more.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from pathlib import Path
 from typing import Any
 
 from starling.diagnosis.report import figures
-from starling.diagnosis.scenes.observation import Reading, read
-from starling.diagnosis.scenes.pairs import scene_pairs
-from starling.diagnosis.scenes.scene_model import Subject, retaken, subject
+from starling.diagnosis.scenes.observation import SceneObservation, read_observation
+from starling.diagnosis.scenes.pairs import pair_scenes
+from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model, with_capture
 from starling.diagnosis.validation.adapters import families, program
 from starling.diagnosis.which import attribution, baselines
-from starling.diagnosis.which import segment as arms
-from starling.diagnosis.which.attribution import Named
-from starling.diagnosis.which.candidates import Arm
-from starling.diagnosis.which.segment import Found, Screen
-from starling.diagnosis.which.table import Bench
+from starling.diagnosis.which import segment as segments
+from starling.diagnosis.which.attribution import Attribution
+from starling.diagnosis.which.candidates import Segment
+from starling.diagnosis.which.segment import Screening, SegmentResult
+from starling.diagnosis.which.table import FeatureTable
 from starling.patterns.errors import refuse
 from starling.sim import effects
 from starling.sim.captures import capture
@@ -40,7 +40,7 @@ from starling.sim.console.threads import single_threaded
 from starling.sim.sensor import resolve
 from starling.sim.sensor.sensor import Sensor
 
-Kept = dict[Arm, tuple[Bench, Screen]]
+Screenings = dict[Segment, tuple[FeatureTable, Screening]]
 
 
 def diagnose(
@@ -53,175 +53,189 @@ def diagnose(
     without: dict[str, str] | None = None,
     track: progress.Progress = progress.silent,
 ) -> None:
-    """Write a verdict for every capture set that has none yet.
+    """Write a verdict for every capture set without one.
 
     Args:
         cases: folder of capture sets of the same scenes.
-        out: folder of verdicts, or of both folders of them; made where there is none.
-        sensor: that all of them should be captures of.
-        against: capture set that each is compared with in place of simulated captures.
-        cache: folder that keeps what is simulated, for other runs.
-        without: by capture set an effect whose family is not to be tried, and in a second verdict
-            nor those of effects that it is confused with, as the table says; then only the capture
-            sets named here are diagnosed.
+        out: folder for the verdicts; created if missing.
+        sensor: sensor of all capture sets.
+        against: capture set to compare each set with instead of simulated captures.
+        cache: folder that caches simulations for other runs.
+        without: an effect by name of capture set. The first verdict leaves out its family; the
+            second also leaves out the families of effects that the table marks as confusable with
+            it. Other capture sets are skipped.
         track: wraps the loop over capture sets.
 
     Raises:
-        InputError: if there is no capture set, one is damaged or shows other scenes than the first,
-            neither its scenes are known nor what they are compared with, or an effect is not known.
+        InputError: if a capture set is missing or damaged, or shows other scenes than the first.
+            Also if scenes are neither known nor compared with others, or an effect is unknown.
     """
     folders = program.capture_sets(cases)
     if without is not None:
         folders = [folder for folder in folders if folder.name in without]
     todo = [folder for folder in folders if _missing(out, folder.name, without)]
-    others = {} if against is None else {one.name: read(one, sensor) for one in against.scenes}
-    subjects: list[Subject] = []
-    kept: Kept = {}
+    references = (
+        {}
+        if against is None
+        else {scene.name: read_observation(scene, sensor) for scene in against.scenes}
+    )
+    scene_models: list[SceneModel] = []
+    screenings: Screenings = {}
     for folder in track(todo, "capture sets"):
-        begun = time.perf_counter()
-        pairs = scene_pairs(capture.open_set(folder), against).pairs
-        subjects = _subjects(folder.name, pairs, sensor, subjects, others)
-        asked, locked = attribution.parted(subjects)
-        screens = [
-            _screened(arm, asked, kept, cache, track)
-            for arm in attribution.open_arms(subjects, asked)
+        started = time.perf_counter()
+        pairs = pair_scenes(capture.open_set(folder), against).pairs
+        scene_models = _scene_models(folder.name, pairs, sensor, scene_models, references)
+        training, held_out = attribution.split_test_rooms(scene_models)
+        screened = [
+            _screened(segment, training, screenings, cache, track)
+            for segment in attribution.available_segments(scene_models, training)
         ]
         for path, tried in _missing(out, folder.name, without).items():
-            part = [(table, arms.of_families(screen, tried)) for table, screen in screens]
-            told = _told(attribution.named(part, locked), seed=scene_seed(0, folder.name))
-            told["seconds"] = round(time.perf_counter() - begun, 3)
-            output.write_file(path, record.dumps(told).encode())
-            begun = time.perf_counter()
+            restricted = [
+                (table, segments.restrict_to_families(screening, tried))
+                for table, screening in screened
+            ]
+            result = attribution.attribute_effects(restricted, held_out)
+            verdict = _verdict(result, seed=scene_seed(0, folder.name))
+            verdict["seconds"] = round(time.perf_counter() - started, 3)
+            output.write_file(path, record.dumps(verdict).encode())
+            started = time.perf_counter()
 
 
 def _missing(out: Path, case: str, without: Mapping[str, str] | None) -> dict[Path, frozenset[str]]:
-    """Verdicts that a capture set has not yet, and the families that are tried for each."""
-    every = frozenset(families.known())
-    tables = {out: every}
+    """Return the missing verdicts of a capture set, with the families to try for each."""
+    known = frozenset(families.known())
+    tables = {out: known}
     if without is not None:
-        gone = effects.named(without[case])
-        alike = {effects.named(name).family for name in families.twins(gone)}
-        rest = every - {gone.family}
-        tables = {out / "without family": rest, out / "without twins": rest - alike}
+        effect = effects.named(without[case])
+        similar = {effects.named(name).family for name in families.confusable(effect)}
+        rest = known - {effect.family}
+        tables = {out / "without family": rest, out / "without twins": rest - similar}
     paths = {folder / f"{case}.json": tried for folder, tried in tables.items()}
     return {path: tried for path, tried in paths.items() if not path.exists()}
 
 
 def _screened(
-    arm: Arm,
-    asked: Sequence[Subject],
-    kept: Kept,
+    segment: Segment,
+    training: Sequence[SceneModel],
+    screenings: Screenings,
     cache: Path | None,
     track: progress.Progress,
-) -> tuple[Bench, Screen]:
-    """Screen an arm once for all capture sets; what is matched again is each one's own."""
-    if arm is Arm.DEPTH:
-        return attribution.screened(arm, asked)
-    if arm not in kept:
-        kept[arm] = attribution.screened(arm, asked, cache=cache, track=track)
-    table, screen = kept[arm]
-    return table.of(asked), screen
+) -> tuple[FeatureTable, Screening]:
+    """Screen a segment once for all capture sets; the depth segment depends on each set."""
+    if segment is Segment.DEPTH:
+        return attribution.screen_segment(segment, training)
+    if segment not in screenings:
+        screenings[segment] = attribution.screen_segment(
+            segment, training, cache=cache, track=track
+        )
+    table, screening = screenings[segment]
+    return table.with_captures(training), screening
 
 
-def _told(found: Named, *, seed: int) -> dict[str, Any]:
-    """A verdict as its file has it."""
+def _verdict(result: Attribution, *, seed: int) -> dict[str, Any]:
+    """Return the content of a verdict file."""
     return {
-        "verdict": found.kind,
-        "effects": sorted(figures.effects(found.arms), key=lambda one: -one["gain"]),
+        "verdict": result.kind,
+        "effects": sorted(figures.effects(result.segments), key=lambda effect: -effect["gain"]),
         "left": {
-            arm.bench.arm.value: {
-                "before": arm.sizes[0],
-                "after": arm.sizes[1],
-                "beyond": arm.beyond,
-                "below": arm.explained_below,
+            segment.table.segment.value: {
+                "before": segment.sizes[0],
+                "after": segment.sizes[1],
+                "beyond": segment.unexplained_size,
+                "below": segment.explained_below,
             }
-            for arm in found.arms
+            for segment in result.segments
         },
-        "howfar": figures.howfar(found.howfar),
+        "howfar": figures.howfar(result.howfar),
         "versions": record.versions(),
-        "baselines": _baselines(found.arms, seed=seed),
+        "baselines": _baselines(result.segments, seed=seed),
         "baselines_by_arm": {
-            arm.bench.arm.value: _baselines([arm], seed=seed) for arm in found.arms
+            segment.table.segment.value: _baselines([segment], seed=seed)
+            for segment in result.segments
         },
     }
 
 
-def _subjects(
+def _scene_models(
     case: str,
     pairs: Sequence[tuple[CapturedScene, CapturedScene | None]],
     sensor: Sensor,
-    before: Sequence[Subject],
-    others: Mapping[str, Reading],
-) -> list[Subject]:
-    """Scenes of a capture set; what is known of them is taken over from the one before."""
-    if not before:
-        made = [subject(one, sensor, against=other) for one, other in pairs]
-        told = [one.name for one in made if one.estimates and one.against is None]
-        if told:  # By the first set, which would be another's where a run goes on.
-            rule = "must have a scene.toml each, or others that they are compared with"
-            raise refuse("scenes", rule, told, "Give either.")
-        return made
-    names, known = [one.name for one, _ in pairs], [one.name for one in before]
+    previous: Sequence[SceneModel],
+    references: Mapping[str, SceneObservation],
+) -> list[SceneModel]:
+    """Load the scenes of a capture set; their models are reused from the previous set."""
+    if not previous:
+        loaded = [load_scene_model(scene, sensor, against=reference) for scene, reference in pairs]
+        estimated = [model.name for model in loaded if model.estimates and model.against is None]
+        # Estimates come from the first set of a run, so a continued run would differ.
+        if estimated:
+            rule = "must each have a scene.toml or a capture to compare with"
+            raise refuse("scenes", rule, estimated, "Add scene.toml, or give --against.")
+        return loaded
+    names, known = [scene.name for scene, _ in pairs], [model.name for model in previous]
     if names != known:
-        raise refuse("scenes", "must be the same in all capture sets", (case, names), "Part it.")
-    taken = [
-        retaken(one, scene, against=others.get(one.name))
-        for one, (scene, _) in zip(before, pairs, strict=True)
+        rule = "must be the same in all capture sets"
+        raise refuse("scenes", rule, (case, names), "Move the set to another folder.")
+    models = [
+        with_capture(model, scene, against=references.get(model.name))
+        for model, (scene, _) in zip(previous, pairs, strict=True)
     ]
-    repeats, known = [one.frames for one in taken], [one.frames for one in before]
+    repeats, known = [model.frames for model in models], [model.frames for model in previous]
     if repeats != known:
-        told = (case, repeats)
-        raise refuse("repeats", "must be as many in all capture sets", told, f"Give {known}.")
-    return taken
+        rule = "must be equally many in all capture sets"
+        raise refuse("repeats", rule, (case, repeats), f"Give {known}.")
+    return models
 
 
-def _baselines(arms: Sequence[Found], *, seed: int) -> dict[str, str | None]:
-    """What simpler ways name."""
-    each = [(arm.screen.rough, arm.likelihood) for arm in arms]
+def _baselines(segments: Sequence[SegmentResult], *, seed: int) -> dict[str, str | None]:
+    """Return the effects that simpler methods select."""
+    each = [(segment.screening.signatures, segment.likelihood) for segment in segments]
     return {
         "largest_drop": baselines.largest_drop(each),
-        "cosine": baselines.nearest(each),
-        "random": baselines.by_lot(each, seed=seed),
+        "cosine": baselines.nearest_direction(each),
+        "random": baselines.random_choice(each, seed=seed),
     }
 
 
 def _left_out(path: Path) -> dict[str, str]:
-    """By capture set an effect, as a file tells it."""
+    """Read a JSON file with an effect by capture set."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        left_out = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise refuse("without", "must be a readable JSON file", path, f"{error}.") from error
-    if not isinstance(told, dict):
-        raise refuse("without", "must be an object", told, "Give an effect by capture set.")
-    return told
+    if not isinstance(left_out, dict):
+        rule = "must be a JSON object"
+        raise refuse("without", rule, left_out, "Give an effect by capture set.")
+    return left_out
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where something is refused."""
+    """Run the command line; return 1 if the input is refused."""
     parser = argparse.ArgumentParser(
         prog="python -m starling.diagnosis.validation.adapters.batch",
         description="Diagnose many capture sets of the same scenes.",
     )
     parser.add_argument("cases", type=Path, help="folder of capture sets")
-    parser.add_argument("out", type=Path, help="folder for a verdict FOLDER.json of each")
-    parser.add_argument("--sensor", required=True, help="preset or sensor file of all of them")
+    parser.add_argument("out", type=Path, help="folder for the verdicts")
+    parser.add_argument("--sensor", required=True, help="preset or sensor file of all capture sets")
     parser.add_argument("--against", type=Path, help="capture set to compare each with")
-    parser.add_argument("--cache", type=Path, help="folder that keeps what is simulated")
+    parser.add_argument("--cache", type=Path, help="folder that caches simulations")
     parser.add_argument(
         "--without",
         type=Path,
-        help="JSON file: by capture set an effect whose family is not to be tried; others wait",
+        help="JSON file: effect to leave out, by capture set; other sets are skipped",
     )
-    asked = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     single_threaded()
     return program.run(
         lambda track: diagnose(
-            asked.cases,
-            asked.out,
-            resolve.load(asked.sensor, captures=str(program.capture_sets(asked.cases)[0])),
-            against=None if asked.against is None else capture.open_set(asked.against),
-            cache=asked.cache,
-            without=None if asked.without is None else _left_out(asked.without),
+            options.cases,
+            options.out,
+            resolve.load(options.sensor, captures=str(program.capture_sets(options.cases)[0])),
+            against=None if options.against is None else capture.open_set(options.against),
+            cache=options.cache,
+            without=None if options.without is None else _left_out(options.without),
             track=track,
         )
     )

@@ -1,9 +1,10 @@
-"""The camera of captures for the check on withheld effects: a sensor file, and what it means there.
+r"""The camera of a capture set for the validation: its sensor file and nominal values.
 
-    python -m starling.diagnosis.validation.adapters.captured_camera OUT --captures SET --sensor FILE
+    python -m starling.diagnosis.validation.adapters.captured_camera OUT \
+        --captures SET --sensor FILE
 
-Writes OUT/sensor.toml, with the captures' geometry, and OUT/nominal.json, which beside the camera
-names the effects that it has already.
+Writes OUT/sensor.toml with the captures' geometry, and OUT/nominal.json. The latter also lists the
+effects that the camera already has.
 """
 
 from __future__ import annotations
@@ -27,48 +28,49 @@ from starling.sim.sensor.sensor import Sensor
 
 
 def write(out: Path, sensor: Sensor) -> None:
-    """Write what both sides of the check are told of a camera.
+    """Write the camera description that both sides of the validation read.
 
-    The light in real rooms is not known; it counts as none, as nothing is done to it.
+    The ambient light of real rooms is unknown. It is written as zero, because no effect changes it.
 
     Args:
         out: folder to make.
-        sensor: with the captures' geometry.
+        sensor: sensor with the captures' geometry.
 
     Raises:
         InputError: if the folder cannot be written.
     """
-    told = {**nominal(sensor), "ambient_w_m2": 0.0, "ambient_gradient": 0.0, "has": _has(sensor)}
+    values = {**nominal(sensor), "ambient_w_m2": 0.0, "ambient_gradient": 0.0, "has": _has(sensor)}
     with OutputFolder(out) as folder:
-        folder.write(NOMINAL, json.dumps(told, indent=1).encode())
+        folder.write(NOMINAL, json.dumps(values, indent=1).encode())
         folder.write(SENSOR, presets.dumps(sensor).encode())
 
 
 def _has(sensor: Sensor) -> list[str]:
-    """Effects that are not at their neutral."""
-    scene = scenes.clutter(0)  # Of the sensor's own effects none looks at it.
+    """List effects of the sensor that are not neutral."""
+    scene = scenes.clutter(0)  # Any scene: effects of the sensor do not depend on it.
     first = {row.name: row.parameters[0] for row in effects.table()}
     return sorted(
         name
-        for name, one in first.items()
-        if one.neutral is not None and setting.value(one, sensor, scene) not in (None, one.neutral)
+        for name, parameter in first.items()
+        if parameter.neutral is not None
+        and setting.value(parameter, sensor, scene) not in (None, parameter.neutral)
     )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where something is refused."""
+    """Run the command line; return 1 if the input is refused."""
     parser = argparse.ArgumentParser(
         prog="python -m starling.diagnosis.validation.adapters.captured_camera",
-        description="Write the camera of captures for the check on withheld effects.",
+        description="Write the camera of a capture set for the validation with withheld effects.",
     )
     parser.add_argument("out", type=Path, help="folder to make")
-    parser.add_argument("--captures", required=True, help="capture set, whose geometry counts")
+    parser.add_argument("--captures", required=True, help="capture set whose geometry is used")
     parser.add_argument("--sensor", required=True, help="preset or sensor file of their camera")
-    asked = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
 
     def work(_: progress.Progress) -> None:
-        captures = capture.open_set(asked.captures).path
-        write(asked.out, resolve.load(asked.sensor, captures=str(captures)))
+        captures = capture.open_set(options.captures).path
+        write(options.out, resolve.load(options.sensor, captures=str(captures)))
 
     return program.run(work)
 

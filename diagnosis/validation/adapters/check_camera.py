@@ -1,4 +1,4 @@
-"""The camera of the check on withheld effects: what is believed before anything is done to it."""
+"""The nominal camera of the validation, before any effect is applied."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 
-_FOCAL = 424.0 / 848.0  # Of a D435 over its width; the principal point is the middle.
+_FOCAL = 424.0 / 848.0  # Focal length of a D435 over its image width.
 _HAS = (
-    # What the matcher filters by itself nobody could withhold.
+    # Filters inside the matcher are off, because an effect could not be withheld from them.
     ("matcher.refinement.median_px", 0),
     ("matcher.refinement.smooth_px", 0),
     ("matcher.checks.jump_px", 1024.0),
     ("matcher.checks.speckle_count", 0),
-    # Without these nothing could be told from no noise and a perfect lens.
+    # Noise and lens blur are on: departures from a perfect camera would be trivial to detect.
     ("imager.lens.blur_px", 0.6),
     ("imager.shot_noise", 1.0),
     ("imager.read_noise_e", 5.0),
@@ -26,14 +26,14 @@ _HAS = (
 
 
 def camera(width: int, height: int) -> Sensor:
-    """A D435 with all effects at their neutral but for noise, a lens's spot and the matcher's cost.
+    """Return a D435 with all effects neutral except noise, lens blur and matching cost.
 
     Args:
-        width: of the images [px].
-        height: likewise.
+        width: image width [px].
+        height: image height [px].
 
     Raises:
-        InputError: for a size that no sensor has.
+        InputError: if the size is not allowed for a sensor.
     """
     ideal, _ = setting.ideal(presets.load("d435"), scenes.clutter(0))
     focal = _FOCAL * width

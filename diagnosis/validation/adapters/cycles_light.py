@@ -1,10 +1,11 @@
-"""Light for the check on withheld effects by another renderer than Starling's: Blender's Cycles.
+r"""Render the light of the validation with Blender's Cycles instead of Starling's renderer.
 
-    python -m starling.diagnosis.validation.adapters.cycles_light LIGHT OUT --blender .blender/bin/python
+    python -m starling.diagnosis.validation.adapters.cycles_light LIGHT OUT \
+        --blender .blender/bin/python
 
-LIGHT is a folder that `starling.diagnosis.validation.adapters.light_sets.write` made; OUT is the like, its `light.npz` made
-anew and all else copied. Scenes that OUT holds are left as they are, so a run that was stopped goes
-on where it was. `tools/blender.sh` makes the other interpreter's environment.
+LIGHT is a folder written by `light_sets`. OUT becomes a copy of it in which each `light.npz` is
+rendered by Cycles. Scenes that OUT already holds are skipped, so a stopped run continues where it
+stopped. `tools/blender.sh` installs the Python with `bpy`.
 """
 
 from __future__ import annotations
@@ -32,11 +33,11 @@ from starling.sim.console import output, progress
 from starling.sim.scene import scene_file
 from starling.sim.scene.captured import known_geometry
 
-RECORD = "cycles.json"  # How the light was rendered.
+RECORD = "cycles.json"  # Settings of the rendering.
 _SCRIPT = Path(job.__file__).with_name("render_with_blender.py")
-_OF_SET = (info.FILE, nominal.FILE)
-_MADE = (light.FILE, scene_file.FILE)  # What is not copied from a scene.
-_MAKE = "Make its environment with tools/blender.sh."
+_SET_FILES = (info.FILE, nominal.FILE)
+_WRITTEN = (light.FILE, scene_file.FILE)  # Files of a scene that are written, not copied.
+_INSTALL = "Install it with tools/blender.sh."
 
 
 def write(
@@ -49,22 +50,22 @@ def write(
     threads: int = 0,
     track: progress.Progress = progress.silent,
 ) -> None:
-    """Render a light folder's scenes anew, each whole or not at all.
+    """Render all scenes of a light folder; each is written completely or not at all.
 
     Args:
         source: folder of light.
-        out: folder to make or to go on with.
+        out: new folder, or folder of a stopped run.
         blender: Python with `bpy`.
-        samples: places in a pixel. With 64 a dot's image is good to 1 % of the mean at a focal
-            length of 160 px, and better where dots are larger.
-        seed: of these places; no two scenes have the same.
-        threads: to render with, 0 for all cores.
+        samples: samples per pixel. With 64 the error of a dot's image is 1 % of the mean at a focal
+            length of 160 px, and less for larger dots.
+        seed: first seed of the samples; every scene has its own.
+        threads: number of threads; 0 uses all cores.
         track: wraps the loop over scenes.
 
     Raises:
-        InputError: if a folder or a scene cannot be used, `out` was rendered otherwise, or Blender
-            cannot be run or fails.
-        WithheldError: if a file of light cannot be used.
+        InputError: if a folder or a scene is refused, if `out` was rendered with other settings, or
+            if Blender does not start or fails.
+        WithheldError: if a light file is refused.
     """
     output.refuse_own_input(out, source)
     camera = nominal.read(source / nominal.FILE)
@@ -76,50 +77,52 @@ def write(
         if (out / folder.name / light.FILE).is_file():
             continue
         with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as temporary:
-            work, made = Path(temporary), Path(temporary, "scene")
-            # Two views have a seed each.
+            work, scene_folder = Path(temporary), Path(temporary, "scene")
+            # Both views of a scene use their own seed.
             job.write(
                 cycles_job.job(folder, camera), work / "job", samples=samples, seed=seed + number
             )
             _render(blender, work, threads, folder.name)
             arrays = assemble.arrays(work / "job", work / "rendered")
-            _copy(folder, made, out / folder.name)
-            np.savez_compressed(made / light.FILE, allow_pickle=False, **arrays)
-            light.read(made / light.FILE, camera.shape)
-            made.rename(out / folder.name)
+            _copy(folder, scene_folder, out / folder.name)
+            np.savez_compressed(scene_folder / light.FILE, allow_pickle=False, **arrays)
+            light.read(scene_folder / light.FILE, camera.shape)
+            scene_folder.rename(out / folder.name)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where something is refused."""
+    """Run the command line; return 1 if the input is refused."""
     parser = argparse.ArgumentParser(
         prog="python -m starling.diagnosis.validation.adapters.cycles_light",
-        description="Make a folder of light anew with Blender's Cycles.",
+        description="Render a folder of light with Blender's Cycles.",
     )
     parser.add_argument(
         "light",
         type=Path,
-        help="folder that starling.diagnosis.validation.adapters.light_sets made",
+        help="folder written by light_sets",
     )
-    parser.add_argument("out", type=Path, help="folder to make, or to go on with")
+    parser.add_argument("out", type=Path, help="new folder, or folder of a stopped run")
     parser.add_argument(
         "--blender",
         type=Path,
         default=Path(".blender/bin/python"),
-        help="Python with bpy, as tools/blender.sh makes it (default: %(default)s)",
+        help="Python with bpy, see tools/blender.sh (default: %(default)s)",
     )
-    parser.add_argument("--samples", type=int, default=64, help="in a pixel (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
-    parser.add_argument("--threads", type=int, default=0, help="default: all cores")
-    asked = parser.parse_args(arguments)
+    parser.add_argument(
+        "--samples", type=int, default=64, help="samples per pixel (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="first seed (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=0, help="0: all cores (the default)")
+    options = parser.parse_args(arguments)
     try:
         with progress.on_stderr() as track:
             write(
-                asked.light,
-                asked.out,
-                asked.blender,
-                samples=asked.samples,
-                seed=asked.seed,
-                threads=asked.threads,
+                options.light,
+                options.out,
+                options.blender,
+                samples=options.samples,
+                seed=options.seed,
+                threads=options.threads,
                 track=track,
             )
     except (InputError, WithheldError) as error:
@@ -129,24 +132,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _begin(source: Path, out: Path, record: dict[str, Any]) -> None:
-    """Make the folder, or see that the one that is there was begun alike."""
-    path, said = out / RECORD, json.dumps(record, indent=1)
+    """Create the folder, or check that an existing one has the same settings."""
+    path, settings = out / RECORD, json.dumps(record, indent=1)
     if path.is_file():
-        for name, text in ((RECORD, said), *((n, _text(source / n)) for n in _OF_SET)):
+        for name, text in ((RECORD, settings), *((n, _text(source / n)) for n in _SET_FILES)):
             if _text(out / name) != text:
                 raise refuse(
                     name,
-                    "must be as it was when the folder was begun",
+                    "must be as in the stopped run",
                     out / name,
-                    "Go on as before, or give another folder.",
+                    "Use the same settings, or give another folder.",
                 )
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise refuse("out", "must be new, empty or begun before", out, "Choose another place.")
+        raise refuse("out", "must be new, empty or of a stopped run", out, "Choose another place.")
     out.mkdir(parents=True, exist_ok=True)
-    for name in _OF_SET:
+    for name in _SET_FILES:
         shutil.copyfile(source / name, out / name)
-    path.write_text(said, encoding="utf-8")
+    path.write_text(settings, encoding="utf-8")
 
 
 def _text(path: Path) -> str:
@@ -156,29 +159,29 @@ def _text(path: Path) -> str:
         raise refuse(path.name, "must be readable", path, f"{error}.") from error
 
 
-def _copy(folder: Path, made: Path, place: Path) -> None:
-    """Copy what a scene's folder holds beside its light; its `scene.toml` for its new place."""
-    shutil.copytree(folder, made, ignore=shutil.ignore_patterns(*_MADE))
-    told = known_geometry.carried(cycles_job.captured(folder), place)
-    assert told is not None  # The job was made of it.
-    (made / scene_file.FILE).write_text(scene_file.dumps(told), encoding="utf-8")
+def _copy(folder: Path, target: Path, place: Path) -> None:
+    """Copy the other files of a scene, with a `scene.toml` adapted to the new folder."""
+    shutil.copytree(folder, target, ignore=shutil.ignore_patterns(*_WRITTEN))
+    known = known_geometry.for_folder(cycles_job.captured(folder), place)
+    assert known is not None  # The job needed it, so it exists.
+    (target / scene_file.FILE).write_text(scene_file.dumps(known), encoding="utf-8")
 
 
 def _version(blender: Path) -> str:
-    """Version of the Blender that an interpreter has."""
+    """Return the version of Blender in an interpreter."""
     asks = "import bpy, sys; sys.stderr.write(bpy.app.version_string)"
-    return _run([blender, "-I", "-c", asks], "blender", _MAKE).strip()
+    return _run([blender, "-I", "-c", asks], "blender", _INSTALL).strip()
 
 
 def _render(blender: Path, work: Path, threads: int, scene: str) -> None:
     command = [blender, "-I", _SCRIPT, work / "job", work / "rendered", "--threads", str(threads)]
-    _run(command, f"rendering of {scene}", "Run it again, or with another Blender.")
+    _run(command, f"rendering of {scene}", "Run it again, or use another Blender.")
     if not (work / "rendered" / assemble.DONE).is_file():
-        raise refuse(f"rendering of {scene}", "must end", "no record of it", "Run it again.")
+        raise refuse(f"rendering of {scene}", "must finish", "no record of it", "Run it again.")
 
 
 def _run(command: list[str | Path], name: str, remedy: str) -> str:
-    """Run a command; what it says on standard error, for Blender itself talks on the other."""
+    """Run a command and return its standard error; Blender writes messages to standard output."""
     try:
         ran = subprocess.run(
             command,
@@ -190,11 +193,11 @@ def _run(command: list[str | Path], name: str, remedy: str) -> str:
         )
     except OSError as error:
         raise refuse(
-            name, "must be a Python that runs", command[0], f"{error.strerror}. {_MAKE}"
+            name, "must be a Python that runs", command[0], f"{error.strerror}. {_INSTALL}"
         ) from error
     if ran.returncode:
-        last = (ran.stderr.strip().splitlines() or ["nothing said"])[-1]
-        raise refuse(name, "must end well", f"{last} (exit {ran.returncode})", remedy)
+        last = (ran.stderr.strip().splitlines() or ["no message"])[-1]
+        raise refuse(name, "must succeed", f"{last} (exit {ran.returncode})", remedy)
     return ran.stderr
 
 

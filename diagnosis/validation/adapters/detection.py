@@ -1,16 +1,16 @@
-"""How strong an effect has to be to be found: what the diagnosis says of its own signatures.
+r"""Detection limits: how strong each effect must be for the diagnosis to detect it.
 
-    python -m starling.diagnosis.validation.adapters.detection CAPTURES... --sensor FILE [--cache FOLDER] [--effects NAME...]
-                                                      [--against-itself] [--out FILE]
+    python -m starling.diagnosis.validation.adapters.detection CAPTURES... --sensor FILE \
+        [--cache FOLDER] [--effects NAME...] [--against-itself] [--out FILE]
 
-Prints or writes JSON: by effect its base, and the values below and above from which on its own gain
-passes the threshold in half of the simulated readings; null where no value of its range does. Of
-effects that are a choice, all values that are found.
+Prints or writes JSON. A numeric effect has its base, and a detection limit below and above it. From
+the limit on, the gain of the effect alone reaches the threshold in half of the simulated captures.
+The limit is null if no value in the range does. A choice has the list of all detected values.
 
-Matcher and filters are asked about on the infrared images that the capture set holds; it should be
-one that nothing is wrong with. Of several capture sets those limits are told that hold in each.
-Real captures, of which something always is, are compared with themselves: then it is told what
-would be found in others of the same scenes.
+Limits of matcher and filters depend on the infrared images of the capture set, which should have no
+gap. With several capture sets, a limit has to hold in each. Real captures always have a gap, so
+--against-itself compares them with themselves. The limits then hold for other captures of these
+scenes.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
-from starling.diagnosis.scenes.pairs import scene_pairs
-from starling.diagnosis.scenes.scene_model import subject
+from starling.diagnosis.scenes.pairs import pair_scenes
+from starling.diagnosis.scenes.scene_model import load_scene_model
 from starling.diagnosis.validation.adapters import program
 from starling.diagnosis.which import attribution, null, sensitivity
-from starling.diagnosis.which.candidates import Arm
-from starling.diagnosis.which.response import Signature, signature, with_node
-from starling.diagnosis.which.segment import Screen
-from starling.diagnosis.which.table import Bench
-from starling.diagnosis.workers import Crew
+from starling.diagnosis.which.candidates import Segment
+from starling.diagnosis.which.response import Signature, add_node, simulate_signature
+from starling.diagnosis.which.segment import Screening
+from starling.diagnosis.which.table import FeatureTable
+from starling.diagnosis.workers import WorkerPool
 from starling.sim import effects
 from starling.sim.captures import capture
 from starling.sim.console import output, progress
@@ -40,13 +40,14 @@ from starling.sim.effects.effect import Value
 from starling.sim.sensor import resolve
 from starling.sim.sensor.sensor import Sensor
 
-_STEPS = 16  # Strengths tried between two nodes.
-_CLOSER = 4  # Times that an effect is simulated where it was just found.
-_DEVICES = (101, 102, 103, 104)  # Whose readings with an effect are looked at in the end.
-_STRONGER = 1.5  # Departure over the last one, where too few of them are found.
-_BACK = 2  # Times that it is halved on the way back, which leaves a limit 11 % too strong at most.
+_STEPS = 16  # Number of strengths tried between two nodes.
+_CLOSER = 4  # Largest number of simulations at the current limit.
+_DEVICES = (101, 102, 103, 104)  # Numbers of the simulated devices that confirm a limit.
+_STRONGER = 1.5  # Factor of the departure from the base if too few devices detect the effect.
+_BACK = 2  # Number of bisections on the way back; they leave a limit at most 11 % too strong.
 
-Limits = dict[str, Any]  # A base and the values below and above; of a choice all that are found.
+# A base and the limits below and above it, or all detected values of a choice.
+Limits = dict[str, Any]
 
 
 def limits(
@@ -58,64 +59,72 @@ def limits(
     cache: Path | None = None,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Limits]:
-    """Find the least values that are found, below and above the base, by effect; choices as a list.
+    """Find the detection limits below and above the base, by effect; choices give a list.
 
-    Simulates in processes of its own: call it below `if __name__ == "__main__"` in a script.
+    Starts worker processes: in a script, call it below `if __name__ == "__main__"`.
 
     Args:
-        captures: capture set; what it holds counts for effects of matcher and filters alone.
+        captures: capture set; its images count only for effects of matcher and filters.
         sensor: the base.
-        against_itself: whether captures would be compared with others of the same scenes.
-        wanted: effects that are asked about, with all their numbers; None asks about all.
-        cache: folder that keeps what is simulated.
-        track: wraps loops that take long.
+        against_itself: whether to compare the captures with themselves.
+        wanted: effects to test, with all their parameters; None tests all.
+        cache: folder that caches simulations.
+        track: wraps long loops to report progress.
 
     Raises:
-        InputError: as `starling.diagnosis.diagnosis.diagnose`, or of an effect that no table has.
+        InputError: as for `starling.diagnosis.diagnosis.diagnose`, or if an effect is unknown.
     """
     names = {effects.named(name).name for name in wanted or ()}
     known = capture.open_set(captures)
-    pairs = scene_pairs(known, known if against_itself else None).pairs
-    subjects = [subject(scene, sensor, against=other) for scene, other in pairs]
-    asked, _ = attribution.parted(subjects)
-    found: dict[str, Limits] = {}
-    with Crew(captures, sensor, asked, against=captures if against_itself else None) as crew:
-        for arm in attribution.open_arms(subjects, asked):
-            # What captured pairs are matched to depends on captures: no other run asks for it.
-            place = None if arm is Arm.DEPTH else cache
-            table, screen = attribution.screened(
-                arm, asked, always=True, cache=place, crew=crew, track=track
+    pairs = pair_scenes(known, known if against_itself else None).pairs
+    scene_models = [
+        load_scene_model(scene, sensor, against=reference) for scene, reference in pairs
+    ]
+    training, _ = attribution.split_test_rooms(scene_models)
+    by_effect: dict[str, Limits] = {}
+    with WorkerPool(
+        captures, sensor, training, against=captures if against_itself else None
+    ) as pool:
+        for segment in attribution.available_segments(scene_models, training):
+            # Matching captured pairs depends on the captures, so no other run could use the cache.
+            segment_cache = None if segment is Segment.DEPTH else cache
+            table, screening = attribution.screen_segment(
+                segment, training, always=True, cache=segment_cache, pool=pool, track=track
             )
-            asked_about = [
-                one for one in screen.rough if not names or one.candidate.effect.name in names
+            tested = [
+                signature
+                for signature in screening.signatures
+                if not names or signature.candidate.effect.name in names
             ]
-            for one in track(asked_about, f"limits in the {arm.value}"):
-                found[one.name] = _limits(one, table, screen)
-    return found
+            for signature in track(tested, f"limits in the {segment.value}"):
+                by_effect[signature.name] = _limits(signature, table, screening)
+    return by_effect
 
 
-def in_each(many: Sequence[dict[str, Limits]]) -> dict[str, Limits]:
-    """Values that are found in every one of some capture sets.
+def common_limits(sets: Sequence[dict[str, Limits]]) -> dict[str, Limits]:
+    """Return the limits that hold in every capture set.
 
     Args:
-        many: limits by effect, at least one; all of one base.
+        sets: limits by effect for each capture set, at least one; all with the same base.
     """
-    known = [name for name in many[0] if all(name in one for one in many)]
-    return {name: _in_each([one[name] for one in many]) for name in known}
+    known = [name for name in sets[0] if all(name in limits for limits in sets)]
+    return {name: _common([limits[name] for limits in sets]) for name in known}
 
 
-def _in_each(many: Sequence[Limits]) -> Limits:
-    first = many[0]
+def _common(sets: Sequence[Limits]) -> Limits:
+    first = sets[0]
     if "found" in first:
         return {
             "found": [
-                value for value in first["found"] if all(value in one["found"] for one in many)
+                value
+                for value in first["found"]
+                if all(value in limits["found"] for limits in sets)
             ]
         }
     return {
         "base": first["base"],
-        "below": _farthest([one["below"] for one in many], min),
-        "above": _farthest([one["above"] for one in many], max),
+        "below": _farthest([limits["below"] for limits in sets], min),
+        "above": _farthest([limits["above"] for limits in sets], max),
     }
 
 
@@ -124,116 +133,128 @@ def _farthest(values: Sequence[Value | None], choose: Callable[..., Value]) -> V
     return choose(known) if len(known) == len(values) else None
 
 
-def _limits(of: Signature, table: Bench, screen: Screen) -> Limits:
-    candidate = of.candidate
+def _limits(signature: Signature, table: FeatureTable, screening: Screening) -> Limits:
+    candidate = signature.candidate
     if candidate.numeric:
         return {
             "base": candidate.base,
-            "below": _side(of, table, screen, upwards=False),
-            "above": _side(of, table, screen, upwards=True),
+            "below": _side(signature, table, screening, upwards=False),
+            "above": _side(signature, table, screening, upwards=True),
         }
-    # What is tried first is not all there is.
-    whole = signature(candidate, table, candidate.nodes) or of
-    tried = range(len(whole.values))
-    found = [whole.value(place) for place in tried if sensitivity.at(whole, place, screen)]
-    return {"found": [value for value in found if value != candidate.base]}
+    # The screening simulated only some of the values.
+    whole = simulate_signature(candidate, table, candidate.nodes) or signature
+    detected = [
+        whole.value(place)
+        for place in range(len(whole.values))
+        if sensitivity.is_detected(whole, place, screening)
+    ]
+    return {"found": [value for value in detected if value != candidate.base]}
 
 
-def _side(of: Signature, table: Bench, screen: Screen, *, upwards: bool) -> Value | None:
-    """The least value found to one side, simulated there: few effects grow in proportion."""
-    base = float(of.candidate.base)
-    side = [float(node) for node in of.candidate.nodes if (float(node) > base) == upwards]
+def _side(
+    signature: Signature, table: FeatureTable, screening: Screening, *, upwards: bool
+) -> Value | None:
+    """Find the limit on one side by simulation there, because few effects are linear."""
+    base = float(signature.candidate.base)
+    side = [float(node) for node in signature.candidate.nodes if (float(node) > base) == upwards]
     if not side:
         return None
-    least = sensitivity.least(of, screen, upwards=upwards, steps=_STEPS)
-    if least is None:  # What is tried first is not the strongest either.
-        of = signature(of.candidate, table, side) or of
-        least = sensitivity.least(of, screen, upwards=upwards, steps=_STEPS)
+    least = sensitivity.detection_limit(signature, screening, upwards=upwards, steps=_STEPS)
+    if least is None:  # The screening did not simulate the strongest value.
+        signature = simulate_signature(signature.candidate, table, side) or signature
+        least = sensitivity.detection_limit(signature, screening, upwards=upwards, steps=_STEPS)
     for _ in range(_CLOSER):
-        if least is None or least in of.values:
+        if least is None or least in signature.values:
             break
-        of = with_node(of, least, table)
-        least = sensitivity.least(of, screen, upwards=upwards, steps=_STEPS)
+        signature = add_node(signature, least, table)
+        least = sensitivity.detection_limit(signature, screening, upwards=upwards, steps=_STEPS)
     if least is None:
         return None
     farthest = max(abs(node - base) for node in side)
-    return _on_devices(of, float(least), farthest, table, screen)
+    return _on_devices(signature, float(least), farthest, table, screening)
 
 
 def _on_devices(
-    of: Signature, least: float, farthest: float, table: Bench, screen: Screen
+    signature: Signature, least: float, farthest: float, table: FeatureTable, screening: Screening
 ) -> float | None:
-    """The least value from one on that some devices show; None where it is beyond a departure."""
-    weak = base = float(of.candidate.base)
-    while not _found_on_devices(of, least, table, screen):
+    """Confirm a limit on several devices and strengthen it if needed; None beyond `farthest`."""
+    weak = base = float(signature.candidate.base)
+    while not _detected_on_devices(signature, least, table, screening):
         weak = least
         departure = _STRONGER * (least - base)
-        if of.candidate.whole:  # A step further at least, which rounding could take back.
+        if signature.candidate.whole:  # Round up, so that the value changes.
             departure = math.copysign(math.ceil(abs(departure)), departure)
         least = base + departure
         if abs(least - base) > farthest:
             return None
-    for _ in range(_BACK):  # Of what was found at once there is nothing between.
+    for _ in range(_BACK):  # Bisect between the last value that failed and the first that passed.
         departure = math.copysign(math.sqrt((weak - base) * (least - base)), least - base)
-        between = base + (round(departure) if of.candidate.whole else departure)
+        between = base + (round(departure) if signature.candidate.whole else departure)
         if between in (weak, least):
             break
-        if _found_on_devices(of, between, table, screen):
+        if _detected_on_devices(signature, between, table, screening):
             least = between
         else:
             weak = between
     return least
 
 
-def _found_on_devices(of: Signature, value: Value, table: Bench, screen: Screen) -> bool:
-    """Whether half of some devices give it enough gain: each has noise, dots and pixels of its own.
+def _detected_on_devices(
+    signature: Signature, value: Value, table: FeatureTable, screening: Screening
+) -> bool:
+    """Whether the effect gains enough on half of the devices, each with its own random pattern.
 
-    Of matcher and filters nothing is drawn.
+    Matcher and filters have no random part.
     """
-    if table.arm is Arm.DEPTH:
+    if table.segment is Segment.DEPTH:
         return True
-    made = [null.another(table, screen.base, {of.name: value}, number=one) for one in _DEVICES]
-    likelihoods = [base.likelihood(reading, screen.weight) for base, reading in filter(None, made)]
-    return len(likelihoods) == len(made) and sensitivity.enough(of, likelihoods, screen)
+    captures = [
+        null.simulate_capture(table, screening.base, {signature.name: value}, number=device)
+        for device in _DEVICES
+    ]
+    likelihoods = [
+        base.likelihood(observed, screening.weight) for base, observed in filter(None, captures)
+    ]
+    return len(likelihoods) == len(captures) and sensitivity.gains_enough(
+        signature, likelihoods, screening
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where something is refused."""
+    """Run the command line; return 1 if the input is refused."""
     parser = argparse.ArgumentParser(
         prog="python -m starling.diagnosis.validation.adapters.detection",
-        description="Say how strong an effect has to be.",
+        description="Measure how strong each effect must be to be detected.",
     )
-    parser.add_argument(
-        "captures", type=Path, nargs="+", help="capture sets, of whose scenes is asked"
-    )
+    parser.add_argument("captures", type=Path, nargs="+", help="capture sets")
     parser.add_argument("--sensor", required=True, help="preset or sensor file, the base")
-    parser.add_argument("--cache", type=Path, help="folder that keeps what is simulated")
-    parser.add_argument("--effects", nargs="+", help="that are asked about; all if none is named")
+    parser.add_argument("--cache", type=Path, help="folder that caches simulations")
+    parser.add_argument("--effects", nargs="+", help="effects to test; default: all")
     parser.add_argument(
         "--against-itself", action="store_true", help="compare each set with its own captures"
     )
-    parser.add_argument("--out", type=Path, help="file for the JSON; none prints it")
-    asked = parser.parse_args(arguments)
+    parser.add_argument("--out", type=Path, help="JSON file to write; default: print it")
+    options = parser.parse_args(arguments)
     single_threaded()
 
     def work(track: progress.Progress) -> None:
-        sensor = resolve.load(asked.sensor, captures=str(asked.captures[0]))
-        found = [
+        sensor = resolve.load(options.sensor, captures=str(options.captures[0]))
+        by_set = [
             limits(
-                one,
+                captures,
                 sensor,
-                against_itself=asked.against_itself,
-                wanted=asked.effects,
-                cache=asked.cache,
+                against_itself=options.against_itself,
+                wanted=options.effects,
+                cache=options.cache,
                 track=track,
             )
-            for one in asked.captures
+            for captures in options.captures
         ]
-        told = json.dumps(in_each(found), indent=1)
-        if asked.out is None:
-            print(told)
+        text = json.dumps(common_limits(by_set), indent=1)
+        if options.out is None:
+            print(text)
         else:
-            output.write_file(asked.out, told.encode())
+            output.write_file(options.out, text.encode())
 
     return program.run(work)
 

@@ -1,8 +1,8 @@
-"""Families of the effect table and what each effect is confused with, as a file.
+"""Write the family and the confusable effects of each effect to a file.
 
     python -m starling.diagnosis.validation.adapters.families OUT.json
 
-For the check on withheld effects, which seals them before the first case is taken.
+The validation with withheld effects seals this file before the first case is captured.
 """
 
 from __future__ import annotations
@@ -20,45 +20,45 @@ from starling.sim.console import output
 from starling.sim.effects.effect import Effect
 
 
-def twins(of: Effect) -> list[str]:
-    """Effects that an effect's page says it is confused with, and those whose pages name it."""
+def confusable(effect: Effect) -> list[str]:
+    """List effects that the effect table marks as confusable with an effect, either way."""
     return [
         row.name
         for row in effects.table()
-        if row.name in of.confused_with or of.name in row.confused_with
+        if row.name in effect.confused_with or effect.name in row.confused_with
     ]
 
 
 def known() -> list[str]:
-    """All families of the table, by name."""
+    """List all families of the effect table by name."""
     return sorted({row.family for row in effects.table()})
 
 
-def refuse_others(names: Iterable[str]) -> None:
-    """Refuse names that are no family of the table.
+def refuse_unknown_families(names: Iterable[str]) -> None:
+    """Refuse names that are not families of the effect table.
 
     Raises:
-        InputError: for the first of them.
+        InputError: for the first unknown name.
     """
     for name in names:
         one_of("family", name, known())
 
 
 def write(out: Path) -> None:
-    """Write family and twins by effect."""
-    told = {row.name: {"family": row.family, "twins": twins(row)} for row in effects.table()}
-    output.write_file(out, f"{json.dumps(told, indent=1)}\n".encode())
+    """Write family and confusable effects by effect."""
+    rows = {row.name: {"family": row.family, "twins": confusable(row)} for row in effects.table()}
+    output.write_file(out, f"{json.dumps(rows, indent=1)}\n".encode())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m starling.diagnosis.validation.adapters.families",
-        description="Write the effect table's families.",
+        description="Write the family and the confusable effects of each effect.",
     )
     parser.add_argument("out", type=Path, help="JSON file")
-    asked = parser.parse_args(arguments)
-    return program.run(lambda _tell: write(asked.out))
+    options = parser.parse_args(arguments)
+    return program.run(lambda _track: write(options.out))
 
 
 if __name__ == "__main__":

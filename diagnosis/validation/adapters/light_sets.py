@@ -1,9 +1,9 @@
-"""Light for the check on withheld effects: scenes as photo-electrons that no camera has touched.
+r"""Light for the validation: scenes as photo-electrons before any camera effect.
 
-The other side of the check reads these files and nothing else: what a lens, an imager and a matcher
-do to the light is its own, written a second time.
+The second camera implementation reads only these files. It has its own lens, imager and matcher.
 
-    python -m starling.diagnosis.validation.adapters.light_sets OUT SCENE [SCENE ...] [--width 640 --height 360]
+    python -m starling.diagnosis.validation.adapters.light_sets OUT SCENE [SCENE ...] \
+        [--width 640 --height 360]
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from starling.sim.console.output import OutputFolder
 from starling.sim.effects import setting as setting
 from starling.sim.imaging.imager import electrons_per_radiance
 from starling.sim.render.layers import Layers
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
 from starling.sim.scene.captured import known_geometry
 from starling.sim.sensor import presets
@@ -39,8 +39,8 @@ from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 
 LIGHT, NOMINAL, SENSOR = "light.npz", "nominal.json", "sensor.toml"
-OTHER_M = 0.2  # How far to the right another device's projector stands.
-_EVEN_PX = 64  # Of a pattern that is even light.
+OTHER_M = 0.2  # Distance of another device's projector to the right [m].
+_EVEN_PX = 64  # Size of the uniform pattern image [px].
 
 
 def write(
@@ -50,20 +50,20 @@ def write(
     *,
     track: progress.Progress = progress.silent,
 ) -> None:
-    """Write builtin scenes as light, beside what a capture set says of them.
+    """Write builtin scenes as light, with the files of a capture set.
 
     Args:
         out: folder to make.
         names: builtin scenes, each once.
-        sensor: nominal; its geometry, projector and scale of electrons count.
+        sensor: nominal sensor; its geometry, projector and electron scale are used.
         track: wraps the loop over scenes.
 
     Raises:
         InputError: if a scene is unknown or named twice, or the folder cannot be written.
     """
     if len(set(names)) < len(names) or not names:
-        found = f"{len(names)}, {len(set(names))} of them different"
-        raise refuse("scenes", "must be at least one, each once", found, "Correct the list.")
+        count = f"{len(names)}, {len(set(names))} of them different"
+        raise refuse("scenes", "must be at least one, each once", count, "Correct the list.")
     info = writer.info_of(sensor, source="check", licence="Apache-2.0", notes="simulated")
     with OutputFolder(out, force=False) as folder, tempfile.TemporaryDirectory() as temporary:
         even = _even(sensor, Path(temporary))
@@ -73,22 +73,27 @@ def write(
             (scene.ambient.irradiance_w_m2, scene.ambient.gradient) for scene in loaded.values()
         }
         if len(ambient) > 1:
-            raise refuse("scenes", "must share one ambient light", sorted(ambient), "Part them.")
+            raise refuse(
+                "scenes",
+                "must share one ambient light",
+                sorted(ambient),
+                "Write them to separate folders.",
+            )
         level, gradient = ambient.pop()
-        told = {**nominal(sensor), "ambient_w_m2": level, "ambient_gradient": gradient}
-        folder.write(NOMINAL, json.dumps(told, indent=1).encode())
+        values = {**nominal(sensor), "ambient_w_m2": level, "ambient_gradient": gradient}
+        folder.write(NOMINAL, json.dumps(values, indent=1).encode())
         folder.write(SENSOR, presets.dumps(sensor).encode())
         for name, scene in track(list(loaded.items()), "light"):
             place = name.replace(":", "-")
-            stage = Stage(scene)
-            layers = simulate.rendered(stage, sensor)
-            evenly = simulate.rendered(stage, even)
+            stage = MitsubaScene(scene)
+            layers = simulate.render_layers(stage, sensor)
+            evenly = simulate.render_layers(stage, even)
             other_sensor, other_scene = setting.apply(
                 sensor, scene, {"second_projector": 1.0, "second_projector.x": OTHER_M}
             )
-            beside = simulate.rendered(Stage(other_scene), other_sensor)
+            second = simulate.render_layers(MitsubaScene(other_scene), other_sensor)
             up = scene.world_from_left[:3, :3].T @ np.array(scene.ambient.up)
-            arrays = _arrays(sensor, layers, evenly, beside) | {"left_up": up, "right_up": up}
+            arrays = _arrays(sensor, layers, evenly, second) | {"left_up": up, "right_up": up}
             folder.write_by(f"{place}/{LIGHT}", partial(_save, arrays))
             writer.write_scene(
                 folder,
@@ -101,7 +106,7 @@ def write(
 
 
 def nominal(sensor: Sensor) -> dict[str, Any]:
-    """What the other side is told of the camera."""
+    """Return the camera values that the second implementation reads."""
     imager = sensor.left
     return {
         "width": sensor.width,
@@ -135,54 +140,58 @@ def nominal(sensor: Sensor) -> dict[str, Any]:
 
 
 def _save(arrays: dict[str, NDArray[Any]], path: Path) -> None:
-    with path.open("wb") as file:  # A name without this suffix would be given it.
+    with path.open("wb") as file:  # `np.savez` would append `.npz` to a path without it.
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def _even(sensor: Sensor, folder: Path) -> Sensor:
-    """The sensor with a projector of even light."""
+    """Return the sensor with a projector of uniform light."""
     path = folder / "even.png"
     path.write_bytes(png.encode(np.full((_EVEN_PX, _EVEN_PX), 255, np.uint8)))
     return with_values(sensor, [("projector.pattern", str(path))])
 
 
 def _arrays(
-    sensor: Sensor, layers: Layers, evenly: Layers, beside: Layers
+    sensor: Sensor, layers: Layers, evenly: Layers, second: Layers
 ) -> dict[str, NDArray[Any]]:
-    wavelength, found = sensor.projector.wavelength_nm, {}
+    wavelength, arrays = sensor.projector.wavelength_nm, {}
     for side, imager in (("left", sensor.left), ("right", sensor.right)):
-        view, even, other = (getattr(one, side) for one in (layers, evenly, beside))
+        view, even, other_view = (getattr(rendered, side) for rendered in (layers, evenly, second))
         scale = electrons_per_radiance(imager, wavelength, imager.exposure_s)
         power = scale * sensor.projector.power_w
-        seen = projector_frame.tangents(view.depth_m, sensor, right=side == "right")
-        found |= {
+        tangents = projector_frame.tangents(view.depth_m, sensor, right=side == "right")
+        arrays |= {
             f"{side}_laser_e": view.projector_direct * np.float32(power),
             f"{side}_even_e": even.projector_direct * np.float32(power),
             f"{side}_ambient_e": view.ambient * np.float32(scale),
-            f"{side}_other_e": other.other * np.float32(scale),
+            f"{side}_other_e": other_view.other * np.float32(scale),
             f"{side}_depth_m": view.depth_m,
             f"{side}_body": view.body,
-            f"{side}_px": seen[..., 0],
-            f"{side}_py": seen[..., 1],
+            f"{side}_px": tangents[..., 0],
+            f"{side}_py": tangents[..., 1],
         }
-    return found
+    return arrays
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where something is refused."""
+    """Run the command line; return 1 if the input is refused."""
     parser = argparse.ArgumentParser(
         prog="python -m starling.diagnosis.validation.adapters.light_sets",
-        description="Write builtin scenes as light, and the sensor that they are for.",
+        description="Write builtin scenes as light, and their sensor.",
     )
     parser.add_argument("out", type=Path, help="folder to make")
     parser.add_argument("scenes", nargs="+", help="builtin scenes, such as clutter:7")
-    parser.add_argument("--width", type=int, default=640, help="default: %(default)s")
-    parser.add_argument("--height", type=int, default=360, help="default: %(default)s")
-    asked = parser.parse_args(arguments)
+    parser.add_argument(
+        "--width", type=int, default=640, help="image width [px] (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--height", type=int, default=360, help="image height [px] (default: %(default)s)"
+    )
+    options = parser.parse_args(arguments)
 
     def work(track: progress.Progress) -> None:
-        sensor = check_camera.camera(asked.width, asked.height)
-        write(asked.out, asked.scenes, sensor, track=track)
+        sensor = check_camera.camera(options.width, options.height)
+        write(options.out, options.scenes, sensor, track=track)
 
     return program.run(work)
 

@@ -1,9 +1,9 @@
-"""Depth of capture sets that have infrared alone, by our matcher.
+"""Depth for capture sets that hold only infrared pairs, by our matcher.
 
     python -m starling.diagnosis.validation.adapters.own_depth CASES --sensor FILE
 
-For the check on withheld effects: a device whose matcher is known, so that filters behind it can be
-withheld. CASES holds capture sets in folders of their own.
+The validation with withheld effects needs a device with a known matcher, so that effects of its
+filters can be withheld. CASES holds capture sets in subfolders.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from starling.diagnosis.scenes.observation import measured
+from starling.diagnosis.scenes.observation import match_all_bits
 from starling.diagnosis.validation.adapters import program
 from starling.patterns.errors import refuse
 from starling.sim.captures import capture, png
@@ -30,11 +30,11 @@ DEPTH = "depth.png"
 
 
 def write(cases: Path, sensor: Sensor, *, track: progress.Progress = progress.silent) -> None:
-    """Match every infrared pair that has no depth beside it.
+    """Match every infrared pair that has no depth.
 
     Args:
         cases: folder of capture sets.
-        sensor: whose matcher and depth unit are taken.
+        sensor: sensor whose matcher and depth unit are used.
         track: wraps the loop over capture sets.
 
     Raises:
@@ -52,23 +52,25 @@ def _codes(scene: CapturedScene, number: int, sensor: Sensor) -> np.ndarray:
     frame = scene.frame(number)
     if frame.ir_left is None or frame.ir_right is None:
         raise refuse("capture", "must be an infrared pair", scene.path, "Take it again.")
-    (disparity_px,) = measured(frame.ir_left[None], frame.ir_right[None], sensor)
+    (disparity_px,) = match_all_bits(frame.ir_left[None], frame.ir_right[None], sensor)
     info = scene.info
     depth_m = depth_from_disparity(disparity_px, focal_px=info.fx_px, baseline_m=info.baseline_m)
     return to_code(depth_m, info.depth_unit_m)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where something is refused."""
+    """Run the command line; return 1 if the input is refused."""
     parser = argparse.ArgumentParser(
         prog="python -m starling.diagnosis.validation.adapters.own_depth",
         description="Match infrared pairs of capture sets.",
     )
     parser.add_argument("cases", type=Path, help="folder of capture sets")
     parser.add_argument("--sensor", required=True, help="preset or sensor file of all of them")
-    asked = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     single_threaded()
-    return program.run(lambda track: write(asked.cases, presets.load(asked.sensor), track=track))
+    return program.run(
+        lambda track: write(options.cases, presets.load(options.sensor), track=track)
+    )
 
 
 if __name__ == "__main__":

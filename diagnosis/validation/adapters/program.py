@@ -1,4 +1,4 @@
-"""How programs of the diagnosis end that files alone are told to (`python -m diagnosis.NAME`)."""
+"""Common parts of the adapter programs: exit codes, and listing capture sets."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from starling.sim.console import progress
 
 
 def run(work: Callable[[progress.Progress], None]) -> int:
-    """Do a program's work: 0 when it is done, 1 where something is refused, in one line."""
+    """Run a program; return 0 when it is done, or print one line and return 1 if refused."""
     try:
         with progress.on_stderr() as track:
             work(track)
@@ -22,7 +22,7 @@ def run(work: Callable[[progress.Progress], None]) -> int:
 
 
 def capture_sets(cases: Path) -> list[Path]:
-    """Capture sets that a folder holds, each in a folder of its own, by name.
+    """List the capture sets in a folder by name, each in its own subfolder.
 
     Raises:
         InputError: if there is none.

@@ -1,1 +1,1 @@
-"""A second camera model, independent of the simulator."""
+"""A second camera model, independent of the simulator and written from the effect pages alone."""

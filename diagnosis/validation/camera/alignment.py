@@ -1,4 +1,4 @@
-"""Where an image lands: rotations, offsets, magnification and distortion, by one resampling."""
+"""Rotation, offset, magnification and distortion of an image, in one resampling."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from starling.diagnosis.validation.camera.catalogue import Strengths
 from starling.diagnosis.validation.camera.nominal import Nominal
 
 Image = NDArray[np.float64]
-_NEWTON_STEPS = 8  # From a start off by less than a pixel: far more than are needed.
+_NEWTON_STEPS = 8  # More than enough from a start within a pixel of the solution.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Alignment:
-    """What rectification leaves over in one image; the conventions' signs."""
+class ResidualAlignment:
+    """Residual rectification error of one image, with the signs of the project conventions."""
 
     offset_x_px: float = 0.0  # Content moves right.
     offset_y_px: float = 0.0  # Content moves down.
@@ -31,42 +31,45 @@ class Alignment:
     distortion_px: float = 0.0  # Outwards at half the diagonal.
 
 
-def of_side(side: str, strengths: Strengths) -> Alignment:
-    """Alignment of one imager: the lenses' scale is in both, all else in the right one alone."""
-    both = Alignment(magnification=strengths.of("focal_scale"))
+def imager_alignment(side: str, strengths: Strengths) -> ResidualAlignment:
+    """Return the residual alignment of one imager.
+
+    Both images have the focal scale. All other terms apply to the right image only.
+    """
+    both = ResidualAlignment(magnification=strengths.value("focal_scale"))
     if side == "left":
         return both
     return dataclasses.replace(
         both,
-        offset_x_px=strengths.of("disparity_offset"),
-        offset_y_px=strengths.of("vertical_offset"),
-        roll_deg=strengths.of("roll"),
-        pitch_deg=strengths.of("pitch"),
-        yaw_deg=strengths.of("yaw"),
-        distortion_px=strengths.of("distortion"),
+        offset_x_px=strengths.value("disparity_offset"),
+        offset_y_px=strengths.value("vertical_offset"),
+        roll_deg=strengths.value("roll"),
+        pitch_deg=strengths.value("pitch"),
+        yaw_deg=strengths.value("yaw"),
+        distortion_px=strengths.value("distortion"),
     )
 
 
-def land(image: Image, alignment: Alignment, nominal: Nominal) -> Image:
-    """Resample an image (h, w) to where it lands.
+def resample(image: Image, alignment: ResidualAlignment, nominal: Nominal) -> Image:
+    """Resample an image (h, w) with a residual alignment.
 
-    Turns are exact rotations of the rays and not their first order; distortion is undone by
-    Newton's method; interpolation is by cubic splines. At the border the last pixel stands on.
+    Rotations of the rays are exact, not first order. Newton's method inverts the distortion. The
+    interpolation uses cubic splines and repeats the border pixel.
 
     Returns:
-        Image (h, w), clipped at 0; the very image given where nothing moves.
+        Image (h, w), clipped at 0, or `image` itself if there is no residual alignment.
     """
-    if alignment == Alignment():
+    if alignment == ResidualAlignment():
         return image
-    x, y = origin(alignment, nominal)
+    x, y = source_coordinates(alignment, nominal)
     moved = ndimage.map_coordinates(image, [y, x], order=3, mode="nearest")
     return np.clip(moved, 0.0, None)
 
 
-def origin(
-    alignment: Alignment, nominal: Nominal
+def source_coordinates(
+    alignment: ResidualAlignment, nominal: Nominal
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where in the aligned image each pixel's content comes from: x and y (h, w) [px]."""
+    """Return the position in the aligned image that each pixel shows: x and y (h, w) [px]."""
     x = np.arange(nominal.width)[None, :] - alignment.offset_x_px - nominal.cx_px
     y = np.arange(nominal.height)[:, None] - alignment.offset_y_px - nominal.cy_px
     x, y = np.broadcast_arrays(x, y)
@@ -82,7 +85,7 @@ def origin(
 
 
 def _undistort(radius: NDArray[np.float64], shift_px: float, unit_px: float) -> NDArray[np.float64]:
-    """Factor that takes a distorted radius back: r + shift (r / unit)^3 = radius [px]."""
+    """Return r / radius, where r solves r + shift (r / unit)^3 = radius [px]."""
     if shift_px == 0.0:
         return np.ones(radius.shape)
     bend = shift_px / unit_px**3

@@ -1,4 +1,4 @@
-"""The whole camera: from linear light to an infrared pair."""
+"""The imaging chain of the camera: from linear light to an infrared pair."""
 
 from __future__ import annotations
 
@@ -15,69 +15,77 @@ from starling.diagnosis.validation.camera import (
     speckle,
 )
 from starling.diagnosis.validation.camera.catalogue import Strengths
-from starling.diagnosis.validation.camera.dots import Dots
+from starling.diagnosis.validation.camera.dots import ProjectorDots
 from starling.diagnosis.validation.camera.draws import Draws
-from starling.diagnosis.validation.camera.light import SIDES, Image, Light
+from starling.diagnosis.validation.camera.light import SIDES, Image, SceneLight
 from starling.diagnosis.validation.camera.readout import Codes
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Pair:
-    """Infrared images (h, w), 8 bit if the codes have so few, else 16."""
+class ExposedPair:
+    """Infrared images (h, w): uint8 for at most 8 bits, else uint16 [DN]."""
 
     left: Codes
     right: Codes
 
 
-def expose(light: Light, strengths: Strengths, found: Dots, draws: Draws) -> Pair:
-    """Take an infrared pair of a scene.
+def expose(
+    light: SceneLight, strengths: Strengths, dots: ProjectorDots, draws: Draws
+) -> ExposedPair:
+    """Expose an infrared pair of a scene.
 
     Args:
-        light: The scene's linear light.
-        strengths: The camera and its effects.
-        found: The projector's dots, of all scenes that this camera sees.
-        draws: Random numbers of this scene and frame.
+        light: Linear light of the scene.
+        strengths: Nominal camera and effect strengths.
+        dots: Dots of the projector, gathered from all scenes of the capture set.
+        draws: Random streams of this scene and frame.
     """
-    images = {side: _image(light, strengths, found, draws, side) for side in SIDES}
-    return Pair(left=images["left"], right=images["right"])
+    images = {side: _expose_imager(light, strengths, dots, draws, side) for side in SIDES}
+    return ExposedPair(left=images["left"], right=images["right"])
 
 
-def at_pixels(light: Light, strengths: Strengths, found: Dots, draws: Draws, side: str) -> Image:
-    """Expected electrons of one exposure in the pixels of one imager (h, w)."""
+def expected_electrons(
+    light: SceneLight, strengths: Strengths, dots: ProjectorDots, draws: Draws, side: str
+) -> Image:
+    """Return the expected electrons per pixel (h, w) of one exposure of one imager."""
     nominal = strengths.nominal
     view = light.view(side)
-    thrown = projector.throw(view, strengths, found, draws)
-    arriving = scene_light.leave(thrown, strengths)
+    projected = projector.project(view, strengths, dots, draws)
+    received = scene_light.leave(projected, strengths)
     if side == "right":
-        arriving = outside.displace_body(arriving, light, strengths, draws)
-    laser = lens.focus(arriving.laser_e, view, strengths)
-    rest = lens.focus(arriving.rest_e, view, strengths)
-    exponent = strengths.of("vignetting")
+        received = outside.displace_body(received, light, strengths, draws)
+    laser = lens.focus(received.laser_e, view, strengths)
+    rest = lens.focus(received.rest_e, view, strengths)
+    exponent = strengths.value("vignetting")
     if exponent != 0.0:
-        dim = lens.vignetting(nominal, exponent)
-        laser, rest = laser * dim, rest * dim
-    laser, rest = lens.veil(laser, rest, strengths.of("veil"))
-    where = alignment.of_side(side, strengths)
-    laser = alignment.land(laser, where, nominal)
-    rest = alignment.land(rest, where, nominal)
+        factor = lens.vignetting(nominal, exponent)
+        laser, rest = laser * factor, rest * factor
+    laser, rest = lens.veil(laser, rest, strengths.value("veil"))
+    misalignment = alignment.imager_alignment(side, strengths)
+    laser = alignment.resample(laser, misalignment, nominal)
+    rest = alignment.resample(rest, misalignment, nominal)
     grain = speckle.grain(
         nominal.shape,
-        strengths.of("laser_speckle"),
+        strengths.value("laser_speckle"),
         nominal,
-        draws.of_scene(f"{side}/speckle"),
+        draws.scene_rng(f"{side}/speckle"),
     )
-    landed = laser * grain + rest
-    landed = outside.ghost(landed, strengths.of("lens_ghost"))
-    landed = outside.lamps(landed, view, strengths.of("mains_banding"), draws)
-    landed = outside.astigmatism(landed, strengths.of("astigmatism"), nominal)
-    landed = outside.finger_print(landed, strengths.of("finger_print"), side, draws)
-    return outside.ramp(landed, strengths.of("brightness_ramp"), draws.frame)
+    image = laser * grain + rest
+    image = outside.ghost(image, strengths.value("lens_ghost"))
+    image = outside.lamps(image, view, strengths.value("mains_banding"), draws)
+    image = outside.astigmatism(image, strengths.value("astigmatism"), nominal)
+    image = outside.finger_print(image, strengths.value("finger_print"), side, draws)
+    return outside.ramp(image, strengths.value("brightness_ramp"), draws.frame)
 
 
-def _image(light: Light, strengths: Strengths, found: Dots, draws: Draws, side: str) -> Codes:
-    held = imager.charge(at_pixels(light, strengths, found, draws, side), strengths, side, draws)
-    held = outside.column_rain(
-        held, strengths.of("column_rain"), strengths.of("saturation"), side, draws
+def _expose_imager(
+    light: SceneLight, strengths: Strengths, dots: ProjectorDots, draws: Draws, side: str
+) -> Codes:
+    charge_e = imager.charge(
+        expected_electrons(light, strengths, dots, draws, side), strengths, side, draws
     )
-    dn = outside.compress(readout.codes(held, strengths), strengths.of("block_compression"))
-    return readout.whole(dn, round(strengths.of("quantisation")))
+    charge_e = outside.column_rain(
+        charge_e, strengths.value("column_rain"), strengths.value("saturation"), side, draws
+    )
+    dn = outside.compress(readout.codes(charge_e, strengths), strengths.value("block_compression"))
+    return readout.round_codes(dn, round(strengths.value("quantisation")))

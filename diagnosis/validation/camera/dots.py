@@ -1,8 +1,8 @@
-"""The projector's dots as both imagers see them, and what becomes of them one by one.
+"""Dots of the projector, and effects that change single dots.
 
-Light of dots over even light is the pattern itself, free of surfaces and shadows. Its maxima, taken
-to the projector's frame, are the dots, the same for both imagers and all scenes. What the pattern
-has between them is even light of no dot, which stays whatever becomes of the dots.
+The ratio of dot light to uniform light is the pattern, free of surfaces and shadows. Its maxima in
+the frame of the projector are the dots, equal for both imagers and all scenes. Between the dots the
+pattern has a uniform background, which no effect on dots changes.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from starling.diagnosis.validation.camera import spread
-from starling.diagnosis.validation.camera.light import SIDES, Light, View
+from starling.diagnosis.validation.camera.light import SIDES, LightView, SceneLight
 
-_GROUND_PERCENTILE = 10.0  # Far enough from any dot; not the least, which grain takes too low.
-_LIT = 1e-4  # Of the brightest even light: below it a surface does not face the projector.
-_FLATTEN_PX = 0.7  # Keeps a renderer's grain from making dots of its own.
-_TALL = 1.2  # Least height of a dot over the mean.
-_APART_PX = 1.6  # Dots nearer to each other than this are one, seen twice.
+_BACKGROUND_PERCENTILE = 10.0  # Level between dots; render noise biases the minimum downwards.
+_LIT = 1e-4  # Uniform light over its maximum below which a surface counts as unlit.
+_FLATTEN_PX = 0.7  # Gaussian sigma [px]; removes false maxima due to render noise.
+_TALL = 1.2  # Least height of a dot over the mean of the pattern.
+_APART_PX = 1.6  # Maxima from two views closer than this are the same dot [px].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Dots:
-    """Directions of a projector's dots, found in the light of its scenes."""
+class ProjectorDots:
+    """Directions of the dots of a projector, detected in the light of its scenes."""
 
     tangents: NDArray[np.float64]  # (n, 2): x / z and y / z in the projector's frame.
 
-    def owner(self, view: View) -> NDArray[np.intp]:
-        """Number of the dot that lights each pixel (h, w): the nearest in direction; -1 if none."""
+    def owner(self, view: LightView) -> NDArray[np.intp]:
+        """Return the index (h, w) of the dot nearest in direction to each pixel, -1 if none."""
         seen = np.isfinite(view.px) & np.isfinite(view.py)
         out = np.full(view.px.shape, -1, np.intp)
         if len(self.tangents):
@@ -42,78 +42,81 @@ class Dots:
         return out
 
 
-def pattern(view: View) -> NDArray[np.float64]:
-    """Light of the dots over even light (h, w): mean about 1, 0 where no light arrives."""
+def pattern(view: LightView) -> NDArray[np.float64]:
+    """Return the pattern (h, w): dot light over uniform light, mean about 1, 0 where unlit."""
     on = lit(view)
     return np.where(on, view.laser_e / np.where(on, view.even_e, 1.0), 0.0)
 
 
-def ground(view: View) -> NDArray[np.float64]:
-    """Part of the pattern (h, w) that is even light of no dot: one share, 0 where no light arrives.
-
-    The share is what the pattern falls to between the dots.
-    """
+def background(view: LightView) -> NDArray[np.float64]:
+    """Return the uniform background of the pattern (h, w): its level between dots, 0 if unlit."""
     whole, on = pattern(view), lit(view)
-    share = float(np.percentile(whole[on], _GROUND_PERCENTILE)) if on.any() else 0.0
+    share = float(np.percentile(whole[on], _BACKGROUND_PERCENTILE)) if on.any() else 0.0
     return np.minimum(whole, share)
 
 
-def lit(view: View) -> NDArray[np.bool_]:
-    """Pixels (h, w) that see a surface the projector reaches."""
+def lit(view: LightView) -> NDArray[np.bool_]:
+    """Return a mask (h, w) of the pixels that see a surface lit by the projector."""
     brightest = float(view.even_e.max(initial=0.0))
     return (view.even_e > _LIT * brightest) & np.isfinite(view.px)
 
 
-def gather(lights: Iterable[Light], focal_px: float) -> Dots:
-    """Find the dots of a projector in several scenes.
+def gather(lights: Iterable[SceneLight], focal_px: float) -> ProjectorDots:
+    """Detect the dots of a projector in several scenes.
 
     Args:
-        lights: The scenes.
-        focal_px: Focal length of the imagers [px], which tells how far apart dots can be seen.
+        lights: Light of the scenes.
+        focal_px: Focal length of the imagers [px]. It converts the merging distance to tangents.
     """
     tangents = np.empty((0, 2))
     for light in lights:
         for side in SIDES:
-            found = _find(light.view(side))
-            if len(tangents) and len(found):
-                away = KDTree(tangents).query(found)[0]
-                found = found[away > _APART_PX / focal_px]
-            tangents = np.concatenate([tangents, found])
-    return Dots(tangents=tangents)
+            detected = _detect(light.view(side))
+            if len(tangents) and len(detected):
+                distance = KDTree(tangents).query(detected)[0]
+                detected = detected[distance > _APART_PX / focal_px]
+            tangents = np.concatenate([tangents, detected])
+    return ProjectorDots(tangents=tangents)
 
 
-def dropped(view: View, dots: Dots, share: float, rng: np.random.Generator) -> View:
-    """Darken every dot with a probability; the others and the even ground stay as they are.
+def dropped(
+    view: LightView, dots: ProjectorDots, share: float, rng: np.random.Generator
+) -> LightView:
+    """Switch off each dot with a probability. Other dots and the background stay unchanged.
 
-    A dot is the light over the ground that is nearest to its direction.
+    A dot owns the light above the background in all pixels nearest to its direction.
 
     Args:
-        view: What an imager sees.
-        dots: The projector's dots.
+        view: Light of one imager.
+        dots: Dots of the projector.
         share: Probability, 0 to 1.
-        rng: The projector's own; both imagers and all scenes need the same draws.
+        rng: Stream of the projector, equal for both imagers and all scenes.
     """
     if share == 0.0:
         return view
     dark = np.append(rng.random(len(dots.tangents)) < share, False)
-    return _relight(view, np.where(dark[dots.owner(view)], ground(view), pattern(view)))
+    return _relight(view, np.where(dark[dots.owner(view)], background(view), pattern(view)))
 
 
 def shifted(
-    view: View, dots: Dots, sigma_mrad: float, focal_px: float, rng: np.random.Generator
-) -> View:
-    """Displace every dot by two normal deviates; the even ground stays.
+    view: LightView,
+    dots: ProjectorDots,
+    sigma_mrad: float,
+    focal_px: float,
+    rng: np.random.Generator,
+) -> LightView:
+    """Displace each dot by a normal deviate along each axis. The background stays unchanged.
 
-    A dot's light is what its cell has over the ground. It is carried in image space, and laid down
-    by cubic convolution weights (Keys, IEEE TASSP 29 (1981) 1153, eq. 4), which move a spot by a
-    part of a pixel without widening it.
+    The light of a dot is the light of its cell above the background. It moves in image space with
+    cubic convolution weights (Keys, IEEE TASSP 29 (1981) 1153, eq. 4). They shift a spot by a
+    fraction of a pixel without widening it.
 
     Args:
-        view: What an imager sees.
-        dots: The projector's dots.
-        sigma_mrad: Deviation along each axis [mrad].
+        view: Light of one imager.
+        dots: Dots of the projector.
+        sigma_mrad: Standard deviation along each axis [mrad].
         focal_px: Focal length of the imager [px].
-        rng: The projector's own; both imagers and all scenes need the same draws.
+        rng: Stream of the projector, equal for both imagers and all scenes.
     """
     if sigma_mrad == 0.0:
         return view
@@ -121,41 +124,41 @@ def shifted(
     # A small angle moves a tangent t by (1 + t^2).
     move_px = np.append(focal_px * angles * (1.0 + dots.tangents**2), [[0.0, 0.0]], axis=0)
     moved = move_px[dots.owner(view)]
-    even = ground(view)
-    laid = _lay_down(pattern(view) - even, moved[..., 0], moved[..., 1])
-    return _relight(view, even + laid)
+    even = background(view)
+    shifted_dots = _splat(pattern(view) - even, moved[..., 0], moved[..., 1])
+    return _relight(view, even + shifted_dots)
 
 
-def widened(view: View, added: spread.Ellipse) -> View:
-    """Widen the dots where they fall, shading and shadows staying sharp.
+def widened(view: LightView, added: spread.Ellipse) -> LightView:
+    """Widen the dots in the image. Shading and shadows stay sharp.
 
     Args:
-        view: What an imager sees.
-        added: What is added to a spot's own.
+        view: Light of one imager.
+        added: Variances added to the spot of each pixel.
     """
     if float((added.xx + added.yy).max()) == 0.0:
         return view
     return _relight(view, spread.ellipses_within(pattern(view), added, lit(view)))
 
 
-def doubled(view: View, share: float, shift_px: tuple[float, float]) -> View:
-    """Add a second, dimmer pattern beside the first, as a plate's inner reflection does.
+def doubled(view: LightView, share: float, shift_px: tuple[float, float]) -> LightView:
+    """Add a second, dimmer copy of the pattern, as an internal reflection in a plate does.
 
     Args:
-        view: What an imager sees.
-        share: Light of the second over that of the first.
-        shift_px: Where it falls (x, y): a fixed angle, so fixed in pixels [px].
+        view: Light of one imager.
+        share: Light of the second pattern over that of the first.
+        shift_px: Shift of the second pattern (x, y) [px]; the angle between both is constant.
     """
     if share == 0.0:
         return view
-    even = ground(view)
+    even = background(view)
     first = pattern(view) - even
     second = ndimage.shift(first, shift_px[::-1], order=1, mode="nearest")
     return _relight(view, even + (first + share * second) / (1.0 + share))
 
 
-def _find(view: View) -> NDArray[np.float64]:
-    """Directions (n, 2) of the dots in one view, each the centroid of its 3x3 pixels."""
+def _detect(view: LightView) -> NDArray[np.float64]:
+    """Directions (n, 2) of the dots in one view: the centroid of 3 x 3 pixels at each maximum."""
     on = lit(view)
     smooth = ndimage.gaussian_filter(pattern(view), _FLATTEN_PX)
     tall = smooth > _TALL * np.mean(smooth, where=on) if on.any() else on
@@ -168,14 +171,14 @@ def _find(view: View) -> NDArray[np.float64]:
     return np.stack(centres, 1)
 
 
-def _relight(view: View, new_pattern: NDArray[np.float64]) -> View:
+def _relight(view: LightView, new_pattern: NDArray[np.float64]) -> LightView:
     return dataclasses.replace(view, laser_e=view.even_e * new_pattern)
 
 
-def _lay_down(
+def _splat(
     values: NDArray[np.float64], dx_px: NDArray[np.float64], dy_px: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Carry every pixel's value to its place (h, w); what leaves the image is lost."""
+    """Add the value of every pixel at its displaced position (h, w), with loss at the border."""
     height, width = values.shape
     rows, columns = np.indices(values.shape)
     x, y = columns + dx_px, rows + dy_px
@@ -183,16 +186,16 @@ def _lay_down(
     out = np.zeros(values.size)
     for j in range(-1, 3):
         for i in range(-1, 3):
-            at_x, at_y = left + i, top + j
-            held = (at_x >= 0) & (at_x < width) & (at_y >= 0) & (at_y < height)
-            weight = (values * _keys(at_x - x) * _keys(at_y - y))[held]
-            place = (at_y[held] * width + at_x[held]).astype(np.intp)
-            out += np.bincount(place, weight, values.size)
+            target_x, target_y = left + i, top + j
+            inside = (target_x >= 0) & (target_x < width) & (target_y >= 0) & (target_y < height)
+            weight = (values * _keys(target_x - x) * _keys(target_y - y))[inside]
+            target = (target_y[inside] * width + target_x[inside]).astype(np.intp)
+            out += np.bincount(target, weight, values.size)
     return np.clip(out.reshape(values.shape), 0.0, None)
 
 
 def _keys(distance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Cubic convolution weight at a distance [px], a = -1/2 (Keys 1981, eq. 15)."""
+    """Return the cubic convolution weight at a distance [px], a = -1/2 (Keys 1981, eq. 15)."""
     s = np.abs(distance)
     near = (1.5 * s - 2.5) * s * s + 1.0
     far = ((-0.5 * s + 2.5) * s - 4.0) * s + 2.0

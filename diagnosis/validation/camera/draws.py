@@ -1,4 +1,4 @@
-"""Random numbers of the withheld camera: one stream for every cause, none shared with anybody."""
+"""Random streams of the second camera: one independent stream per cause."""
 
 from __future__ import annotations
 
@@ -7,33 +7,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# Drawn once for this package. With another bit generator than NumPy's default on top, no stream of
-# anybody who does not use this very constant can meet one of these.
+# Root seed of this package, drawn once. With this root and SFC64 in place of NumPy's default bit
+# generator, no stream coincides with a stream of the simulator.
 _ROOT = 0x9B1E_57C3_60DA_4F82_A6E0_33D9_1C75_8E4B
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Draws:
-    """Where random numbers come from for one scene and frame of one camera.
+    """Random streams of one frame of one scene, captured by one camera.
 
-    What a camera or a projector has by birth depends on the seed alone, what the scene has also on
-    its name, what time brings also on the frame.
+    Device streams depend on the seed alone. Scene streams depend on the scene name as well, and
+    frame streams on the frame number too.
     """
 
     seed: int
     scene: str = ""
     frame: int = 0
 
-    def of_device(self, cause: str) -> np.random.Generator:
-        """Stream of what the device has by birth: the same in all scenes and frames."""
+    def device_rng(self, cause: str) -> np.random.Generator:
+        """Return a stream of the device, equal in all scenes and frames."""
         return _stream(self.seed, "device", cause)
 
-    def of_scene(self, cause: str) -> np.random.Generator:
-        """Stream of what stands still in one scene: the same in all its frames."""
+    def scene_rng(self, cause: str) -> np.random.Generator:
+        """Return a stream of the scene, equal in all its frames."""
         return _stream(self.seed, "scene", self.scene, cause)
 
-    def of_frame(self, cause: str) -> np.random.Generator:
-        """Stream of what changes from frame to frame."""
+    def frame_rng(self, cause: str) -> np.random.Generator:
+        """Return a stream of the frame."""
         return _stream(self.seed, "frame", self.scene, str(self.frame), cause)
 
 

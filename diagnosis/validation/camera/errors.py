@@ -1,22 +1,22 @@
-"""The one way in which this package refuses."""
+"""Errors of the validation package."""
 
 from __future__ import annotations
 
 
 class WithheldError(ValueError):
-    """Something given to this package cannot be used; the message is one line."""
+    """An input of this package is invalid. The message is one line."""
 
 
 def refusal(name: str, rule: str, got: object, advice: str) -> WithheldError:
     """Make the error `<name> <rule>; got <value>. <what to do>`.
 
     Args:
-        name: What was refused.
-        rule: What holds for it: "must be > 0".
-        got: What it was.
-        advice: What to do, a whole sentence.
+        name: Name of the invalid input.
+        rule: Rule that the input violates, for example "must be > 0".
+        got: Value of the input.
+        advice: What the user can do, as a whole sentence.
 
     Returns:
-        The error, to be raised by the caller.
+        The error. The caller raises it.
     """
     return WithheldError(f"{name} {rule}; got {got}. {advice}")

@@ -1,4 +1,4 @@
-"""What a chip's pixels differ in by birth, none of it normal: real chips' tails are not either."""
+"""Fixed-pattern noise with non-Gaussian laws, as real chips have non-Gaussian tails."""
 
 from __future__ import annotations
 
@@ -14,34 +14,36 @@ Image = NDArray[np.float64]
 
 
 def sensitivity(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Image:
-    """Factor of each pixel (h, w): gamma variates of mean 1 and deviation `share`."""
+    """Draw the gain of each pixel (h, w): gamma variates of mean 1 and std `share`."""
     return rng.gamma(share**-2, share**2, shape)
 
 
 def offsets(shape: tuple[int, int], deviation_e: float, rng: np.random.Generator) -> Image:
-    """Offset of each pixel (h, w) [electrons]: logistic variates, of heavier tails than normal."""
+    """Draw the offset of each pixel (h, w) [electrons]: logistic variates with heavy tails."""
     return rng.logistic(0.0, deviation_e * math.sqrt(3.0) / math.pi, shape)
 
 
 def columns(shape: tuple[int, int], deviation_e: float, rng: np.random.Generator) -> Image:
-    """Offset of each column (1, w) [electrons]: even over an interval, as trimmed amplifiers."""
+    """Draw the offset of each column (1, w) [electrons]: uniform, as of trimmed amplifiers."""
     reach = deviation_e * math.sqrt(3.0)
     return rng.uniform(-reach, reach, (1, shape[1]))
 
 
-def full(shape: tuple[int, int], share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Pixels (h, w) that are always full: a Poisson number of places, some drawn twice."""
-    places = rng.integers(0, shape[0] * shape[1], rng.poisson(share * shape[0] * shape[1]))
+def saturated_pixels(
+    shape: tuple[int, int], share: float, rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Draw a mask (h, w) of saturated pixels: a Poisson number of positions with replacement."""
+    pixels = rng.integers(0, shape[0] * shape[1], rng.poisson(share * shape[0] * shape[1]))
     hot = np.zeros(shape[0] * shape[1], bool)
-    hot[places] = True
+    hot[pixels] = True
     return hot.reshape(shape)
 
 
 def add_offsets(charge_e: Image, strengths: Strengths, side: str, draws: Draws) -> Image:
-    """Add the offsets of pixels and columns to a charge (h, w) [electrons]."""
+    """Add pixel and column offsets to a charge (h, w) [electrons]."""
     for name, draw in (("dsnu", offsets), ("column_noise", columns)):
-        deviation_e = strengths.of(name)
+        deviation_e = strengths.value(name)
         if deviation_e != 0.0:
-            rng = draws.of_device(f"{side}/{name}")
+            rng = draws.device_rng(f"{side}/{name}")
             charge_e = charge_e + draw(charge_e.shape, deviation_e, rng)
     return charge_e

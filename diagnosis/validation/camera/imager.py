@@ -1,4 +1,4 @@
-"""From light to charge: crosstalk, counting, noise and the full well."""
+"""From light to charge: crosstalk, photon statistics, noise and full well."""
 
 from __future__ import annotations
 
@@ -16,42 +16,44 @@ Image = NDArray[np.float64]
 
 
 def charge(light_e: Image, strengths: Strengths, side: str, draws: Draws) -> Image:
-    """Turn expected electrons of one exposure into the charge that is read out.
+    """Convert the expected electrons of one exposure to the charge that is read out.
 
     Args:
         light_e: Expected electrons (h, w), >= 0.
-        strengths: The effects.
-        side: `left` or `right`, whose noise differs.
-        draws: Random numbers.
+        strengths: Nominal camera and effect strengths.
+        side: `left` or `right` imager; each has its own noise.
+        draws: Random streams of the scene and frame.
 
     Returns:
-        Charge (h, w) [electrons], at most the full well; below 0 by noise alone.
+        Charge (h, w) [electrons], at most the full well. Read noise can make it negative.
     """
-    held = light_e
-    share = strengths.of("prnu")
+    charge_e = light_e
+    share = strengths.value("prnu")
     if share != 0.0:
-        rng = draws.of_device(f"{side}/prnu")
-        held = held * fixed_pattern.sensitivity(held.shape, share, rng)
-    held = held + strengths.of("dark_current") * strengths.of("exposure")
-    held = share_charge(held, strengths.of("crosstalk"))
-    held = count(held, strengths.of("shot_noise"), draws.of_frame(f"{side}/shot"))
-    held = _read(held, strengths, side, draws)
-    full_well_e = strengths.of("saturation")
-    held = bloom(held, strengths.of("blooming"), full_well_e)
-    held = np.minimum(held, full_well_e)
-    hot_share = strengths.of("hot_pixels")
+        rng = draws.device_rng(f"{side}/prnu")
+        charge_e = charge_e * fixed_pattern.sensitivity(charge_e.shape, share, rng)
+    charge_e = charge_e + strengths.value("dark_current") * strengths.value("exposure")
+    charge_e = share_charge(charge_e, strengths.value("crosstalk"))
+    charge_e = count(charge_e, strengths.value("shot_noise"), draws.frame_rng(f"{side}/shot"))
+    charge_e = _read(charge_e, strengths, side, draws)
+    full_well_e = strengths.value("saturation")
+    charge_e = bloom(charge_e, strengths.value("blooming"), full_well_e)
+    charge_e = np.minimum(charge_e, full_well_e)
+    hot_share = strengths.value("hot_pixels")
     if hot_share != 0.0:
-        hot = fixed_pattern.full(held.shape, hot_share, draws.of_device(f"{side}/hot_pixels"))
-        held = np.where(hot, full_well_e, held)
-    return held
+        hot = fixed_pattern.saturated_pixels(
+            charge_e.shape, hot_share, draws.device_rng(f"{side}/hot_pixels")
+        )
+        charge_e = np.where(hot, full_well_e, charge_e)
+    return charge_e
 
 
 def share_charge(light_e: Image, share: float) -> Image:
-    """Let a share of each pixel's electrons end beside it.
+    """Move a share c of each pixel's electrons to its eight neighbours.
 
-    All eight neighbours receive some, as the product of two lines (c/4, 1 - c/2, c/4). Along each
-    axis the second moment, c/2, and the contrast at the finest period, 1 - c, are those of the
-    page's four neighbours.
+    The kernel is the outer product of (c/4, 1 - c/2, c/4) with itself. Its second moment per axis,
+    c/2, and its contrast at the finest period, 1 - c, equal those of the effect page, whose kernel
+    has four neighbours.
     """
     if share == 0.0:
         return light_e
@@ -61,10 +63,10 @@ def share_charge(light_e: Image, share: float) -> Image:
 
 
 def count(light_e: Image, share: float, rng: np.random.Generator) -> Image:
-    """Count electrons one by one: Poisson numbers of variance share^2 times the mean.
+    """Draw electron counts with a variance of share^2 times the mean.
 
-    A share s below 1 is a device that averages 1 / s^2 readings: a Poisson number of the mean over
-    s^2, times s^2.
+    A share s below 1 models a device that averages 1 / s^2 readings: the count is s^2 times a
+    Poisson number of mean light / s^2.
     """
     if share == 0.0:
         return light_e
@@ -72,44 +74,46 @@ def count(light_e: Image, share: float, rng: np.random.Generator) -> Image:
 
 
 def bloom(charge_e: Image, share: float, full_well_e: float) -> Image:
-    """Let a share of what is above the full well run along the column, half up and half down.
+    """Move a share of the charge above the full well along the column, half up and half down.
 
-    Both halves run at once; where they meet in a pixel that has not room for both, each gets half
-    of what the two orders would give it.
+    Both halves spread at the same time. The result is the mean of both orders, which differ only
+    where the two streams meet in one pixel.
     """
     over = np.clip(charge_e - full_well_e, 0.0, None) * (0.5 * share)
     if not over.any():
         return charge_e
-    held = np.minimum(charge_e, full_well_e)
-    down_first = _run_up(_run_down(held, over, full_well_e), over, full_well_e)
-    up_first = _run_down(_run_up(held, over, full_well_e), over, full_well_e)
+    clipped = np.minimum(charge_e, full_well_e)
+    down_first = _run_up(_run_down(clipped, over, full_well_e), over, full_well_e)
+    up_first = _run_down(_run_up(clipped, over, full_well_e), over, full_well_e)
     return 0.5 * (down_first + up_first)
 
 
-def _run_down(held: Image, over: Image, full_well_e: float) -> Image:
-    held = held.copy()
-    carried = np.zeros(held.shape[1])
-    for row in range(len(held)):
-        taken = np.minimum(carried, full_well_e - held[row])
-        held[row] += taken
-        carried = carried - taken + over[row]
-    return held
+def _run_down(charge_e: Image, over: Image, full_well_e: float) -> Image:
+    charge_e = charge_e.copy()
+    carried = np.zeros(charge_e.shape[1])
+    for row in range(len(charge_e)):
+        absorbed = np.minimum(carried, full_well_e - charge_e[row])
+        charge_e[row] += absorbed
+        carried = carried - absorbed + over[row]
+    return charge_e
 
 
-def _run_up(held: Image, over: Image, full_well_e: float) -> Image:
-    return _run_down(held[::-1], over[::-1], full_well_e)[::-1]
+def _run_up(charge_e: Image, over: Image, full_well_e: float) -> Image:
+    return _run_down(charge_e[::-1], over[::-1], full_well_e)[::-1]
 
 
-def _read(held: Image, strengths: Strengths, side: str, draws: Draws) -> Image:
-    """Add what reading adds: noise of pixels and rows, offsets of pixels and columns."""
-    held = fixed_pattern.add_offsets(held, strengths, side, draws)
-    row_e = strengths.of("row_noise")
+def _read(charge_e: Image, strengths: Strengths, side: str, draws: Draws) -> Image:
+    """Add pixel and column offsets, row noise and read noise."""
+    charge_e = fixed_pattern.add_offsets(charge_e, strengths, side, draws)
+    row_e = strengths.value("row_noise")
     if row_e != 0.0:
-        # The sum of two even deviates: bounded, as a supply's ripple.
+        # The sum of two uniform deviates is bounded, as the ripple of a supply voltage is.
         reach = row_e * math.sqrt(1.5)
-        rows = draws.of_frame(f"{side}/row_noise").uniform(-reach, reach, (2, len(held), 1))
-        held = held + rows.sum(0)
-    read_e = strengths.of("read_noise")
+        rows = draws.frame_rng(f"{side}/row_noise").uniform(-reach, reach, (2, len(charge_e), 1))
+        charge_e = charge_e + rows.sum(0)
+    read_e = strengths.value("read_noise")
     if read_e != 0.0:
-        held = held + read_e * draws.of_frame(f"{side}/read").standard_normal(held.shape)
-    return held
+        charge_e = charge_e + read_e * draws.frame_rng(f"{side}/read").standard_normal(
+            charge_e.shape
+        )
+    return charge_e

@@ -1,4 +1,4 @@
-"""Effects put into *real* infrared pairs, in which no renderer and no simulated camera had part."""
+"""Injection of effects into *real* infrared pairs, without a renderer or a simulated camera."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from starling.diagnosis.validation.camera import (
     speckle,
 )
 from starling.diagnosis.validation.camera.catalogue import Strengths
-from starling.diagnosis.validation.camera.chain import Pair
+from starling.diagnosis.validation.camera.chain import ExposedPair
+from starling.diagnosis.validation.camera.dequantise import dequantise, subcode_offsets
 from starling.diagnosis.validation.camera.draws import Draws
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.camera.readout import Codes
-from starling.diagnosis.validation.camera.unrounded import shares, unrounded
 
 Image = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ EFFECTS = frozenset(
         "gamma",
         "black_level",
         "smoothing",
-        # Outside the table; what is missing asks for bodies, lamps or single dots.
+        # Effects outside the table, except those that need bodies, lamps or single dots.
         "lens_ghost",
         "astigmatism",
         "finger_print",
@@ -56,16 +56,15 @@ EFFECTS = frozenset(
         "block_compression",
     }
 )
-LEVELS = frozenset({"black_level", "gain"})  # An automatic exposure would make up for these.
-# What is there of them cannot be taken out.
-UPWARDS = frozenset({"lens_blur", "read_noise", "smoothing"})
+LEVELS = frozenset({"black_level", "gain"})  # Automatic exposure would compensate for these.
+INCREASE_ONLY = frozenset({"lens_blur", "read_noise", "smoothing"})  # Cannot be removed.
 _OPTICAL = (
     *("lens_blur", "vignetting", "veil", "crosstalk"),
     *("lens_ghost", "astigmatism", "finger_print", "brightness_ramp"),
 )
-_DOT_PX = 9  # What is narrower than this and brighter than what is beside it is a dot.
-_PROBE_PX = 6.0  # Over which the noise that an operation leaves is averaged.
-_PROBE_LIFT = 8.0  # Keeps the probe's noise above 0, where resampling clips.
+_DOT_PX = 9  # Bright structures narrower than this count as dots [px].
+_PROBE_PX = 6.0  # Gaussian sigma over which the noise of the probe is averaged [px].
+_PROBE_LIFT = 8.0  # Offset that keeps the probe above 0, where resampling clips.
 
 
 def inject(
@@ -78,36 +77,36 @@ def inject(
     scene: str = "",
     frame: int = 0,
     exposed_again: bool = False,
-) -> Pair:
-    """Put effects into a real pair.
+) -> ExposedPair:
+    """Inject effects into a real pair.
 
-    The real noise stays, but for that of whole codes, which are rounded anew. Blurring and
-    resampling a picture would average noise away, which no lens does: what the photon transfer of
-    `nominal` says is missing is put back, and so is speckle. An effect's own noise comes on top of
-    the real one. Of `read_noise`, `lens_blur` and `smoothing` what exceeds `nominal`'s is added, in
-    quadrature.
+    The real noise remains, except for quantisation noise: the image is dequantised and rounded
+    again. Blurring and resampling an image average its noise, which a lens does not do. The missing
+    noise by the photon transfer law of `nominal` is therefore added back, and missing speckle too.
+    Noise effects add to the real noise. `read_noise`, `lens_blur` and `smoothing` add in quadrature
+    what exceeds the value of `nominal`.
 
-    A device that averages its codes has averaged the real ones, and averages what an effect adds
-    to them as well. What a lens does changes places with that, as both are linear.
+    A device that averages its codes has already averaged the real image, so it also averages the
+    added terms. The averaging commutes with the optics, as both are linear.
 
     Args:
         left_dn: Left image (h, w) [DN].
-        right_dn: Right image.
-        settings: Strengths of effects of `EFFECTS`.
-        nominal: The real camera as far as it is known; its black level must be the images'.
-        seed: Of all draws.
-        scene: Name of the scene, for draws that are the scene's.
+        right_dn: Right image (h, w) [DN].
+        settings: Strengths by effect; keys are members of `EFFECTS`.
+        nominal: The real camera as far as it is known. Its black level must be that of the images.
+        seed: Seed of all random streams.
+        scene: Name of the scene, for its random streams.
         frame: Number of the frame.
-        exposed_again: Add the noise of one more exposure, drawn for this frame, to levels that are
-            moved by shares of a code first, the same for all frames and effects.
+        exposed_again: Whether to add the noise of one more exposure of this frame. Sub-code offsets
+            shift the levels first; they are the same for all frames and effects.
 
     Returns:
-        The pair with effects; equal to the one given where every effect is at its neutral and
-        nothing is exposed again.
+        The pair with effects. It equals the input if all effects are at their neutral and
+        `exposed_again` is false.
 
     Raises:
-        WithheldError: if an effect is not of `EFFECTS`, a blur would have to be undone, or an image
-            is not of the nominal size.
+        WithheldError: if an effect is not in `EFFECTS`, a blur is below the nominal one, or an
+            image does not have the nominal size.
     """
     for name in settings:
         if name not in EFFECTS:
@@ -123,17 +122,17 @@ def inject(
                 "Give images of the nominal camera.",
             )
     strengths = Strengths(nominal=nominal, values=settings)
-    for name in sorted(UPWARDS):
-        if strengths.of(name) < Strengths(nominal=nominal, values={}).of(name):
+    for name in sorted(INCREASE_ONLY):
+        if strengths.value(name) < Strengths(nominal=nominal, values={}).value(name):
             raise refusal(name, "must not be below nominal", settings[name], "Give more.")
     draws = Draws(seed=seed, scene=scene, frame=frame)
     left, right = (
-        _Injection(strengths=strengths, side=side, draws=draws, exposed_again=exposed_again).into(
+        _Injection(strengths=strengths, side=side, draws=draws, exposed_again=exposed_again).apply(
             image
         )
         for side, image in (("left", left_dn), ("right", right_dn))
     )
-    return Pair(left=left, right=right)
+    return ExposedPair(left=left, right=right)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -143,90 +142,93 @@ class _Injection:
     draws: Draws
     exposed_again: bool
 
-    def into(self, image_dn: Codes) -> Codes:
-        if not self.exposed_again and not any(self.strengths.acting(name) for name in EFFECTS):
+    def apply(self, image_dn: Codes) -> Codes:
+        if not self.exposed_again and not any(self.strengths.is_active(name) for name in EFFECTS):
             return image_dn
         nominal = self.strengths.nominal
-        signal = unrounded(image_dn) - nominal.black_level_dn
+        signal = dequantise(image_dn) - nominal.black_level_dn
         if self.exposed_again:
-            signal = signal + shares(signal.shape, side=self.side)
-        signal = self._grain(signal)
+            signal = signal + subcode_offsets(signal.shape, side=self.side)
+        signal = self._add_speckle(signal)
         signal = self._through_optics(signal)
         if self.exposed_again:
-            rng = self.draws.of_frame(f"{self.side}/injected exposure")
+            rng = self.draws.frame_rng(f"{self.side}/injected exposure")
             noise = rng.standard_normal(signal.shape)
             signal = signal + self._averaged(np.sqrt(self._variance(signal)) * noise)
-        signal = self._electronics(signal * (self.strengths.of("gain") / nominal.gain))
+        signal = self._electronics(signal * (self.strengths.value("gain") / nominal.gain))
         ceiling = readout.top(self.strengths)
-        if self.strengths.acting("gamma"):
-            signal = readout.tone(signal, self.strengths.of("gamma"), ceiling)
-        dn = np.clip(signal + self.strengths.of("black_level"), 0.0, ceiling)
-        dn = _blurred(dn, self.strengths.of("smoothing"), nominal.smoothing_px)
-        dn = outside.compress(dn, self.strengths.of("block_compression"))
-        return readout.whole(dn, nominal.bit_depth)
+        if self.strengths.is_active("gamma"):
+            signal = readout.tone(signal, self.strengths.value("gamma"), ceiling)
+        dn = np.clip(signal + self.strengths.value("black_level"), 0.0, ceiling)
+        dn = _blurred(dn, self.strengths.value("smoothing"), nominal.smoothing_px)
+        dn = outside.compress(dn, self.strengths.value("block_compression"))
+        return readout.round_codes(dn, nominal.bit_depth)
 
-    def _grain(self, signal: Image) -> Image:
-        contrast = self.strengths.of("laser_speckle")
+    def _add_speckle(self, signal: Image) -> Image:
+        contrast = self.strengths.value("laser_speckle")
         if contrast == 0.0:
             return signal
-        rng = self.draws.of_scene(f"{self.side}/injected speckle")
+        rng = self.draws.scene_rng(f"{self.side}/injected speckle")
         factor = speckle.grain(signal.shape, contrast, self.strengths.nominal, rng)
-        return signal + self._averaged(dots_alone(signal) * (factor - 1.0))
+        return signal + self._averaged(dot_layer(signal) * (factor - 1.0))
 
     def _through_optics(self, signal: Image) -> Image:
-        """Apply what is linear, and put back the noise that it took away."""
-        moved = alignment.of_side(self.side, self.strengths) != alignment.Alignment()
-        if not moved and not any(self.strengths.acting(name) for name in _OPTICAL):
+        """Apply the linear optics, and add back the noise that they average away."""
+        moved = (
+            alignment.imager_alignment(self.side, self.strengths) != alignment.ResidualAlignment()
+        )
+        if not moved and not any(self.strengths.is_active(name) for name in _OPTICAL):
             return signal
-        seen = self._optics(signal)
-        rng = self.draws.of_frame(f"{self.side}/injected optics")
+        blurred = self._optics(signal)
+        rng = self.draws.frame_rng(f"{self.side}/injected optics")
         probe = self._averaged(rng.standard_normal(signal.shape))
         lift = np.full(signal.shape, _PROBE_LIFT)
-        left = self._optics(probe + lift) - self._optics(lift)
-        share = ndimage.gaussian_filter(left**2, _PROBE_PX) / (probe**2).mean()
-        missing = self._variance(seen) - share * self._variance(signal)
-        white = bands.filtered(rng.standard_normal(signal.shape), _taken(probe, left))
+        response = self._optics(probe + lift) - self._optics(lift)
+        share = ndimage.gaussian_filter(response**2, _PROBE_PX) / (probe**2).mean()
+        missing = self._variance(blurred) - share * self._variance(signal)
+        removed = _removed_amplitude(probe, response)
+        white = bands.filtered(rng.standard_normal(signal.shape), removed)
         noise = np.sqrt(np.clip(missing, 0.0, None)) * white / max(white.std(), 1e-9)
-        return seen + self._averaged(noise + self._blurred_grain(seen))
+        return blurred + self._averaged(noise + self._blurred_grain(blurred))
 
-    def _blurred_grain(self, seen: Image) -> Image:
-        """Speckle that blurring took away: its grain is the aperture's, whatever the lens blurs."""
+    def _blurred_grain(self, image: Image) -> Image:
+        """Speckle removed by blurring: the grain size depends on the aperture, not on the blur."""
         nominal = self.strengths.nominal
         if nominal.speckle_contrast == 0.0:
-            return np.zeros_like(seen)
-        rng = self.draws.of_scene(f"{self.side}/injected grain")
-        grain = speckle.grain(seen.shape, nominal.speckle_contrast, nominal, rng) - 1.0
-        return dots_alone(seen) * bands.filtered(
-            grain, _taken(grain, self._spot(self._lens(grain)))
+            return np.zeros_like(image)
+        rng = self.draws.scene_rng(f"{self.side}/injected grain")
+        grain = speckle.grain(image.shape, nominal.speckle_contrast, nominal, rng) - 1.0
+        return dot_layer(image) * bands.filtered(
+            grain, _removed_amplitude(grain, self._spot(self._lens(grain)))
         )
 
     def _optics(self, signal: Image) -> Image:
         nominal = self.strengths.nominal
-        exponent = self.strengths.of("vignetting")
+        exponent = self.strengths.value("vignetting")
         if exponent != 0.0:
             signal = signal * lens.vignetting(nominal, exponent)
         signal = self._lens(signal)
-        signal, glare = lens.veil(signal, np.zeros_like(signal), self.strengths.of("veil"))
-        where = alignment.of_side(self.side, self.strengths)
-        black = nominal.black_level_dn  # Landing cuts off what is below 0, and noise is.
-        landed = alignment.land(signal + glare + black, where, nominal) - black
-        landed = outside.ghost(landed, self.strengths.of("lens_ghost"))
-        landed = self._spot(landed)
-        depth = self.strengths.of("finger_print")
-        landed = outside.finger_print(landed, depth, self.side, self.draws)
-        landed = outside.ramp(landed, self.strengths.of("brightness_ramp"), self.draws.frame)
-        return imager.share_charge(landed, self.strengths.of("crosstalk"))
+        signal, glare = lens.veil(signal, np.zeros_like(signal), self.strengths.value("veil"))
+        misalignment = alignment.imager_alignment(self.side, self.strengths)
+        black = nominal.black_level_dn  # Resampling clips at 0; noise may be below.
+        image = alignment.resample(signal + glare + black, misalignment, nominal) - black
+        image = outside.ghost(image, self.strengths.value("lens_ghost"))
+        image = self._spot(image)
+        depth = self.strengths.value("finger_print")
+        image = outside.finger_print(image, depth, self.side, self.draws)
+        image = outside.ramp(image, self.strengths.value("brightness_ramp"), self.draws.frame)
+        return imager.share_charge(image, self.strengths.value("crosstalk"))
 
     def _lens(self, signal: Image) -> Image:
-        has_px = self.strengths.nominal.lens_blur_px
-        return _blurred(signal, self.strengths.of("lens_blur"), has_px, "disc")
+        nominal_px = self.strengths.nominal.lens_blur_px
+        return _blurred(signal, self.strengths.value("lens_blur"), nominal_px, "disc")
 
     def _spot(self, signal: Image) -> Image:
-        spread = self.strengths.of("astigmatism")
+        spread = self.strengths.value("astigmatism")
         return outside.astigmatism(signal, spread, self.strengths.nominal)
 
     def _variance(self, signal: Image) -> Image:
-        """Temporal variance [DN^2] of a pixel at a signal, before averaging: photon transfer."""
+        """Temporal variance [DN^2] at a signal before averaging, by the photon transfer law."""
         nominal = self.strengths.nominal
         dn_per_e = nominal.dn_per_e * nominal.gain
         level = ndimage.gaussian_filter(np.clip(signal, 0.0, None), 1.0)
@@ -237,41 +239,43 @@ class _Injection:
         strengths = self.strengths
         dn_per_e = readout.dn_per_e(strengths)
         image_e = charge_e = signal / dn_per_e
-        added_e = (strengths.of("read_noise") ** 2 - strengths.nominal.read_noise_e**2) ** 0.5
+        added_e = (strengths.value("read_noise") ** 2 - strengths.nominal.read_noise_e**2) ** 0.5
         if added_e != 0.0:
-            rng = self.draws.of_frame(f"{self.side}/injected read")
+            rng = self.draws.frame_rng(f"{self.side}/injected read")
             charge_e = charge_e + added_e * rng.standard_normal(signal.shape)
         charge_e = fixed_pattern.add_offsets(charge_e, strengths, self.side, self.draws)
-        hot_share = strengths.of("hot_pixels")
+        hot_share = strengths.value("hot_pixels")
         if hot_share != 0.0:
-            rng = self.draws.of_device(f"{self.side}/hot_pixels")
-            hot = fixed_pattern.full(signal.shape, hot_share, rng)
-            charge_e = np.where(hot, strengths.of("saturation"), charge_e)
-        rain, full_e = strengths.of("column_rain"), strengths.of("saturation")
+            rng = self.draws.device_rng(f"{self.side}/hot_pixels")
+            hot = fixed_pattern.saturated_pixels(signal.shape, hot_share, rng)
+            charge_e = np.where(hot, strengths.value("saturation"), charge_e)
+        rain, full_e = strengths.value("column_rain"), strengths.value("saturation")
         charge_e = outside.column_rain(charge_e, rain, full_e, self.side, self.draws)
-        full = (readout.top(strengths) - strengths.of("black_level")) / dn_per_e
-        # Averaged are codes, which end at the ceiling.
-        made_e = np.minimum(charge_e, full) - np.minimum(image_e, full)
-        return signal + dn_per_e * self._averaged(made_e)
+        full = (readout.top(strengths) - strengths.value("black_level")) / dn_per_e
+        # The device averages codes, which are limited to the ceiling.
+        change_e = np.minimum(charge_e, full) - np.minimum(image_e, full)
+        return signal + dn_per_e * self._averaged(change_e)
 
     def _averaged(self, added: Image) -> Image:
-        """What the device's averaging of codes leaves of what is added to them before."""
+        """Apply the device's averaging of codes to an added term."""
         return _blurred(added, self.strengths.nominal.smoothing_px, 0.0)
 
 
-def _blurred(image: Image, sigma_px: float, has_px: float, shape: psf.Shape = "gaussian") -> Image:
-    """Blur what has a blur already to a wider one."""
-    return psf.blur(image, psf.kernel(shape, (sigma_px**2 - has_px**2) ** 0.5))
+def _blurred(
+    image: Image, sigma_px: float, existing_px: float, shape: psf.Shape = "gaussian"
+) -> Image:
+    """Widen an existing blur to a standard deviation of `sigma_px`."""
+    return psf.blur(image, psf.kernel(shape, (sigma_px**2 - existing_px**2) ** 0.5))
 
 
-def _taken(before: Image, after: Image) -> NDArray[np.float64]:
-    """Amplitude that was taken from each band of an image."""
-    kept = bands.power(after) / np.maximum(bands.power(before), 1e-12)
-    return np.sqrt(np.clip(1.0 - kept, 0.0, 1.0))
+def _removed_amplitude(before: Image, after: Image) -> NDArray[np.float64]:
+    """Amplitude that an operation removed from each band, relative to the input."""
+    transmitted = bands.power(after) / np.maximum(bands.power(before), 1e-12)
+    return np.sqrt(np.clip(1.0 - transmitted, 0.0, 1.0))
 
 
-def dots_alone(signal: Image) -> Image:
-    """What of an image (h, w) is dots, as far as can be told: what a wide opening removes."""
-    ground = ndimage.grey_opening(signal, (_DOT_PX, _DOT_PX))
-    ground = ndimage.gaussian_filter(ground, 0.5 * _DOT_PX)
-    return np.clip(signal - ground, 0.0, None)
+def dot_layer(signal: Image) -> Image:
+    """Estimate the light of the dots in an image (h, w): the part that a wide opening removes."""
+    background = ndimage.grey_opening(signal, (_DOT_PX, _DOT_PX))
+    background = ndimage.gaussian_filter(background, 0.5 * _DOT_PX)
+    return np.clip(signal - background, 0.0, None)

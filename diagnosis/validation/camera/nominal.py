@@ -1,4 +1,4 @@
-"""The camera that everybody believes in: `nominal.json` beside the scenes."""
+"""The nominal camera, known to both the check and the diagnosis: `nominal.json`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from starling.diagnosis.validation.camera.errors import refusal
 
 FILE = "nominal.json"
-_PLACES = {"cx_px", "cy_px", "projector_x_m"}  # Of any sign.
+_ANY_SIGN = {"cx_px", "cy_px", "projector_x_m"}
 _MAY_BE_ZERO = {
     "ambient_w_m2",
     "ambient_gradient",
@@ -31,7 +31,7 @@ _MAY_BE_ZERO = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Nominal:
-    """Settings of the camera before any effect; one pinhole for both imagers."""
+    """Settings of the camera before any effect. Both imagers share one pinhole model."""
 
     width: int  # [px]
     height: int  # [px]
@@ -41,25 +41,25 @@ class Nominal:
     cy_px: float
     baseline_m: float
     exposure_s: float
-    power_w: float  # Of the projector.
+    power_w: float  # Optical power of the projector.
     ambient_w_m2: float
     ambient_gradient: float
     full_well_e: float
     bit_depth: int
-    dn_per_e: float  # Codes are black_level_dn + gain dn_per_e electrons.
+    dn_per_e: float  # DN = black_level_dn + gain * dn_per_e * electrons.
     gain: float
     black_level_dn: float
     depth_unit_m: float
     read_noise_e: float
-    shot_noise: float  # Share of Poisson's deviation.
-    lens_blur_px: float  # Gaussian sigma of the lens.
+    shot_noise: float  # Standard deviation over that of a Poisson law.
+    lens_blur_px: float  # Gaussian sigma of the lens spot.
     projector_x_m: float
     quantum_efficiency: float | None = None
     pixel_pitch_m: float | None = None
     f_number: float | None = None
     wavelength_nm: float | None = None
-    smoothing_px: float = 0.0  # Gaussian sigma by which the device averages codes.
-    speckle_contrast: float = 0.0  # Of the projector's light, in a pixel, before that.
+    smoothing_px: float = 0.0  # Gaussian sigma of the device's averaging of codes.
+    speckle_contrast: float = 0.0  # Speckle contrast per pixel before smoothing.
     lens_focus_m: float = 1.0
     projector_focus_m: float = 1.0
 
@@ -72,11 +72,11 @@ class Nominal:
                 raise refusal(item.name, "must be a number", repr(value), f"Correct {FILE}.")
             if not math.isfinite(value):
                 raise refusal(item.name, "must be finite", value, f"Correct {FILE}.")
-            if item.name in _PLACES:
+            if item.name in _ANY_SIGN:
                 continue
-            free = item.name in _MAY_BE_ZERO
-            if value < 0 if free else value <= 0:
-                rule = "must be >= 0" if free else "must be > 0"
+            zero_allowed = item.name in _MAY_BE_ZERO
+            if value < 0 if zero_allowed else value <= 0:
+                rule = "must be >= 0" if zero_allowed else "must be > 0"
                 raise refusal(item.name, rule, value, f"Correct {FILE}.")
 
     @property
@@ -91,28 +91,28 @@ class Nominal:
 
     @property
     def half_diagonal_px(self) -> float:
-        """Half the image's diagonal [px], the unit of radii on the effects' pages."""
+        """Half the image diagonal [px], the unit of radii on the effect pages."""
         return 0.5 * math.hypot(self.width, self.height)
 
     def tangents(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """x / z and y / z of the rays through the pixels' centres, (h, w) each."""
+        """Return x / z and y / z of the rays through the pixel centres, (h, w) each."""
         x = (np.arange(self.width, dtype=np.float64) - self.cx_px) / self.fx_px
         y = (np.arange(self.height, dtype=np.float64) - self.cy_px) / self.fy_px
         across, down = np.meshgrid(x, y)
         return across, down
 
     def radius(self) -> NDArray[np.float64]:
-        """Distance from the principal point over half the diagonal, (h, w)."""
+        """Return the distance from the principal point over half the diagonal, (h, w)."""
         x = np.arange(self.width) - self.cx_px
         y = np.arange(self.height) - self.cy_px
         return np.hypot(x[None, :], y[:, None]) / self.half_diagonal_px
 
 
 def from_table(table: Mapping[str, Any]) -> Nominal:
-    """Build it from the file's table; keys unknown here are left aside.
+    """Build the camera from the table of the file. Unknown keys are ignored.
 
     Raises:
-        WithheldError: if a key is missing or a value cannot be.
+        WithheldError: if a key is missing or a value is out of range.
     """
     fields = dataclasses.fields(Nominal)
     for item in fields:
@@ -125,13 +125,14 @@ def read(path: Path) -> Nominal:
     """Read `nominal.json`.
 
     Raises:
-        WithheldError: if it is missing, no JSON object, lacks a key or holds what cannot be.
+        WithheldError: if the file is missing or no JSON object, lacks a key or has a value out of
+            range.
     """
     return from_table(_table(path))
 
 
-def has(path: Path) -> frozenset[str]:
-    """Names of the effects that the camera of a `nominal.json` has; none where it names none.
+def read_existing_effects(path: Path) -> frozenset[str]:
+    """Read the names of the effects that the camera of a `nominal.json` already has.
 
     Raises:
         WithheldError: if the file is missing or no JSON object.

@@ -1,4 +1,4 @@
-"""Effects that no page knows: a diagnosis must say that it is none of its own."""
+"""Effects outside the diagnosis' table. The correct verdict on them is an unknown effect."""
 
 from __future__ import annotations
 
@@ -10,73 +10,76 @@ from scipy import fft, ndimage
 
 from starling.diagnosis.validation.camera.catalogue import Strengths
 from starling.diagnosis.validation.camera.draws import Draws
-from starling.diagnosis.validation.camera.light import Light, View
+from starling.diagnosis.validation.camera.light import LightView, SceneLight
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.camera.scene_light import Arriving
+from starling.diagnosis.validation.camera.scene_light import ReceivedLight
 
 Image = NDArray[np.float64]
 
-_GHOST_BLUR_PX = 3.0
-_BANDS = 2.7  # Periods of the mains over the image's height.
-_TURNS = 12  # Directions that astigmatic spots are made of.
-_NARROW_PX = 0.35  # Width of an astigmatic spot across its direction.
-_RAMP_STEP = 0.37  # Of its period, from frame to frame.
-_PRINT_BLUR = 0.012  # Of the image's width, under a finger print.
-_BLOCK_PX = 8
+_GHOST_BLUR_PX = 3.0  # Gaussian sigma of the ghost image [px].
+_BANDS = 2.7  # Mains periods over the image height.
+_TURNS = 12  # Directions between which astigmatic spots are interpolated.
+_NARROW_PX = 0.35  # Sigma of an astigmatic spot across its direction [px].
+_RAMP_STEP = 0.37  # Phase step of the brightness ramp per frame [periods].
+_PRINT_BLUR = 0.012  # Sigma of the blur under a fingerprint [image widths].
+_BLOCK_PX = 8  # Side of a compression block [px].
 
 
-def displace_body(arriving: Arriving, light: Light, strengths: Strengths, draws: Draws) -> Arriving:
-    """Move one body in the right image, as if its model stood at another scale.
+def displace_body(
+    received: ReceivedLight, light: SceneLight, strengths: Strengths, draws: Draws
+) -> ReceivedLight:
+    """Displace one body in the right image, as a misplaced model in the scene would.
 
-    Its disparity is larger by the strength [px]; what it uncovers shows what lies beside it.
+    The strength [px] is added to the disparity of the body. Uncovered pixels take the nearest pixel
+    outside the body.
     """
-    offset_px = strengths.of("body_offset")
-    chosen = _a_body(light.left, draws)
+    offset_px = strengths.value("body_offset")
+    chosen = _choose_body(light.left, draws)
     if offset_px == 0.0 or chosen is None:
-        return arriving
-    was = light.right.body == chosen
-    rows, columns = np.indices(was.shape).astype(np.float64)
+        return received
+    before = light.right.body == chosen
+    rows, columns = np.indices(before.shape).astype(np.float64)
     source = columns + offset_px
-    now = ndimage.map_coordinates(was.astype(np.float64), [rows, source], order=1) > 0.5
-    nearest = ndimage.distance_transform_edt(was, return_distances=False, return_indices=True)
-    beside = tuple(np.asarray(nearest))
+    after = ndimage.map_coordinates(before.astype(np.float64), [rows, source], order=1) > 0.5
+    nearest = ndimage.distance_transform_edt(before, return_distances=False, return_indices=True)
+    background = tuple(np.asarray(nearest))
 
     def move(image: Image) -> Image:
         moved = ndimage.map_coordinates(image, [rows, source], order=3, mode="nearest")
-        return np.where(now, np.clip(moved, 0.0, None), image[beside])
+        return np.where(after, np.clip(moved, 0.0, None), image[background])
 
-    return Arriving(laser_e=move(arriving.laser_e), rest_e=move(arriving.rest_e))
+    return ReceivedLight(laser_e=move(received.laser_e), rest_e=move(received.rest_e))
 
 
-def _a_body(view: View, draws: Draws) -> int | None:
-    """Choose a body that is large enough to be seen and not most of the image, if there is one."""
+def _choose_body(view: LightView, draws: Draws) -> int | None:
+    """Choose a body that covers 1 to 40 % of the image, or None if there is none."""
     numbers, counts = np.unique(view.body[view.body > 0], return_counts=True)
     share = counts / view.body.size
-    fit = numbers[(share > 0.01) & (share < 0.4)]
-    if not len(fit):
+    suitable = numbers[(share > 0.01) & (share < 0.4)]
+    if not len(suitable):
         return None
-    return int(draws.of_scene("body_offset").choice(fit))
+    return int(draws.scene_rng("body_offset").choice(suitable))
 
 
 def ghost(light_e: Image, share: float) -> Image:
-    """Add a dim, soft copy of the image, mirrored through its centre: light reflected in a lens."""
+    """Add a dim, blurred copy of the image, mirrored through its centre (lens reflection)."""
     if share == 0.0:
         return light_e
     return light_e + share * ndimage.gaussian_filter(light_e[::-1, ::-1], _GHOST_BLUR_PX)
 
 
-def lamps(light_e: Image, view: View, share: float, draws: Draws) -> Image:
-    """Add lamps that follow the mains while rows are exposed one after another.
+def lamps(light_e: Image, view: LightView, share: float, draws: Draws) -> Image:
+    """Add light of mains-powered lamps under a rolling shutter: bright and dark bands of rows.
 
     Args:
         light_e: Light at the lens (h, w).
-        view: Tells how surfaces look under even light.
-        share: Mean of the lamps' light over the mean of the other.
-        draws: The phase is a frame's, the same in both imagers.
+        view: Gives the appearance of the surfaces under uniform light.
+        share: Mean lamp light over the mean of `light_e`.
+        draws: Random streams. The phase differs between frames and is equal in both imagers.
     """
     if share == 0.0:
         return light_e
-    phase = draws.of_frame("mains_banding").uniform(0.0, 2.0 * math.pi)
+    phase = draws.frame_rng("mains_banding").uniform(0.0, 2.0 * math.pi)
     rows = np.arange(len(light_e))[:, None] / len(light_e)
     beat = 1.0 + np.sin(2.0 * math.pi * _BANDS * rows + phase)
     under = view.ambient_e / max(float(view.ambient_e.mean()), 1e-12)
@@ -84,7 +87,7 @@ def lamps(light_e: Image, view: View, share: float, draws: Draws) -> Image:
 
 
 def astigmatism(light_e: Image, sigma_px: float, nominal: Nominal) -> Image:
-    """Blur along one direction that turns with the place in the field, more so off the axis."""
+    """Blur along a direction that rotates with the field angle. Strength grows off the axis."""
     if sigma_px == 0.0:
         return light_e
     across, down = nominal.tangents()
@@ -110,17 +113,18 @@ def _stroke(sigma_px: float, angle: float) -> Image:
 
 
 def finger_print(light_e: Image, depth: float, side: str, draws: Draws) -> Image:
-    """Let a smear on one of the lenses dim and soften a patch of its image.
+    """Dim and blur a patch of the image, as a fingerprint on one of the lenses does.
 
     Args:
         light_e: Light at the lens (h, w).
-        depth: Share of the light that is lost, and of the rest that is blurred, in the middle.
-        side: Which imager this is.
-        draws: Where the smear is, and on which lens.
+        depth: Strength at the patch centre. Half of it is the lost share of the light; all of it
+            is the blurred share of the remainder.
+        side: "left" or "right" imager.
+        draws: Random streams of the position of the print and of the lens it is on.
     """
     if depth == 0.0:
         return light_e
-    rng = draws.of_device("finger_print")
+    rng = draws.device_rng("finger_print")
     smeared = "left" if rng.random() < 0.5 else "right"
     if side != smeared:
         return light_e
@@ -128,17 +132,17 @@ def finger_print(light_e: Image, depth: float, side: str, draws: Draws) -> Image
     ragged = ndimage.gaussian_filter(rng.standard_normal(light_e.shape), 0.04 * width)
     ragged /= float(ragged.std())
     x, y = rng.uniform(0.3, 0.7, 2)
-    far = np.hypot(
+    distance = np.hypot(
         (np.arange(width)[None, :] / width - x) * width / height,
         np.arange(height)[:, None] / height - y,
     )
-    patch = depth / (1.0 + np.exp((far - 0.3 + 0.06 * ragged) / 0.04))
+    patch = depth / (1.0 + np.exp((distance - 0.3 + 0.06 * ragged) / 0.04))
     soft = ndimage.gaussian_filter(light_e, _PRINT_BLUR * width)
     return (1.0 - 0.5 * patch) * ((1.0 - patch) * light_e + patch * soft)
 
 
 def ramp(light_e: Image, share: float, frame: int) -> Image:
-    """Let the brightness rise from row to row and start afresh at a row that rolls over frames."""
+    """Multiply rows by a sawtooth of the given relative amplitude that moves between frames."""
     if share == 0.0:
         return light_e
     rows = np.arange(len(light_e)) / len(light_e)
@@ -149,10 +153,10 @@ def ramp(light_e: Image, share: float, frame: int) -> Image:
 def column_rain(
     charge_e: Image, share: float, full_well_e: float, side: str, draws: Draws
 ) -> Image:
-    """Let a share of the columns be bright from a pixel downwards, ever less so."""
+    """Add bright streaks to a share of the columns that decay from a start pixel downwards."""
     if share == 0.0:
         return charge_e
-    rng = draws.of_device(f"{side}/column_rain")
+    rng = draws.device_rng(f"{side}/column_rain")
     height, width = charge_e.shape
     wet = rng.random(width) < share
     begin = rng.uniform(0.0, 0.8, width) * height
@@ -163,11 +167,11 @@ def column_rain(
 
 
 def compress(dn: Image, step_dn: float) -> Image:
-    """Cut away detail in blocks of 8x8 pixels, as a picture's compression does.
+    """Quantise the cosine transform of blocks of 8 x 8 pixels, as JPEG compression does.
 
     Args:
         dn: Digital numbers (h, w).
-        step_dn: Step of a block's coarsest waves [DN]; that of the finest is three times as large.
+        step_dn: Quantisation step of the coarsest wave [DN]. The finest has three times the step.
     """
     if step_dn == 0.0:
         return dn
@@ -180,5 +184,5 @@ def compress(dn: Image, step_dn: float) -> Image:
     order = np.arange(_BLOCK_PX)
     steps = step_dn * (1.0 + (order[:, None] + order[None, :]) / (_BLOCK_PX - 1.0))
     steps = steps[None, :, None, :]
-    kept = fft.idctn(np.rint(waves / steps) * steps, axes=(1, 3), norm="ortho")
-    return np.asarray(kept).reshape(padded.shape)[:height, :width]
+    decoded = fft.idctn(np.rint(waves / steps) * steps, axes=(1, 3), norm="ortho")
+    return np.asarray(decoded).reshape(padded.shape)[:height, :width]

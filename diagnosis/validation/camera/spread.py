@@ -1,4 +1,4 @@
-"""Blur whose width differs from place to place: light is spread from where it comes from."""
+"""Spatially varying blur: each source pixel spreads its light by a spot of its own width."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from starling.diagnosis.validation.camera import psf
 
-_LEVELS = 6  # Widths between the narrowest and the widest spot.
-_CORE_SHARE = 0.8  # Of a dot's added spot; the rest is a halo, as of a scratched or dirty lens.
-_HALO_RATIO = 2.5  # Width of the halo over the core's.
+_LEVELS = 6  # Number of widths from the narrowest to the widest spot.
+_CORE_SHARE = 0.8  # Light in the core of a dot's added spot; the rest is the halo of a dirty lens.
+_HALO_RATIO = 2.5  # Width of the halo over the width of the core.
 Image = NDArray[np.float64]
 Box = tuple[slice, slice]  # Rows and columns.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Ellipse:
-    """Variances and covariance that spots have in each pixel, (h, w) [px^2]."""
+    """Variances and covariance of the spot of each pixel, (h, w) [px^2]."""
 
     xx: Image
     yy: Image
@@ -29,15 +29,16 @@ class Ellipse:
         return Ellipse(xx=self.xx[box], yy=self.yy[box], xy=self.xy[box])
 
     def where(self, inside: NDArray[np.bool_]) -> Ellipse:
-        """The same spots there, elsewhere the smallest of these: no width is mixed in for it."""
+        """Replace the spots outside by the smallest spot inside; the range of widths is kept."""
         least = np.argmin(np.where(inside, self.xx + self.yy, np.inf))
         xx, yy, xy = (
-            np.where(inside, one, one.ravel()[least]) for one in (self.xx, self.yy, self.xy)
+            np.where(inside, moment, moment.ravel()[least])
+            for moment in (self.xx, self.yy, self.xy)
         )
         return Ellipse(xx=xx, yy=yy, xy=xy)
 
-    def times(self, factor: float) -> Ellipse:
-        """The same spots, larger: variances by a factor."""
+    def scaled(self, factor: float) -> Ellipse:
+        """Multiply all variances by a factor."""
         return Ellipse(xx=factor * self.xx, yy=factor * self.yy, xy=factor * self.xy)
 
 
@@ -46,35 +47,34 @@ def scatter(
 ) -> NDArray[np.float64]:
     """Spread the light of every pixel by a spot of its own width.
 
-    The light of a pixel is shared out between the two nearest of a few widths so that variances are
-    kept: a mixture of spots of variances a and b has the mixed variance, exactly.
+    The light of a pixel is divided between the two nearest of a few widths. The mixture of two
+    spots has exactly the mixed variance, so the variance of every pixel is exact.
 
     Args:
         image: Light (h, w).
-        sigma_px: Root of the spot's variance along each axis (h, w), >= 0.
+        sigma_px: Standard deviation of the spot along each axis (h, w), >= 0 [px].
         shape: Shape of the spots.
 
     Returns:
-        Light (h, w); the very image given where nothing is spread.
+        Light (h, w), or `image` itself if all widths are 0.
     """
     return _mixed(image, sigma_px, lambda width: psf.kernel(shape, width))
 
 
 def scatter_ellipses(image: Image, spots: Ellipse) -> Image:
-    """Spread the light of every pixel by a bright core and a halo, both longer one way.
+    """Spread the light of every pixel by an elliptic spot with a bright core and a halo.
 
-    A covariance is the sum of variances along rows, columns and a diagonal, each of which a line of
-    pixels has exactly; the first two are not below 0 where spots are less than 2.4 times as long as
-    wide.
+    A covariance is a sum of variances along rows, columns and a diagonal. A line kernel has each of
+    these variances exactly. The first two are >= 0 for spots up to 2.4 times as long as wide.
 
     Args:
         image: Light (h, w).
-        spots: Of every pixel.
+        spots: Spot of every pixel.
     """
     rest = 1.0 - _CORE_SHARE
     narrower = 1.0 / (_CORE_SHARE + rest * _HALO_RATIO**2)
-    core = _gaussians(image, spots.times(narrower))
-    halo = _gaussians(image, spots.times(narrower * _HALO_RATIO**2))
+    core = _gaussians(image, spots.scaled(narrower))
+    halo = _gaussians(image, spots.scaled(narrower * _HALO_RATIO**2))
     return _CORE_SHARE * core + rest * halo
 
 
@@ -111,31 +111,31 @@ def scatter_within(
     shape: psf.Shape,
     inside: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Spread as `scatter`, but within a region alone, what is even in it staying as it is.
+    """Spread as `scatter` does, but only within a region. A uniform image stays uniform there.
 
     Args:
-        image: Quantity (h, w), counted inside only.
-        sigma_px: As in `scatter`.
+        image: Quantity (h, w). Values outside the region are ignored.
+        sigma_px: Standard deviation of the spots (h, w), >= 0 [px].
         shape: Shape of the spots.
-        inside: Region (h, w) that nothing leaves or enters.
+        inside: Region (h, w).
 
     Returns:
-        Quantity (h, w), 0 outside; the very image given where nothing is spread.
+        Quantity (h, w), 0 outside, or `image` itself if all widths are 0.
     """
     if not inside.any() or float(sigma_px[inside].max()) == 0.0:
         return image
     box = _box(inside)
     width = np.where(inside[box], sigma_px[box], sigma_px[inside].min())
-    return _kept_within(image, inside, box, lambda light: scatter(light, width, shape))
+    return _normalised_within(image, inside, box, lambda light: scatter(light, width, shape))
 
 
 def ellipses_within(image: Image, spots: Ellipse, inside: NDArray[np.bool_]) -> Image:
-    """Spread as `scatter_ellipses`, likewise within a region alone (see `scatter_within`)."""
+    """Spread as `scatter_ellipses` does, but only within a region (see `scatter_within`)."""
     if not inside.any() or float((spots.xx + spots.yy)[inside].max()) == 0.0:
         return image
     box = _box(inside)
     cut = spots[box].where(inside[box])
-    return _kept_within(image, inside, box, lambda light: scatter_ellipses(light, cut))
+    return _normalised_within(image, inside, box, lambda light: scatter_ellipses(light, cut))
 
 
 def _box(inside: NDArray[np.bool_]) -> Box:
@@ -143,11 +143,11 @@ def _box(inside: NDArray[np.bool_]) -> Box:
     return np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
 
 
-def _kept_within(
+def _normalised_within(
     image: Image, inside: NDArray[np.bool_], box: Box, spread: Callable[[Image], Image]
 ) -> Image:
     weight = inside[box].astype(np.float64)
-    found, even = spread(image[box] * weight), spread(weight)
+    spread_image, spread_weight = spread(image[box] * weight), spread(weight)
     out = np.zeros_like(image)
-    out[box] = np.where(inside[box], found / np.maximum(even, 1e-9), 0.0)
+    out[box] = np.where(inside[box], spread_image / np.maximum(spread_weight, 1e-9), 0.0)
     return out

@@ -1,1 +1,1 @@
-"""The validation protocol: cases, seals, tiers, verdicts and scores."""
+"""The validation protocol: tiers, sealed cases, captures, verdicts and scores."""

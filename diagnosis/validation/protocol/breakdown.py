@@ -1,4 +1,4 @@
-"""What scores are made of: by effect, by answer, by metric, and each case that failed."""
+"""Breakdown of the scores by effect, by answer and by metric, and the list of failed cases."""
 
 from __future__ import annotations
 
@@ -7,123 +7,147 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.protocol.answered import Answered
-from starling.diagnosis.validation.protocol.figure import figure
-from starling.diagnosis.validation.protocol.verdict import Named, row_of
+from starling.diagnosis.validation.protocol.case_result import CaseResult
+from starling.diagnosis.validation.protocol.score_statistic import score_statistic
+from starling.diagnosis.validation.protocol.verdict import NamedEffect, row_of
 
 
-def by_effect(singles: Sequence[Answered], nominal: Nominal) -> dict[str, dict[str, Any]]:
-    """Scores of each effect that was done alone."""
-    found = {}
-    for row in sorted({one.rows[0] for one in singles}):
-        own = [one for one in singles if one.rows[0] == row]
-        found[row] = {
-            "cases": len(own),
-            "top1": figure(own, lambda one: one.first_right).value,
-            "in_set": figure(own, lambda one: one.in_set).value,
-            "parameter_error_pct": figure(
-                own, lambda one: one.error_pct(nominal), median=True
+def by_effect(singles: Sequence[CaseResult], nominal: Nominal) -> dict[str, dict[str, Any]]:
+    """Compute the scores of each effect from the single-effect cases."""
+    scores = {}
+    for row in sorted({result.rows[0] for result in singles}):
+        results = [result for result in singles if result.rows[0] == row]
+        scores[row] = {
+            "cases": len(results),
+            "top1": score_statistic(results, lambda result: result.top1_correct).value,
+            "in_set": score_statistic(results, lambda result: result.in_set).value,
+            "parameter_error_pct": score_statistic(
+                results, lambda result: result.error_pct(nominal), median=True
             ).value,
-            "closed_pct": figure(own, closed_pct, median=True).value,
+            "closed_pct": score_statistic(results, closed_pct, median=True).value,
         }
-    return found
+    return scores
 
 
-def confusion(known: Iterable[Answered], left_out: Iterable[Answered]) -> dict[str, dict[str, int]]:
-    """Count answers by truth, the most frequent first, unknown ones last; pairs are left aside."""
+def confusion(
+    known: Iterable[CaseResult], left_out: Iterable[CaseResult]
+) -> dict[str, dict[str, int]]:
+    """Count the answers by true effect. Pairs are excluded.
+
+    Answers are sorted by frequency. Unknown effects come after the known ones.
+    """
     counts: dict[str, Counter[str]] = {}
-    for one in known:
-        if one.case.kind != "pair":
-            counts.setdefault(_truth(one, ""), Counter())[one.verdict.said] += 1
-    for one in left_out:
-        counts.setdefault(_truth(one, "left out: "), Counter())[one.verdict.said] += 1
+    for result in known:
+        if result.case.kind != "pair":
+            counts.setdefault(_truth(result, ""), Counter())[result.verdict.answer] += 1
+    for result in left_out:
+        counts.setdefault(_truth(result, "left out: "), Counter())[result.verdict.answer] += 1
     return {
         truth: dict(sorted(answers.items(), key=lambda item: (-item[1], item[0])))
         for truth, answers in sorted(counts.items(), key=lambda item: (": " in item[0], item[0]))
     }
 
 
-def baselines(singles: Sequence[Answered]) -> dict[str, dict[str, float | None]]:
-    """Share of singles that simpler ways would have named right."""
-    names = sorted({name for one in singles for name in one.verdict.baselines})
+def baselines(singles: Sequence[CaseResult]) -> dict[str, dict[str, float | None]]:
+    """Compute the top-1 accuracy of each baseline method on the single-effect cases."""
+    names = sorted({name for result in singles for name in result.verdict.baselines})
     return {
-        name: {"top1": figure(singles, lambda one, name=name: _baseline_right(one, name)).value}
+        name: {
+            "top1": score_statistic(
+                singles, lambda result, name=name: _baseline_correct(result, name)
+            ).value
+        }
         for name in names
     }
 
 
-def as_good(first: float | None, simpler: Mapping[str, Mapping[str, float | None]]) -> int | None:
-    """How many simpler ways name as many singles right, or more; None where there is no single.
+def count_as_good(
+    top1: float | None, scores: Mapping[str, Mapping[str, float | None]]
+) -> int | None:
+    """Count the baselines whose top-1 accuracy is at least that of the diagnosis.
 
     Args:
-        first: Share that the diagnosis names first.
-        simpler: As `baselines` gives it.
+        top1: Top-1 accuracy of the diagnosis; None without a single-effect case.
+        scores: Result of `baselines`.
+
+    Returns:
+        The count, or None without a single-effect case.
     """
-    if first is None:
+    if top1 is None:
         return None
-    return sum((one["top1"] or 0.0) >= first for one in simpler.values())
+    return sum((baseline["top1"] or 0.0) >= top1 for baseline in scores.values())
 
 
-def closed_by_metric(cases: Sequence[Answered]) -> dict[str, dict[str, float | None]]:
-    """Median share closed of each metric, of cases where an effect is named and it can be told, and
-    the share of these among those with an effect named.
+def closed_by_metric(cases: Sequence[CaseResult]) -> dict[str, dict[str, float | None]]:
+    """Compute the gap reduction of each metric over the cases with a named effect.
+
+    Returns:
+        By metric, the median [%] over the cases where it is identifiable, and the share of these
+        cases.
     """
-    named = [one for one in cases if one.verdict.named]
-    found = {}
-    for name in sorted({name for one in named for name in one.verdict.closed_pct}):
-        told = figure(named, lambda one, name=name: one.verdict.closed_pct.get(name), median=True)
-        found[name] = {"median": told.value, "identifiable": len(told.values) / len(named)}
-    return found
-
-
-def closed_pct(one: Answered) -> float:
-    """Share closed of the headline metric; nothing where it cannot be told."""
-    return one.verdict.headline_pct or 0.0
-
-
-def failures(known: Iterable[Answered], left_out: Iterable[Answered]) -> list[dict[str, Any]]:
-    """List the cases that were not answered as they should be."""
-    failed = [(one, "") for one in known if not _right(one)]
-    failed += [(one, "left out: ") for one in left_out if not one.unknown]
-    listed = [
-        {
-            "case": one.case.number,
-            "scenes": one.scenes,
-            "truth": _truth(one, sort, strengths=True),
-            "said": _said(one),
+    named = [result for result in cases if result.verdict.named]
+    metrics = {}
+    for name in sorted({name for result in named for name in result.verdict.closed_pct}):
+        reduction = score_statistic(
+            named, lambda result, name=name: result.verdict.closed_pct.get(name), median=True
+        )
+        metrics[name] = {
+            "median": reduction.value,
+            "identifiable": len(reduction.values) / len(named),
         }
-        for one, sort in failed
+    return metrics
+
+
+def closed_pct(result: CaseResult) -> float:
+    """Return the gap reduction of the headline metric [%], 0 if it is not identifiable."""
+    return result.verdict.headline_pct or 0.0
+
+
+def failures(known: Iterable[CaseResult], left_out: Iterable[CaseResult]) -> list[dict[str, Any]]:
+    """List the cases with a wrong answer."""
+    failed = [(result, "") for result in known if not _correct(result)]
+    failed += [(result, "left out: ") for result in left_out if not result.declared_unknown]
+    rows = [
+        {
+            "case": result.case.number,
+            "scenes": result.set_number,
+            "truth": _truth(result, prefix, strengths=True),
+            "said": _answer(result),
+        }
+        for result, prefix in failed
     ]
-    return sorted(listed, key=lambda item: tuple(item.values()))
+    return sorted(rows, key=lambda item: tuple(item.values()))
 
 
-def _right(one: Answered) -> bool:
-    if one.case.kind == "null":
-        return not one.alarm
-    if one.case.kind == "single":
-        return one.first_right
-    return one.both_in_sets if one.case.kind == "pair" else one.unknown
+def _correct(result: CaseResult) -> bool:
+    if result.case.kind == "null":
+        return not result.gap_reported
+    if result.case.kind == "single":
+        return result.top1_correct
+    return result.both_in_sets if result.case.kind == "pair" else result.declared_unknown
 
 
-def _truth(one: Answered, sort: str, *, strengths: bool = False) -> str:
-    if not one.rows:
+def _truth(result: CaseResult, prefix: str, *, strengths: bool = False) -> str:
+    if not result.rows:
         return "no effect"
-    if one.case.kind == "unknown":
-        sort = "outside: "
-    values = one.case.settings
-    return sort + " and ".join(f"{row} {values[row]:.3g}" if strengths else row for row in one.rows)
+    if result.case.kind == "unknown":
+        prefix = "outside: "
+    values = result.case.settings
+    return prefix + " and ".join(
+        f"{row} {values[row]:.3g}" if strengths else row for row in result.rows
+    )
 
 
-def _said(one: Answered) -> str:
-    return ", ".join(map(_listed, one.verdict.named)) or one.verdict.kind
+def _answer(result: CaseResult) -> str:
+    return ", ".join(map(_format_effect, result.verdict.named)) or result.verdict.kind
 
 
-def _listed(named: Named) -> str:
+def _format_effect(named: NamedEffect) -> str:
     value = named.value if isinstance(named.value, str) else f"{named.value:.3g}"
-    rivals = [name for name in named.equals if name != named.name]
-    return f"{named.name} {value}" + (f" (or {', '.join(rivals)})" if rivals else "")
+    equivalent = [name for name in named.credible_set if name != named.name]
+    return f"{named.name} {value}" + (f" (or {', '.join(equivalent)})" if equivalent else "")
 
 
-def _baseline_right(one: Answered, name: str) -> bool:
-    answer = one.verdict.baselines.get(name)
-    return answer is not None and row_of(answer) in one.rows
+def _baseline_correct(result: CaseResult, name: str) -> bool:
+    answer = result.verdict.baselines.get(name)
+    return answer is not None and row_of(answer) in result.rows

@@ -1,4 +1,4 @@
-"""Files of capture sets: what is copied of them, and images that nobody sees half of."""
+"""Files of capture sets: copies, and images that are written atomically."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-_LAST_CODE = 65535
+_LAST_CODE = 65535  # Largest code of a 16 bit depth map.
 
 
 def copy(folder: Path, to: Path, names: tuple[str, ...]) -> None:
-    """Copy those of a folder's files that are there; `to` is made where it is not."""
+    """Copy the named files that exist in a folder. `to` is created if missing."""
     to.mkdir(parents=True, exist_ok=True)
     for name in names:
         if os.path.lexists(folder / name):
@@ -21,16 +21,16 @@ def copy(folder: Path, to: Path, names: tuple[str, ...]) -> None:
 
 
 def write(path: Path, image: np.ndarray) -> None:
-    """Write codes (h, w) of 8 or 16 bits as PNG."""
+    """Write an image (h, w) of uint8 or uint16 as PNG."""
     path.parent.mkdir(parents=True, exist_ok=True)
     done, png = cv2.imencode(".png", image)
-    assert done  # Images of whole codes always can be.
+    assert done  # Encoding of integer images cannot fail.
     part = path.with_name(f".{path.name}.part")
     part.write_bytes(png.tobytes())
     part.replace(path)
 
 
 def write_depth(path: Path, depth_m: np.ndarray, unit_m: float) -> None:
-    """Write depth (h, w) [m] as whole units of 16 bits, 0 where there is none or it is too far."""
+    """Write depth (h, w) [m] as 16 bit units, 0 where it is missing or too far."""
     code = np.nan_to_num(np.rint(depth_m / unit_m))
     write(path, np.where((code >= 1) & (code <= _LAST_CODE), code, 0).astype(np.uint16))

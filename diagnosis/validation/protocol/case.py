@@ -1,4 +1,4 @@
-"""One case of the check: what was done to a camera, and how cases are drawn by lot."""
+"""One case of the check: the effects of a camera, and the random draw of cases."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from starling.diagnosis.validation.camera.catalogue import ROWS, Kind, Row, check_names
+from starling.diagnosis.validation.camera.catalogue import ROWS, EffectRow, Kind, check_names
 from starling.diagnosis.validation.camera.errors import WithheldError, refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.protocol.limits import Limits
+from starling.diagnosis.validation.protocol.limits import DetectionLimits
 
 CaseKind = Literal["null", "single", "pair", "unknown"]
 _KINDS: tuple[CaseKind, ...] = get_args(CaseKind)
@@ -23,7 +23,7 @@ _SEED_BITS = 62
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Case:
-    """A camera with effects. Settings are strengths as in `catalogue.Row`."""
+    """A camera with effects. Settings are strengths as `catalogue.EffectRow` defines them."""
 
     number: int
     kind: CaseKind
@@ -41,7 +41,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Of its files and folders."""
+        """Name of the files and folders of the case."""
         return f"{self.number:03d}"
 
 
@@ -50,37 +50,37 @@ def draw(
     counts: Mapping[CaseKind, int],
     *,
     families: Mapping[str, str] | None = None,
-    limits: Limits | None = None,
+    limits: DetectionLimits | None = None,
     kinds: Sequence[Kind] = ("image",),
     leave_out: Iterable[str] = (),
     upwards: Iterable[str] = (),
     entropy: int | None = None,
 ) -> tuple[Case, ...]:
-    """Draw cases by lot.
+    """Draw cases at random.
 
-    Singles go round all effects before any comes again; pairs are of two families; the strengths'
-    departures are log-uniform from the detection limit, or the table's low end, to the high end;
-    numbers are dealt at random, so that they tell nothing of the kind.
+    Singles cycle through all effects in random order. Pairs have effects of two families. The
+    departures are log-uniform from the detection limit, or the low end of the table, to the high
+    end. Case numbers are random, so that they do not depend on the kind.
 
     Args:
-        nominal: The camera.
-        counts: How many of each kind of case.
-        families: By effect; one that is not there is a family of its own.
-        limits: Of what is found, where it is known.
+        nominal: The nominal camera.
+        counts: Number of cases by kind.
+        families: Family by effect. An effect without an entry is a family of its own.
+        limits: Detection limits, if measured.
         kinds: Kinds of effects that singles and pairs are drawn from.
         leave_out: Names of effects that are not drawn.
-        upwards: Names of those that are drawn above their neutral alone.
-        entropy: Where the lot starts; by default the system's own randomness.
+        upwards: Names of effects that are drawn only above their neutral.
+        entropy: Seed of the draw; by default from the operating system.
 
     Raises:
-        WithheldError: if a count is negative, a limit is of no effect, or nothing can be drawn.
+        WithheldError: if a count is negative, a limit names no effect, or no effect can be drawn.
     """
-    limits = limits or Limits(departures={}, choices={})
+    limits = limits or DetectionLimits(departures={}, choices={})
     names = [*(name for name, _ in limits.departures), *limits.choices]
     check_names(dict.fromkeys(names, 0.0))
     skip = set(leave_out)
     check_names(dict.fromkeys(skip, 0.0))
-    rng = lot(entropy)
+    rng = random_generator(entropy)
     drawer = _Drawer(
         rng=rng,
         nominal=nominal,
@@ -88,8 +88,10 @@ def draw(
         limits=limits,
         upwards=frozenset(upwards),
     )
-    known = drawer.able(row for row in ROWS.values() if row.kind in kinds and row.name not in skip)
-    strange = drawer.able(
+    known = drawer.drawable(
+        row for row in ROWS.values() if row.kind in kinds and row.name not in skip
+    )
+    unknown = drawer.drawable(
         row for row in ROWS.values() if row.kind == "outside" and row.name not in skip
     )
     drawn: list[tuple[CaseKind, dict[str, float]]] = []
@@ -98,13 +100,13 @@ def draw(
         if count < 0:
             raise refusal(f"count of {kind}", "must be >= 0", count, "Give how many.")
         if kind == "null":
-            chosen: list[tuple[Row, ...]] = [()] * count
+            chosen: list[tuple[EffectRow, ...]] = [()] * count
         elif kind == "single":
-            chosen = [(row,) for row in drawer.round(known, count)]
+            chosen = [(row,) for row in drawer.cycle(known, count)]
         elif kind == "pair":
-            chosen = [drawer.two(known) for _ in range(count)]
+            chosen = [drawer.pair(known) for _ in range(count)]
         else:
-            chosen = [(row,) for row in drawer.round(strange, count)]
+            chosen = [(row,) for row in drawer.cycle(unknown, count)]
         for rows in chosen:
             drawn.append((kind, {row.name: drawer.strength(row) for row in rows}))
     order = rng.permutation(len(drawn))
@@ -114,8 +116,8 @@ def draw(
     )
 
 
-def lot(entropy: int | None) -> np.random.Generator:
-    """Begin a lot; where nothing is given, from the system's own randomness."""
+def random_generator(entropy: int | None) -> np.random.Generator:
+    """Return a generator seeded with `entropy`, by default from the operating system."""
     if entropy is None:
         entropy = int.from_bytes(os.urandom(16), "big")
     return np.random.Generator(np.random.SFC64(entropy))
@@ -131,42 +133,42 @@ class _Drawer:
     rng: np.random.Generator
     nominal: Nominal
     families: Mapping[str, str]
-    limits: Limits
+    limits: DetectionLimits
     upwards: frozenset[str]
 
-    def family(self, row: Row) -> str:
+    def family(self, row: EffectRow) -> str:
         return self.families.get(row.name, row.name)
 
-    def sides(self, row: Row) -> list[int]:
-        """Signs to which an effect is drawn."""
+    def sides(self, row: EffectRow) -> list[int]:
+        """Signs on which an effect is drawn."""
         signs = self.limits.sides(row, self.nominal)
         return [sign for sign in signs if sign > 0 or row.name not in self.upwards]
 
-    def able(self, rows: Iterable[Row]) -> list[Row]:
-        """Those of the effects that this camera can show."""
-        shown = [row for row in rows if row.acts(self.nominal)]
+    def drawable(self, rows: Iterable[EffectRow]) -> list[EffectRow]:
+        """Effects that this camera can show and the diagnosis can detect."""
+        shown = [row for row in rows if row.applies_to(self.nominal)]
         return [row for row in shown if self.choices(row) or self.sides(row)]
 
-    def choices(self, row: Row) -> list[float]:
-        """Values of an effect that is a choice, which are found; none of another's."""
+    def choices(self, row: EffectRow) -> list[float]:
+        """Detectable values of an effect of scale `choice`; empty for other scales."""
         neutral = row.neutral_of(self.nominal)
-        found = self.limits.choices.get(row.name, row.choices)
-        return [choice for choice in found if choice != neutral]
+        detectable = self.limits.choices.get(row.name, row.choices)
+        return [choice for choice in detectable if choice != neutral]
 
-    def round(self, rows: list[Row], count: int) -> list[Row]:
+    def cycle(self, rows: list[EffectRow], count: int) -> list[EffectRow]:
         if count and not rows:
             raise refusal("cases", "must have effects to draw from", "none", "Leave out fewer.")
-        out: list[Row] = []
+        out: list[EffectRow] = []
         while len(out) < count:
             out += [rows[i] for i in self.rng.permutation(len(rows))]
         return out[:count]
 
-    def two(self, rows: list[Row]) -> tuple[Row, Row]:
-        first = self.round(rows, 1)[0]
+    def pair(self, rows: list[EffectRow]) -> tuple[EffectRow, EffectRow]:
+        first = self.cycle(rows, 1)[0]
         others = [row for row in rows if self.family(row) != self.family(first)]
-        return first, self.round(others, 1)[0]
+        return first, self.cycle(others, 1)[0]
 
-    def strength(self, row: Row) -> float:
+    def strength(self, row: EffectRow) -> float:
         if row.scale == "choice":
             return float(self.rng.choice(self.choices(row)))
         sign = int(self.rng.choice(self.sides(row)))
@@ -176,7 +178,7 @@ class _Drawer:
 
 
 def dumps(cases: Sequence[Case]) -> str:
-    """Write cases as JSON text that `loads` reads back equal."""
+    """Write cases as JSON text. `loads` reads equal cases from it."""
     table = [
         {"number": c.number, "kind": c.kind, "settings": dict(c.settings), "seed": c.seed}
         for c in cases

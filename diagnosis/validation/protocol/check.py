@@ -1,4 +1,4 @@
-"""The whole check: light, sealed cases, captures, verdicts of a diagnosis, scores."""
+"""The validation of a tier: light, sealed cases, captures, verdicts and scores."""
 
 from __future__ import annotations
 
@@ -14,74 +14,75 @@ from typing import Any
 from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.protocol import case, lock, power, programs, score, seal
-from starling.diagnosis.validation.protocol.answered import Answered
 from starling.diagnosis.validation.protocol.case import Case
-from starling.diagnosis.validation.protocol.figure import figure
+from starling.diagnosis.validation.protocol.case_result import CaseResult
 from starling.diagnosis.validation.protocol.real_pairs import RealPairs
 from starling.diagnosis.validation.protocol.rendered import Rendered
-from starling.diagnosis.validation.protocol.scene_set import SceneSet, Table
-from starling.diagnosis.validation.protocol.source import Source
+from starling.diagnosis.validation.protocol.scene_set import EffectTable, SceneSet
+from starling.diagnosis.validation.protocol.score_statistic import score_statistic
+from starling.diagnosis.validation.protocol.source import CaptureSource
 from starling.diagnosis.validation.protocol.tier import Tier
-from starling.diagnosis.validation.protocol.verdict import Arm
+from starling.diagnosis.validation.protocol.verdict import SegmentName
 
-POWER = 1  # The tier of which it is asked: images and depth, and no other matcher's.
+POWER_TIER = 1  # Tier of the power curves: images and depth, without the second matcher.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Check:
-    """Where one run of a tier lies, and how it is run."""
+    """Folder and options of one run of a tier."""
 
     out: Path
     tier: Tier
-    blender: Path
-    captures: Path | None = None  # Of a real camera, for a tier of real pairs.
+    blender: Path  # Python interpreter with `bpy`.
+    captures: Path | None = None  # Capture set of a real camera, for tier 4.
     sensor: str | None = None  # Preset or sensor file of that camera.
-    infrared: bool = True
-    power: bool = False  # Ask how strong effects must be, of cases of their own.
-    jobs: int = 2  # Sets of scenes at once, each in a process; one alone stays in this process.
-    count: int | None = None  # Of the sets, the first, that are asked and scored; None: all.
+    infrared: bool = True  # Whether captures hold infrared.
+    power: bool = False  # Whether to measure power curves, with separate cases.
+    jobs: int = 2  # Scene sets in parallel, each in a process; 1 stays in this process.
+    set_limit: int | None = None  # Number of scene sets to diagnose and score; None for all.
 
     def __post_init__(self) -> None:
         if self.jobs < 1:
-            raise refusal("jobs", "must be >= 1", self.jobs, "Give how many sets at once.")
-        if self.count is not None and not 1 <= self.count <= self.tier.sets:
+            raise refusal("jobs", "must be >= 1", self.jobs, "Give the number of parallel sets.")
+        if self.set_limit is not None and not 1 <= self.set_limit <= self.tier.sets:
             rule = f"must be 1 to {self.tier.sets}"
-            raise refusal("sets", rule, self.count, "Leave it away for all of them.")
-        given = (self.captures is not None, self.sensor is not None)
-        if given != (self._real, self._real):
+            raise refusal("sets", rule, self.set_limit, "Omit it for all sets.")
+        present = (self.captures is not None, self.sensor is not None)
+        if present != (self._real, self._real):
             rule = "must be given for tier 4, and for no other"
             got = f"{self.captures} and {self.sensor} for tier {self.tier.number}"
             raise refusal("captures and sensor", rule, got, "Give both, or take tier 4.")
         if self._real and not self.infrared:
-            raise refusal("tier 4", "must have infrared", "none", "Leave --no-infrared away.")
-        if self.tier.arm == "image" and not self.infrared:
-            rule, advice = "must have infrared", "Leave --no-infrared away."
+            raise refusal("tier 4", "must have infrared", "none", "Omit --no-infrared.")
+        if self.tier.segment == "image" and not self.infrared:
+            rule, advice = "must have infrared", "Omit --no-infrared."
             raise refusal(f"tier {self.tier.number}", rule, "none", advice)
-        if self.power and self.tier.number != POWER:
+        if self.power and self.tier.number != POWER_TIER:
             got = f"tier {self.tier.number}"
-            raise refusal("power", f"must be asked of tier {POWER}", got, "Ask that.")
+            rule = f"must be used with tier {POWER_TIER}"
+            raise refusal("power", rule, got, f"Give --tier {POWER_TIER}.")
         if self.captures is not None and not (self.captures / "capture.toml").is_file():
             advice = "Give a folder with a capture.toml."
             raise refusal("captures", "must be a capture set", self.captures, advice)
 
     @property
     def sets(self) -> list[SceneSet]:
-        """The scene sets that are asked; cases are drawn for all, so that others can be later."""
+        """The scene sets of this run. Cases are drawn for all sets, so that a run can add sets."""
         return [
             SceneSet(
-                folder=self.place / f"set-{number}",
+                folder=self.folder / f"set-{number}",
                 number=number,
                 source=self._source(number),
                 infrared=self.infrared,
             )
-            for number in range(self.count or self.tier.sets)
+            for number in range(self.set_limit or self.tier.sets)
         ]
 
     @property
     def _real(self) -> bool:
         return self.tier.source == "real"
 
-    def _source(self, number: int) -> Source:
+    def _source(self, number: int) -> CaptureSource:
         folder = self.out / f"set-{number}"
         if self.captures is None or self.sensor is None:
             return Rendered(folder=folder, number=number, tier=self.tier, blender=self.blender)
@@ -94,108 +95,120 @@ class Check:
         )
 
     @property
-    def place(self) -> Path:
-        """Folder of this run's truth and verdicts; light and signatures serve all runs in `out`."""
+    def folder(self) -> Path:
+        """Folder of the truth and the verdicts; all runs in `out` share light and caches."""
         words = [*(["power"] if self.power else []), *([] if self.infrared else ["depth alone"])]
         return self.out / " of ".join(words) if words else self.out
 
     @property
     def hidden(self) -> Path:
-        """Folder of the truth, which no program is told of."""
-        return self.place / "hidden"
+        """Folder of the truth, which no program reads."""
+        return self.folder / "hidden"
 
-    def prepared(self, singles: int | None = None) -> tuple[Case, ...]:
-        """Make what captures need, draw the cases and seal the truth, or take up what was sealed.
+    def prepare(self, singles: int | None = None) -> tuple[Case, ...]:
+        """Prepare the capture sources, then draw and seal the cases or verify an existing seal.
 
         Args:
-            singles: How many, instead of the tier's own number; the rest in proportion. For power
-                how many of each effect and level.
+            singles: Number of singles in place of that of the tier; other kinds scale in
+                proportion. For power curves, the number of cases per effect and level.
+
+        Returns:
+            The sealed cases.
 
         Raises:
-            WithheldError: if a renderer fails, another run works here, the truth, the diagnosis'
-                families or what is asked for are not what was sealed, there are captures or
-                verdicts and no seal, light or pairs are of something else, or the detection limits
-                cannot be read.
+            WithheldError: if a renderer fails, or another run uses the folder. Also if the truth,
+                the effect families or the request differ from the seal, or verdicts exist without
+                a seal. Also if existing inputs or detection limits are invalid.
         """
-        self.tier.drawn(singles)  # Refuses what no tier can draw.
-        self._each(_prepare, [(one,) for one in self.sets])
+        self.tier.scaled_counts(singles)  # Raises an error for an invalid number.
+        self._map(_prepare, [(scene_set,) for scene_set in self.sets])
         families = self._families()
-        told = {seal.FAMILIES: families, seal.ASKED: self._asked(singles)}
-        if not (self.place / seal.SEAL).exists():
-            answers = [*self.place.glob("set-*/w*/*.json"), *self.place.glob("set-*/cases/*")]
-            if answers:
-                advice = "Give a new folder: cases are drawn before they are answered."
+        public_files = {seal.FAMILIES: families, seal.REQUEST: self._request(singles)}
+        if not (self.folder / seal.SEAL).exists():
+            files = [*self.folder.glob("set-*/w*/*.json"), *self.folder.glob("set-*/cases/*")]
+            if files:
+                advice = "Give a new folder: cases are sealed before they are diagnosed."
                 rule = "must come after the seal"
-                raise refusal("captures and verdicts", rule, answers[0], advice)
-            seal.seal(self._drawn(singles, families), told, self.hidden, self.place)
-        return seal.verify(told, self.hidden, self.place)
+                raise refusal("captures and verdicts", rule, files[0], advice)
+            seal.seal(self._draw(singles, families), public_files, self.hidden, self.folder)
+        return seal.verify(public_files, self.hidden, self.folder)
 
-    def diagnosed(self, cases: Sequence[Case], singles: int | None = None) -> None:
-        """Have all cases diagnosed that are not yet.
+    def diagnose(self, cases: Sequence[Case], singles: int | None = None) -> None:
+        """Diagnose all cases without a verdict.
 
         Args:
-            cases: What was sealed.
-            singles: As for `prepared`.
+            cases: The sealed cases.
+            singles: Number of singles, as for `prepare`.
 
         Raises:
-            WithheldError: if a program fails, or the code is not what was sealed.
+            WithheldError: if a program fails, or the code differs from the sealed code.
         """
         left_out = self._left_out(cases, singles)
-        each = [
-            (one, self._of(cases, one.number), self._of(left_out, one.number)) for one in self.sets
+        work = [
+            (
+                scene_set,
+                self._cases_of_set(cases, scene_set.number),
+                self._cases_of_set(left_out, scene_set.number),
+            )
+            for scene_set in self.sets
         ]
-        if not any(one.pending(*of) for one, *of in each):
+        if not any(scene_set.pending(*arguments) for scene_set, *arguments in work):
             return
-        self._refuse_other_code()
+        self._require_sealed_code()
         try:
-            self._each(_diagnose, each)
+            self._map(_diagnose, work)
         finally:
-            seal.worked(self.place)  # Programs begin one after the other.
-        self._refuse_other_code()
+            seal.log_code(self.folder)  # The code may change between the programs.
+        self._require_sealed_code()
 
-    def scored(self, cases: Sequence[Case], singles: int | None = None) -> dict[str, Any]:
-        """Open the truth beside the verdicts; every opening is written down.
+    def score(self, cases: Sequence[Case], singles: int | None = None) -> dict[str, Any]:
+        """Score the verdicts against the truth. Each opening of the truth is recorded.
 
         Args:
-            cases: What was sealed.
-            singles: As for `prepared`.
+            cases: The sealed cases.
+            singles: Number of singles, as for `prepare`.
+
+        Returns:
+            The scores as JSON values.
 
         Raises:
             WithheldError: if a verdict is missing or damaged.
         """
         left_out = self._left_out(cases, singles)
-        answered = self._answered(cases, "whole")
-        alone, twins = (
-            self._answered(left_out, table) for table in ("without family", "without twins")
+        results = self._results(cases, "whole")
+        without_family, without_twins = (
+            self._results(left_out, table) for table in ("without family", "without twins")
         )
-        told = {}
-        if (arm := self.tier.arm) is not None:
-            told["matcher_noticed"] = _noticed(
-                [one for one in answered if self.tier.measures(one.case.number)]
+        scores = {}
+        if (segment := self.tier.segment) is not None:
+            scores["matcher_noticed"] = _matcher_detection_rate(
+                [result for result in results if self.tier.has_own_depth(result.case.number)]
             )
-            answered, alone, twins = (_of_arm(those, arm) for those in (answered, alone, twins))
-        path = self.place / "opened"
+            results, without_family, without_twins = (
+                _restrict(group, segment) for group in (results, without_family, without_twins)
+            )
+        path = self.folder / "opened"
         opened = len(path.read_text(encoding="utf-8").splitlines()) + 1 if path.exists() else 1
         with path.open("a", encoding="utf-8") as file:
-            file.write(f"{opened}: {len(answered)} and twice {len(twins)} verdicts\n")
+            file.write(f"{opened}: {len(results)} and twice {len(without_twins)} verdicts\n")
         camera = self.sets[0].source.camera
         if self.power:
-            told |= {"tier": self.tier.number, "power": power.curves(answered, camera)}
+            scores |= {"tier": self.tier.number, "power": power.curves(results, camera)}
         else:
             tier = self.tier.number
-            told |= score.score(
-                answered,
+            scores |= score.score(
+                results,
                 camera,
                 tier=tier,
-                families=seal.families((self.place / seal.FAMILIES).read_bytes()),
+                families=seal.parse_families((self.folder / seal.FAMILIES).read_bytes()),
                 infrared=self.infrared,
-                left_out=twins,
-                family_alone=alone,
+                left_out=without_twins,
+                family_alone=without_family,
             )
-        same = seal.is_of_this_code(self.place)
+        same = seal.code_is_sealed(self.folder)
         sets = {"asked": len(self.sets), "all": self.tier.sets}
         return {
-            **told,
+            **scores,
             "infrared": self.infrared,
             "sets": sets,
             "opened": opened,
@@ -203,33 +216,35 @@ class Check:
             "versions": seal.versions(),
         }
 
-    def _refuse_other_code(self) -> None:
-        if not seal.is_of_this_code(self.place):
-            rule, advice = "must be the one sealed", "Run that, or give a new folder."
-            raise refusal("code", rule, "another", advice)
+    def _require_sealed_code(self) -> None:
+        if not seal.code_is_sealed(self.folder):
+            rule, advice = "must be the sealed code", "Run that code, or give a new folder."
+            raise refusal("code", rule, "other code", advice)
 
-    def _asked(self, singles: int | None) -> bytes:
-        """What this run asks, as `seal.ASKED` is to hold it."""
-        told = {
+    def _request(self, singles: int | None) -> bytes:
+        """Options of this run, the content of `seal.REQUEST`."""
+        options = {
             "tier": self.tier.number,
-            "first_scene": self.tier.first,
+            "first_scene": self.tier.first_scene,
             "cases": singles,
             "infrared": self.infrared,
             "power": self.power,
-            "captures": self.captures and seal.content(self.captures),
-            "sensor": self.sensor and seal.of_sensor(Path(self.sensor)),
+            "captures": self.captures and seal.path_digest(self.captures),
+            "sensor": self.sensor and seal.sensor_digest(Path(self.sensor)),
         }
-        return json.dumps(told, indent=1).encode()
+        return json.dumps(options, indent=1).encode()
 
-    def _answered(self, cases: Sequence[Case], table: Table) -> list[Answered]:
+    def _results(self, cases: Sequence[Case], table: EffectTable) -> list[CaseResult]:
         return [
-            answer
-            for one in self.sets
-            for answer in one.answered(self._of(cases, one.number), table=table)
+            result
+            for scene_set in self.sets
+            for result in scene_set.results(
+                self._cases_of_set(cases, scene_set.number), table=table
+            )
         ]
 
     def _families(self) -> bytes:
-        path = self.place / f".{seal.FAMILIES}"
+        path = self.folder / f".{seal.FAMILIES}"
         path.parent.mkdir(parents=True, exist_ok=True)
         programs.families(path)
         try:
@@ -237,18 +252,18 @@ class Check:
         finally:
             path.unlink()
 
-    def _drawn(self, singles: int | None, families: bytes) -> tuple[Case, ...]:
+    def _draw(self, singles: int | None, families: bytes) -> tuple[Case, ...]:
         source = self.sets[0].source
         camera = source.camera
-        least = self._source(self.tier.sets).limits()  # Of a set that no case is of.
+        limits = self._source(self.tier.sets).limits()  # Limits come from a set without cases.
         if self.power:
-            return power.draw(camera, least, self.tier.sets, each=singles)
-        counts, _ = self.tier.drawn(singles)
+            return power.draw(camera, limits, self.tier.sets, each=singles)
+        counts, _ = self.tier.scaled_counts(singles)
         return case.draw(
             camera,
             counts,
-            families=seal.families(families),
-            limits=least,
+            families=seal.parse_families(families),
+            limits=limits,
             kinds=self.tier.kinds,
             leave_out=ROWS.keys() - source.effects,
             upwards=source.upwards,
@@ -257,36 +272,41 @@ class Check:
     def _left_out(self, cases: Sequence[Case], singles: int | None) -> list[Case]:
         if self.power:
             return []
-        _, count = self.tier.drawn(singles)
-        return [one for one in cases if one.kind == "single"][:count]
+        _, count = self.tier.scaled_counts(singles)
+        return [case for case in cases if case.kind == "single"][:count]
 
-    def _of(self, cases: Sequence[Case], number: int) -> list[Case]:
-        return [one for one in cases if one.number % self.tier.sets == number]
+    def _cases_of_set(self, cases: Sequence[Case], number: int) -> list[Case]:
+        return [case for case in cases if case.number % self.tier.sets == number]
 
-    def _each(self, work: Callable[..., None], arguments: Sequence[tuple[Any, ...]]) -> None:
+    def _map(self, work: Callable[..., None], arguments: Sequence[tuple[Any, ...]]) -> None:
         if self.jobs == 1:
-            for each in arguments:
-                work(*each)
+            for item in arguments:
+                work(*item)
             return
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(self.jobs, mp_context=context) as pool:
-            for done in [pool.submit(work, *each) for each in arguments]:
-                done.result()
+            for future in [pool.submit(work, *item) for item in arguments]:
+                future.result()
 
 
-def _noticed(answered: Sequence[Answered]) -> float | None:
-    """Share of cases whose device's matcher, which is not ours, was noticed."""
-    return figure(answered, lambda one: one.verdict.of_arm("depth").kind != "no gap").value
+def _matcher_detection_rate(results: Sequence[CaseResult]) -> float | None:
+    """Share of cases with depth of the second matcher in which the diagnosis reports a gap."""
+    return score_statistic(
+        results, lambda result: result.verdict.restricted_to("depth").kind != "no gap"
+    ).value
 
 
-def _of_arm(answered: Sequence[Answered], arm: Arm) -> list[Answered]:
-    return [dataclasses.replace(one, verdict=one.verdict.of_arm(arm)) for one in answered]
+def _restrict(results: Sequence[CaseResult], segment: SegmentName) -> list[CaseResult]:
+    return [
+        dataclasses.replace(result, verdict=result.verdict.restricted_to(segment))
+        for result in results
+    ]
 
 
-def _prepare(of: SceneSet) -> None:
-    with lock.alone(of.source.folder):
-        of.source.prepare()
+def _prepare(scene_set: SceneSet) -> None:
+    with lock.exclusive(scene_set.source.folder):
+        scene_set.source.prepare()
 
 
-def _diagnose(of: SceneSet, cases: Sequence[Case], left_out: Sequence[Case]) -> None:
-    of.diagnose(cases, left_out)
+def _diagnose(scene_set: SceneSet, cases: Sequence[Case], left_out: Sequence[Case]) -> None:
+    scene_set.diagnose(cases, left_out)

@@ -1,4 +1,4 @@
-"""What is asked of a diagnosis, by tier of the check."""
+"""Goals of the scores, by tier of the check."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from typing import Any
 from starling.diagnosis.validation.camera.errors import refusal
 
 TIERS = (1, 2, 3, 4)
-REAL = 4  # That of real pairs, whose sets share scenes.
-_OWN = (1, 3)  # Those whose renderer and matcher the diagnosis shares: goals are higher.
+REAL_TIER = 4  # Tier of real pairs, whose sets share scenes.
+_SAME_RENDERER = (1, 3)  # Tiers with the renderer and matcher of the diagnosis; higher goals.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Goal:
-    """Bounds of a score, themselves allowed."""
+    """Inclusive bounds of a score."""
 
     least: float = -math.inf
     most: float = math.inf
     percent: bool = False
 
     @property
-    def asked(self) -> str:
-        """The bounds in words."""
+    def bounds(self) -> str:
+        """The bounds as text."""
         if math.isinf(self.least):
             return f"<= {self._number(self.most)}"
         if math.isinf(self.most):
@@ -32,7 +32,7 @@ class Goal:
         return f"{self._number(self.least)} to {self._number(self.most)}"
 
     def reached(self, value: float | None) -> bool | None:
-        """Tell whether a score is within the bounds; None of none."""
+        """Return whether a score is within the bounds, or None if there is no score."""
         return None if value is None else self.least <= value <= self.most
 
     def _number(self, value: float) -> str:
@@ -55,8 +55,7 @@ _GOALS = {
     "closed_pct": (Goal(least=85, percent=True), Goal(least=60, percent=True)),
 }
 
-
-# Of depth and holes alone an answer is not asked for in every case.
+# Depth and holes alone do not identify the effect in every case.
 _WITHOUT_INFRARED = {
     "answered": Goal(least=0.60),
     "top1_of_answered": Goal(least=0.70),
@@ -65,28 +64,28 @@ _WITHOUT_INFRARED = {
 }
 
 
-def goals(
+def compare_with_goals(
     tier: int, scores: Mapping[str, float | None], *, infrared: bool = True
 ) -> dict[str, dict[str, Any]]:
-    """Set what is asked beside what was reached.
+    """Compare scores to the goals of a tier.
 
     Args:
-        tier: Of the check.
-        scores: By name, at least those that something is asked of.
-        infrared: Whether captures held it.
+        tier: Tier of the check.
+        scores: Scores by name; must hold all scores that have a goal.
+        infrared: Whether the captures hold infrared.
 
     Returns:
-        By score, what is asked, and whether it is reached (None where no case tells).
+        By score, the goal as text and whether it is reached (None without a score).
 
     Raises:
-        WithheldError: if there is no such tier.
+        WithheldError: if the tier does not exist.
     """
     if tier not in TIERS:
         raise refusal("tier", f"must be one of {TIERS}", tier, "Give one of them.")
-    asked = _WITHOUT_INFRARED
+    goals = _WITHOUT_INFRARED
     if infrared:
-        asked = {key: pair[0 if tier in _OWN else 1] for key, pair in _GOALS.items()}
+        goals = {key: pair[0 if tier in _SAME_RENDERER else 1] for key, pair in _GOALS.items()}
     return {
-        key: {"asked": goal.asked, "reached": goal.reached(scores[key])}
-        for key, goal in asked.items()
+        key: {"asked": goal.bounds, "reached": goal.reached(scores[key])}
+        for key, goal in goals.items()
     }

@@ -1,4 +1,4 @@
-"""One run at a time works on a folder."""
+"""Exclusive lock of a folder between processes."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from starling.diagnosis.validation.camera.errors import refusal
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Hold a folder, which is made where there is none, as long as the block lasts.
+def exclusive(folder: Path) -> Iterator[None]:
+    """Lock a folder for the duration of the block. The folder is created if missing.
 
     Raises:
-        WithheldError: if another process holds it.
+        WithheldError: if another process holds the lock.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / ".lock").open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            rule, advice = "must be worked on by one run at a time", "End that, or wait for it."
-            raise refusal("folder", rule, f"another in {folder}", advice) from error
+            rule, advice = "must be used by one run at a time", "End the other run or wait for it."
+            raise refusal("folder", rule, f"another run in {folder}", advice) from error
         yield

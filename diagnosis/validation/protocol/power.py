@@ -1,4 +1,4 @@
-"""Power curves: how often an effect is found, by how strong it is."""
+"""Power curves: the detection rate of an effect as a function of its strength."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.protocol.answered import Answered
-from starling.diagnosis.validation.protocol.case import Case, lot, seed
-from starling.diagnosis.validation.protocol.figure import figure
-from starling.diagnosis.validation.protocol.limits import Limits
+from starling.diagnosis.validation.protocol.case import Case, random_generator, seed
+from starling.diagnosis.validation.protocol.case_result import CaseResult
+from starling.diagnosis.validation.protocol.limits import DetectionLimits
+from starling.diagnosis.validation.protocol.score_statistic import score_statistic
 
 EFFECTS = (
     "ambient",
@@ -22,109 +22,112 @@ EFFECTS = (
     "vertical_offset",
     "read_noise",
     "pixel_locking",
-)  # One of scene, projector, optics, geometry, imager and filters.
-LEVELS = 6
-_WEAKEST, _STRONGEST = 0.25, 8.0  # Times the detection limit.
+)  # One effect each of scene, projector, optics, geometry, imager and filters.
+LEVELS = 6  # Number of strengths per effect.
+_WEAKEST, _STRONGEST = 0.25, 8.0  # Range of strengths in units of the detection limit.
 
 
-def levels(camera: Nominal, limits: Limits) -> dict[str, list[float]]:
-    """Departures that effects are asked at: as many below their detection limit as above, or more.
+def levels(camera: Nominal, limits: DetectionLimits) -> dict[str, list[float]]:
+    """Return the departures of each effect, from below to above its detection limit.
 
     Args:
-        camera: Gives the neutrals and the room there is.
-        limits: Of what is found; of two sides the one where it is found later counts.
+        camera: Nominal camera, which gives the neutrals and the allowed ranges.
+        limits: Detection limits. The larger limit of both sides counts.
 
     Returns:
-        By effect, departures in geometric steps; none of an effect that this camera cannot show.
+        By effect, departures in geometric steps. Effects that this camera cannot show are absent.
     """
-    found = {}
+    departures = {}
     for name in EFFECTS:
         row = ROWS[name]
         sides = limits.sides(row, camera)
-        if row.acts(camera) and sides:
+        if row.applies_to(camera) and sides:
             limit = max(limits.least(row, sign) for sign in sides)
             most = min(_STRONGEST * limit, max(row.reach(camera, sign) for sign in sides))
-            found[name] = [float(at) for at in np.geomspace(_WEAKEST * limit, most, LEVELS)]
-    return found
+            steps = np.geomspace(_WEAKEST * limit, most, LEVELS)
+            departures[name] = [float(departure) for departure in steps]
+    return departures
 
 
 def draw(
     camera: Nominal,
-    limits: Limits,
+    limits: DetectionLimits,
     sets: int,
     *,
     each: int | None = None,
     entropy: int | None = None,
 ) -> tuple[Case, ...]:
-    """Draw cases by lot: of every effect and level as many, dealt to the sets in turn.
+    """Draw cases at random, the same number for each effect and level, distributed over the sets.
 
     Args:
-        camera: The camera.
-        limits: As for `levels`.
-        sets: How many sets of scenes there are; a case's number tells its set.
-        each: Cases of a level; one in each set by default.
-        entropy: Where the lot starts; by default the system's own randomness.
+        camera: The nominal camera.
+        limits: Detection limits, as for `levels`.
+        sets: Number of scene sets. The set of a case is its number modulo `sets`.
+        each: Cases per level; by default one in each set.
+        entropy: Seed of the draw; by default from the operating system.
 
     Raises:
-        WithheldError: if `each` is below 1, or no effect can be found.
+        WithheldError: if `each` is below 1, or no effect can be detected.
     """
     count = sets if each is None else each
-    asked = levels(camera, limits)
+    departures_by_effect = levels(camera, limits)
     if count < 1:
         raise refusal("cases", "must be >= 1", count, "Give how many of each level.")
-    if not asked:
-        raise refusal("power", "must have effects that can be found", "none", "Check the limits.")
-    rng = lot(entropy)
-    dealt: list[list[dict[str, float]]] = [[] for _ in range(sets)]
-    for name, departures in asked.items():
+    if not departures_by_effect:
+        rule = "must have effects that can be detected"
+        raise refusal("power", rule, "none", "Check the limits.")
+    rng = random_generator(entropy)
+    by_set: list[list[dict[str, float]]] = [[] for _ in range(sets)]
+    for name, departures in departures_by_effect.items():
         row = ROWS[name]
-        able = limits.sides(row, camera)
+        signs = limits.sides(row, camera)
         for level, departure in enumerate(departures):
-            sides = [sign for sign in able if row.reach(camera, sign) >= departure]
+            sides = [sign for sign in signs if row.reach(camera, sign) >= departure]
             for number in range(count):
                 sign = int(rng.choice(sides))
                 settings = {name: row.value(camera, departure, sign)}
-                dealt[(number + level) % sets].append(settings)
-    drawn = []
-    for number, settings in enumerate(dealt):
-        for place, i in enumerate(rng.permutation(len(settings))):
-            at = number + sets * place
-            drawn.append(Case(number=at, kind="single", settings=settings[i], seed=seed(rng)))
-    return tuple(sorted(drawn, key=lambda one: one.number))
+                by_set[(number + level) % sets].append(settings)
+    cases = []
+    for set_number, settings in enumerate(by_set):
+        for turn, i in enumerate(rng.permutation(len(settings))):
+            number = set_number + sets * turn
+            cases.append(Case(number=number, kind="single", settings=settings[i], seed=seed(rng)))
+    return tuple(sorted(cases, key=lambda case: case.number))
 
 
-def curves(answered: Sequence[Answered], camera: Nominal) -> dict[str, list[dict[str, Any]]]:
-    """Count what was found at each departure from the neutral.
+def curves(results: Sequence[CaseResult], camera: Nominal) -> dict[str, list[dict[str, Any]]]:
+    """Compute the detection rates at each departure from the neutral.
 
     Args:
-        answered: Cases of `draw` with the verdicts on them.
-        camera: The camera of the cases.
+        results: Cases of `draw` with their verdicts.
+        camera: The nominal camera of the cases.
 
     Returns:
-        By effect and rising departure, the cases, the share of alarms (`alarm`), that whose first
-        named effect is right (`named`) and that with the truth in its set (`found`).
+        A list by effect, in order of departure. Each entry has the number of cases and three
+        shares: a reported gap (`alarm`), a correct top-1 effect (`named`), and the true effect in
+        the credible set (`found`).
 
     Raises:
         WithheldError: if a case is no single.
     """
-    cases: dict[str, dict[float, list[Answered]]] = {}
-    for one in answered:
-        if one.case.kind != "single":
-            name = f"case {one.case.number}"
-            raise refusal(name, "must be a single for a power curve", one.case.kind, "Drop it.")
-        name = one.rows[0]
-        departure = ROWS[name].departure(camera, one.case.settings[name])
-        cases.setdefault(name, {}).setdefault(float(f"{departure:.6g}"), []).append(one)
+    cases: dict[str, dict[float, list[CaseResult]]] = {}
+    for result in results:
+        if result.case.kind != "single":
+            name = f"case {result.case.number}"
+            raise refusal(name, "must be a single for a power curve", result.case.kind, "Drop it.")
+        name = result.rows[0]
+        departure = ROWS[name].departure(camera, result.case.settings[name])
+        cases.setdefault(name, {}).setdefault(float(f"{departure:.6g}"), []).append(result)
     return {
         name: [
             {
                 "departure": departure,
-                "cases": len(those),
-                "alarm": figure(those, lambda one: one.alarm).value,
-                "named": figure(those, lambda one: one.first_right).value,
-                "found": figure(those, lambda one: one.in_set).value,
+                "cases": len(level),
+                "alarm": score_statistic(level, lambda result: result.gap_reported).value,
+                "named": score_statistic(level, lambda result: result.top1_correct).value,
+                "found": score_statistic(level, lambda result: result.in_set).value,
             }
-            for departure, those in sorted(at.items())
+            for departure, level in sorted(by_departure.items())
         ]
-        for name, at in sorted(cases.items())
+        for name, by_departure in sorted(cases.items())
     }

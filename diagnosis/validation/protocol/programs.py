@@ -1,4 +1,4 @@
-"""Programs that the check runs, each a process of its own that is told by files alone."""
+"""Programs that the check runs in separate processes. They communicate through files only."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from pathlib import Path
 
 from starling.diagnosis.validation.camera.errors import refusal
 
-_LAST_LINES = 3
+_LAST_LINES = 3  # Lines of standard error in the message of a failed program.
 _PROGRESS = re.compile(r" \d+/\d+$")
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 SENSOR = "sensor.toml"
 
 
 def light(out: Path, scenes: Sequence[str], width: int, height: int) -> None:
-    """Write builtin scenes as light by Starling's renderer.
+    """Render the light of builtin scenes with Starling's renderer.
 
     Args:
-        out: Folder to make.
-        scenes: Names.
-        width: Of the images [px].
-        height: Likewise.
+        out: Folder to create.
+        scenes: Names of the scenes.
+        width: Width of the images [px].
+        height: Height of the images [px].
 
     Raises:
-        WithheldError: if it fails, as all functions here.
+        WithheldError: if the program fails. All functions of this module raise it.
     """
     size = ["--width", str(width), "--height", str(height)]
     _run("starling.diagnosis.validation.adapters.light_sets", [str(out), *scenes, *size])
 
 
 def cycles(light: Path, out: Path, blender: Path) -> None:
-    """Render a folder of light anew by Cycles.
+    """Render the scenes of a light folder with Cycles.
 
     Args:
         light: Folder of light.
-        out: Folder to make or to go on with.
-        blender: Python with `bpy`.
+        out: Folder to create or to complete.
+        blender: Python interpreter with `bpy`.
     """
     _run(
         "starling.diagnosis.validation.adapters.cycles_light",
@@ -50,40 +50,40 @@ def cycles(light: Path, out: Path, blender: Path) -> None:
 
 
 def camera(out: Path, captures: Path, sensor: str) -> None:
-    """Write what is believed of the camera of captures.
+    """Write the nominal camera of a capture set.
 
     Args:
-        out: Folder to make.
+        out: Folder to create.
         captures: Capture set.
         sensor: Preset or sensor file.
     """
-    asked = ["--captures", str(captures), "--sensor", sensor]
-    _run("starling.diagnosis.validation.adapters.captured_camera", [str(out), *asked])
+    options = ["--captures", str(captures), "--sensor", sensor]
+    _run("starling.diagnosis.validation.adapters.captured_camera", [str(out), *options])
 
 
 def depth(cases: Path, sensor: Path) -> None:
-    """Match all infrared pairs of a folder of capture sets by Starling's matcher."""
+    """Match all infrared pairs of a folder of capture sets with Starling's matcher."""
     _run("starling.diagnosis.validation.adapters.own_depth", [str(cases), "--sensor", str(sensor)])
 
 
 def families(out: Path) -> None:
-    """Write which families the diagnosis' table has, and what each effect is confused with."""
+    """Write the family and the confusable effects of each effect of the diagnosis' table."""
     _run("starling.diagnosis.validation.adapters.families", [str(out)])
 
 
 def limits(out: Path, captures: Path, sensor: Path, cache: Path, effects: Sequence[str]) -> None:
-    """Write how strong effects have to be to be found in captures of the same scenes.
+    """Measure the detection limits of effects in captures of the same scenes.
 
     Args:
-        out: File.
+        out: File to write.
         captures: Capture set.
-        sensor: What the camera is believed to be.
-        cache: Folder that keeps what effects do to the scenes.
-        effects: Names.
+        sensor: Sensor file of the nominal camera.
+        cache: Folder of cached simulations.
+        effects: Names of the effects.
     """
-    asked = ["--sensor", str(sensor), "--cache", str(cache), "--out", str(out)]
-    asked += ["--against-itself", "--effects", *effects]
-    _run("starling.diagnosis.validation.adapters.detection", [str(captures), *asked])
+    options = ["--sensor", str(sensor), "--cache", str(cache), "--out", str(out)]
+    options += ["--against-itself", "--effects", *effects]
+    _run("starling.diagnosis.validation.adapters.detection", [str(captures), *options])
 
 
 def diagnose(
@@ -98,32 +98,31 @@ def diagnose(
     """Diagnose a folder of capture sets.
 
     Args:
-        cases: The capture sets; nothing else is told of them.
-        out: Folder of verdicts; where effects are taken out, of `without family` and `without
-            twins`.
-        sensor: What the camera is believed to be.
-        cache: Folder that keeps what effects do to the scenes.
-        against: Capture set that each is compared with; None: with simulation.
-        without: By capture set, an effect that is taken from the diagnosis' table with its family,
-            and once more with those of the effects that the table says it is confused with.
+        cases: Folder of the capture sets.
+        out: Folder of verdicts. With `without`, the parent of `without family` and `without twins`.
+        sensor: Sensor file of the nominal camera.
+        cache: Folder of cached simulations.
+        against: Reference capture set; None compares with the simulation.
+        without: Effect to leave out, by capture set. One verdict leaves out the family of the
+            effect, a second one also the families of its confusable effects.
     """
     arguments = [str(cases), str(out), "--sensor", str(sensor), "--cache", str(cache)]
     if against is not None:
         arguments += ["--against", str(against)]
-    told = out / ".without"
+    without_file = out / ".without"
     if without is not None:
         out.mkdir(parents=True, exist_ok=True)
-        told.write_text(json.dumps(dict(without)), encoding="utf-8")
-        arguments += ["--without", str(told)]
+        without_file.write_text(json.dumps(dict(without)), encoding="utf-8")
+        arguments += ["--without", str(without_file)]
     try:
         _run("starling.diagnosis.validation.adapters.batch", arguments)
     finally:
-        told.unlink(missing_ok=True)  # Nothing that tells stays beside captures.
+        without_file.unlink(missing_ok=True)  # The file reveals the true effects.
 
 
 def _run(module: str, arguments: Sequence[str]) -> None:
     last: deque[str] = deque(maxlen=_LAST_LINES)
-    place = Path(arguments[0]).parent.name
+    set_name = Path(arguments[0]).parent.name
     with subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
         stderr=subprocess.PIPE,
@@ -133,7 +132,7 @@ def _run(module: str, arguments: Sequence[str]) -> None:
         assert running.stderr is not None
         for line in map(str.strip, running.stderr):
             if _PROGRESS.search(line):
-                print(f"{place}: {line}", file=sys.stderr, flush=True)
+                print(f"{set_name}: {line}", file=sys.stderr, flush=True)
             elif line:
                 last.append(line)
     if running.returncode:

@@ -1,13 +1,13 @@
-"""Captures of a real camera, into whose infrared pairs effects are put.
+"""Captures of a real camera with effects injected into their infrared pairs.
 
-Cases are diagnosed against the same pairs without an effect. A real scene is captured once, and a
-copy that differs by nothing would tell nothing of false alarms. So both get the noise of one more
-exposure, each its own, as photon transfer has it: two captures of the very same camera and scene
-then differ by noise as two readings do, and by nothing else. That shows alarms at noise. It cannot
-show alarms at what changes between two real captures otherwise: light, warmth, a touched tripod.
-Both sides are noisier than the camera, by the root of two, and the real noise is common to them.
+The reference of a case is the same pair without an effect. There is one real capture per scene, and
+an identical copy would not measure false positives. Both sides therefore get the noise of one more
+exposure by the photon transfer law, drawn independently. They then differ as two exposures of the
+same camera and scene do. This measures false positives due to noise, but not those due to other
+changes between captures, such as light, temperature or a moved tripod. Both sides are noisier than
+the camera by a factor of sqrt(2), and the real noise is common to both.
 
-The device's own depth does not follow what is done to an image, so captures hold infrared alone.
+The depth of the device does not change with the injected effects, so captures hold infrared only.
 """
 
 from __future__ import annotations
@@ -27,33 +27,34 @@ from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.camera.readout import Codes
 from starling.diagnosis.validation.protocol import capture_files, limits, lock, programs, seal
 from starling.diagnosis.validation.protocol.case import Case
-from starling.diagnosis.validation.protocol.limits import Limits
+from starling.diagnosis.validation.protocol.limits import DetectionLimits
 from starling.sim.captures import capture
 from starling.sim.captures.capture import CapturedScene
 
-# Where the lot of scenes starts, before the set's number; 0x5EA1_0F_4EA1 to 4EA5 were opened.
-_LOT = 0x5EA1_0F_4EA6
-_WITHOUT = 0  # Seed of the pairs without effects: a scene's are the same in all sets.
+# Seed of the random choice of scenes, before the set number. Earlier checks used 0x5EA1_0F_4EA1 to
+# 0x5EA1_0F_4EA5.
+_SCENE_SEED = 0x5EA1_0F_4EA6
+_WITHOUT = 0  # Seed of the pairs without effects; a scene has the same pair in all sets.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RealPairs:
-    """Scenes of one set, drawn by a lot that is fixed by its number. See `source.Source`."""
+    """Scenes of one set, drawn with a seed of its number. See `source.CaptureSource`."""
 
     folder: Path
-    number: int
-    scenes: int
+    number: int  # Number of the scene set.
+    scenes: int  # Number of scenes.
     captures: Path
-    believed: str  # Sensor file or preset of the captures' camera.
+    believed: str  # Sensor file or preset of the camera of the captures.
 
     @property
     def sensor(self) -> Path:
-        """What the camera is believed to be, with the captures' geometry."""
+        """Sensor file of the nominal camera with the geometry of the captures."""
         return self.folder / "camera" / programs.SENSOR
 
     @property
     def camera(self) -> Nominal:
-        """The same in this package's words."""
+        """The nominal camera, for this package."""
         return nominal.read(self._nominal)
 
     @property
@@ -63,44 +64,44 @@ class RealPairs:
 
     @property
     def cache(self) -> Path:
-        """One for all sets, as scenes are of several."""
+        """Cache of all sets, because sets share scenes."""
         return self.folder.parent / "cache"
 
     @property
     def effects(self) -> frozenset[str]:
-        """Those that can be put into an image, but for what the camera has of them already.
+        """Injectable effects, except those of the camera itself whose strength is not known.
 
-        How much a camera has is told of those alone whose neutral is one of its settings. What an
-        automatic exposure makes up for, an image that is exposed already cannot show.
+        The strength is known for effects whose neutral is a setting of the camera. Effects that
+        automatic exposure compensates are excluded too, because an exposed image cannot show them.
         """
-        told = {row.name for row in ROWS.values() if isinstance(row.neutral, str)}
-        has = nominal.has(self._nominal)
-        made_up = inject.LEVELS if "auto_exposure" in has else frozenset()
-        return inject.EFFECTS - (has - told) - made_up
+        measured = {row.name for row in ROWS.values() if isinstance(row.neutral, str)}
+        existing = nominal.read_existing_effects(self._nominal)
+        compensated = inject.LEVELS if "auto_exposure" in existing else frozenset()
+        return inject.EFFECTS - (existing - measured) - compensated
 
     @property
     def upwards(self) -> frozenset[str]:
-        """Those that cannot be taken out of an image."""
-        return inject.UPWARDS
+        """Effects that cannot be removed from an image."""
+        return inject.INCREASE_ONLY
 
     @property
     def _nominal(self) -> Path:
         return self.folder / "camera" / nominal.FILE
 
     def prepare(self) -> None:
-        """Write the camera and the pairs without effects, if they are not there.
+        """Write the camera and the pairs without effects if they do not exist.
 
         Raises:
-            WithheldError: if there are too few scenes, one is damaged or lacks an infrared pair, or
-                what is there is of other captures, another sensor or code.
+            WithheldError: if there are too few scenes, or a scene has no valid infrared pair. Also
+                if existing files are of other captures, another sensor or other code.
         """
-        there = self.against.exists()
-        of = {
-            "captures": seal.content(self.captures),
-            "sensor": seal.of_sensor(Path(self.believed)),
+        exists = self.against.exists()
+        inputs = {
+            "captures": seal.path_digest(self.captures),
+            "sensor": seal.sensor_digest(Path(self.believed)),
         }
-        seal.made(self.folder, of, there=there)
-        if not there:
+        seal.record_inputs(self.folder, inputs, exists=exists)
+        if not exists:
             shutil.rmtree(self._nominal.parent, ignore_errors=True)
             programs.camera(self._nominal.parent, self.captures, self.believed)
             part = self.folder / ".part"
@@ -108,37 +109,37 @@ class RealPairs:
             self._write({}, _WITHOUT, part)
             part.rename(self.against)
 
-    def limits(self) -> Limits:
-        """Tell what is found of effects in these scenes.
+    def limits(self) -> DetectionLimits:
+        """Measure or read the detection limits of effects in these scenes.
 
-        No case may be of this set then. Single scenes of it may be in others, as captures are few.
+        The limits come from a set without cases. Its scenes may also be in other sets, because
+        there are few captures.
 
         Raises:
-            WithheldError: as `prepare`, or if the diagnosis fails or says nothing of an effect, or
-                another run works here.
+            WithheldError: as for `prepare`, or if the diagnosis fails or lacks an effect, or
+                another run uses the folder.
         """
         path = self.folder / "limits.json"
-        with lock.alone(self.folder):
+        with lock.exclusive(self.folder):
             if not path.exists():
                 self.prepare()
                 known = sorted(name for name in self.effects if ROWS[name].kind != "outside")
                 programs.limits(path, self.against, self.sensor, self.cache, known)
-        return limits.read(path, of=self.effects)
+        return limits.read(path, required=self.effects)
 
-    def take(self, cases: Sequence[Case], out: Path) -> None:
-        """Put the effects of cases into the pairs.
+    def write_captures(self, cases: Sequence[Case], out: Path) -> None:
+        """Write the pairs with the effects of each case.
 
         Raises:
-            WithheldError: if the captures cannot be read, or a case's effects cannot be put into
-                an image.
+            WithheldError: if the captures cannot be read, or an effect cannot be injected.
         """
-        for one in cases:
-            self._write(one.settings, one.seed, out / one.name)
+        for case in cases:
+            self._write(case.settings, case.seed, out / case.name)
 
     def _write(self, settings: Mapping[str, float], seed: int, out: Path) -> None:
         camera = self.camera
         capture_files.copy(self.captures, out, ("capture.toml",))
-        for scene in lot(_scenes(self.captures), self.scenes, self.number):
+        for scene in draw_scenes(_scenes(self.captures), self.scenes, self.number):
             known = tuple(path.name for path in scene.path.iterdir() if path.is_file())
             capture_files.copy(scene.path, out / scene.name, known)
             left_dn, right_dn = _pair(scene)
@@ -156,8 +157,8 @@ class RealPairs:
 
 
 @contextmanager
-def _refused() -> Iterator[None]:
-    """What captures refuse, in this package's way."""
+def _input_errors() -> Iterator[None]:
+    """Convert errors of the capture reader to errors of this package."""
     try:
         yield
     except capture.errors.InputError as error:
@@ -165,13 +166,13 @@ def _refused() -> Iterator[None]:
 
 
 def _scenes(captures: Path) -> Sequence[CapturedScene]:
-    with _refused():
+    with _input_errors():
         return capture.open_set(captures).scenes
 
 
 def _pair(scene: CapturedScene) -> tuple[Codes, Codes]:
-    """The first infrared pair of a scene."""
-    with _refused():
+    """Return the first infrared pair of a scene."""
+    with _input_errors():
         frame = scene.frame(scene.frames[0])
     if frame.ir_left is None or frame.ir_right is None:
         name = f"scene {scene.name}"
@@ -179,27 +180,27 @@ def _pair(scene: CapturedScene) -> tuple[Codes, Codes]:
     return frame.ir_left, frame.ir_right
 
 
-def lot(scenes: Sequence[CapturedScene], count: int, number: int) -> list[CapturedScene]:
-    """Draw scenes, of as many rooms as there are before any room comes again.
+def draw_scenes(scenes: Sequence[CapturedScene], count: int, number: int) -> list[CapturedScene]:
+    """Draw scenes at random. No room repeats before all rooms have been drawn.
 
     Args:
-        scenes: Of a capture set.
-        count: How many are drawn.
-        number: Of the set; equal numbers draw alike.
+        scenes: Scenes of a capture set.
+        count: Number of scenes to draw.
+        number: Number of the scene set, which seeds the draw.
 
     Returns:
-        Scenes by name.
+        The scenes, sorted by name.
 
     Raises:
-        WithheldError: if there are too few.
+        WithheldError: if there are too few scenes.
     """
     if len(scenes) < count:
         raise refusal("captures", f"must hold {count} scenes", len(scenes), "Take more.")
-    rng = np.random.Generator(np.random.SFC64([_LOT, number]))
-    shuffled = [scenes[place] for place in rng.permutation(len(scenes))]
+    rng = np.random.Generator(np.random.SFC64([_SCENE_SEED, number]))
+    shuffled = [scenes[i] for i in rng.permutation(len(scenes))]
     rooms: dict[str, list[CapturedScene]] = {}
     for scene in shuffled:
         rooms.setdefault(scene.room, []).append(scene)
-    place = {one.name: turn for of in rooms.values() for turn, one in enumerate(of)}
-    drawn = sorted(shuffled, key=lambda one: place[one.name])[:count]
-    return sorted(drawn, key=lambda one: one.name)
+    turn = {scene.name: i for room in rooms.values() for i, scene in enumerate(room)}
+    drawn = sorted(shuffled, key=lambda scene: turn[scene.name])[:count]
+    return sorted(drawn, key=lambda scene: scene.name)

@@ -1,4 +1,4 @@
-"""Captures of rendered light: by this package's camera, with depth of a matcher."""
+"""Captures of rendered light by the second camera, with depth of a matcher."""
 
 from __future__ import annotations
 
@@ -6,23 +6,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from starling.diagnosis.validation.camera import device, nominal
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.diagnosis.validation.camera import matcher, nominal
 from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.protocol import limits, programs, seal, shoot
+from starling.diagnosis.validation.protocol import capture_files, limits, programs, seal, shoot
 from starling.diagnosis.validation.protocol.case import Case
-from starling.diagnosis.validation.protocol.limits import Limits
+from starling.diagnosis.validation.protocol.limits import DetectionLimits
 from starling.diagnosis.validation.protocol.tier import Tier
+
+UNIT_M = 0.001  # Unit of the depth files of the second matcher [m].
+_PAIR = ("ir_left.png", "ir_right.png")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Rendered:
-    """Builtin scenes of one set, and their light. See `source.Source`."""
+    """Builtin scenes of one set, and their light. See `source.CaptureSource`."""
 
     folder: Path
-    number: int
+    number: int  # Number of the scene set.
     tier: Tier
-    blender: Path  # Python with `bpy`, for light by Cycles.
+    blender: Path  # Python interpreter with `bpy`, for light by Cycles.
 
     @property
     def light(self) -> Path:
@@ -31,74 +38,96 @@ class Rendered:
 
     @property
     def sensor(self) -> Path:
-        """What the camera is believed to be."""
-        return self._starlings / programs.SENSOR
+        """Sensor file of the nominal camera, for the diagnosis."""
+        return self._starling_light / programs.SENSOR
 
     @property
     def camera(self) -> Nominal:
-        """The same in this package's words."""
+        """The nominal camera, for this package."""
         return nominal.read(self.light / nominal.FILE)
 
     @property
     def against(self) -> None:
-        """None: simulation."""
+        """None: the reference is the simulation."""
         return
 
     @property
     def cache(self) -> Path:
-        """One for the set, whose scenes are its own."""
+        """Cache of this scene set, which shares no scenes with other sets."""
         return self.folder / "cache"
 
     @property
     def effects(self) -> frozenset[str]:
-        """All of the table."""
+        """All effects of the table."""
         return frozenset(ROWS)
 
     @property
     def upwards(self) -> frozenset[str]:
-        """None."""
+        """Empty: a rendered camera can have all strengths."""
         return frozenset()
 
     @property
-    def _starlings(self) -> Path:
+    def _starling_light(self) -> Path:
         cycles = self.tier.source == "cycles"
         return self.folder / "light by Starling" if cycles else self.light
 
     def prepare(self) -> None:
-        """Make the light, if it is not there.
+        """Render the light if it does not exist.
 
         Raises:
-            WithheldError: if a renderer fails, or light that is there is of other scenes or code.
+            WithheldError: if a renderer fails, or existing light is of other scenes or code.
         """
-        names, size = self.tier.names(self.number), (self.tier.width, self.tier.height)
-        of = {"by": self.tier.source, "scenes": names, "size": size}
-        there = self._starlings.exists()
-        seal.made(self.folder, of, there=there)
-        if not there:
-            programs.light(self._starlings, names, *size)
-        if self._starlings != self.light:
-            programs.cycles(self._starlings, self.light, self.blender)
+        names, size = self.tier.scene_names(self.number), (self.tier.width, self.tier.height)
+        inputs = {"by": self.tier.source, "scenes": names, "size": size}
+        exists = self._starling_light.exists()
+        seal.record_inputs(self.folder, inputs, exists=exists)
+        if not exists:
+            programs.light(self._starling_light, names, *size)
+        if self._starling_light != self.light:
+            programs.cycles(self._starling_light, self.light, self.blender)
 
-    def limits(self) -> Limits:
-        """Those of this package's camera.
+    def limits(self) -> DetectionLimits:
+        """Return the detection limits of this package's camera.
 
         Raises:
-            WithheldError: if they cannot be read, or are not told of every effect.
+            WithheldError: if they cannot be read, or lack an effect.
         """
-        return limits.read(of=self.effects)
+        return limits.read(required=self.effects)
 
-    def take(self, cases: Sequence[Case], out: Path) -> None:
-        """Take infrared pairs of cases, and depth.
+    def write_captures(self, cases: Sequence[Case], out: Path) -> None:
+        """Write infrared pairs and depth of cases.
 
         Raises:
-            WithheldError: if a program fails or a case cannot be taken.
+            WithheldError: if a program fails or a case cannot be captured.
         """
         camera = self.camera
-        for one in cases:
-            shoot.shoot(self.light, one, out / one.name, frames=self.tier.frames)
-            if self.tier.measures(one.number):
-                device.measure(out / one.name, camera)
+        for case in cases:
+            shoot.shoot(self.light, case, out / case.name, frames=self.tier.frames)
+            if self.tier.has_own_depth(case.number):
+                match_captures(out / case.name, camera)
         if self.tier.matcher == "starling":
             programs.depth(out, self.sensor)
-        for one in cases:
-            shoot.post(out / one.name, one, camera)
+        for case in cases:
+            shoot.postprocess(out / case.name, case, camera)
+
+
+def match_captures(captures: Path, camera: Nominal) -> None:
+    """Match every infrared pair of a capture set with the second matcher and write `depth.png`.
+
+    Args:
+        captures: Folder of the capture set.
+        camera: Its nominal camera.
+
+    Raises:
+        WithheldError: if a pair cannot be matched.
+    """
+    for left in sorted(captures.glob("*/*/ir_left.png")):
+        ir_left, ir_right = (_read_image(left.with_name(name)) for name in _PAIR)
+        depth_m = matcher.depth(ir_left, ir_right, camera)
+        capture_files.write_depth(left.with_name("depth.png"), depth_m, UNIT_M)
+
+
+def _read_image(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert image is not None  # `shoot` wrote this file.
+    return image.astype(np.uint8) if image.dtype == np.uint8 else image.astype(np.uint16)

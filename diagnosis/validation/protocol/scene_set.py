@@ -1,4 +1,4 @@
-"""One set of scenes of the check: its cases' captures, and the verdicts on them."""
+"""One scene set of the check: the captures of its cases and their verdicts."""
 
 from __future__ import annotations
 
@@ -9,72 +9,79 @@ from pathlib import Path
 from typing import Literal
 
 from starling.diagnosis.validation.protocol import lock, programs, verdict
-from starling.diagnosis.validation.protocol.answered import Answered
 from starling.diagnosis.validation.protocol.case import Case
-from starling.diagnosis.validation.protocol.source import Source
+from starling.diagnosis.validation.protocol.case_result import CaseResult
+from starling.diagnosis.validation.protocol.source import CaptureSource
 
-# Of the diagnosis' table; twins are the effects that it says one is confused with.
-Table = Literal["whole", "without family", "without twins"]
+# Effects that the diagnosis may name: all, or without the family of the true effect, or also
+# without the families of its confusable effects ("twins").
+EffectTable = Literal["whole", "without family", "without twins"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SceneSet:
-    """Where a set lies. The diagnosis sees `cases`, the source's sensor and its own cache."""
+    """Files of one scene set. The diagnosis reads `cases`, the sensor file and its own cache."""
 
     folder: Path
     number: int
-    source: Source
+    source: CaptureSource
     infrared: bool = True  # Whether captures hold infrared.
 
     def diagnose(self, cases: Sequence[Case], left_out: Sequence[Case]) -> None:
-        """Take captures of cases and have them diagnosed; what has a verdict is done.
+        """Write the captures of the cases without a verdict and diagnose them.
 
         Args:
-            cases: Of this set.
-            left_out: Those that are diagnosed twice more: without their effect's family, and
-                without the families of its twins too.
+            cases: Cases of this set.
+            left_out: Cases to diagnose twice more: without the family of the true effect, and also
+                without the families of its confusable effects.
 
         Raises:
-            WithheldError: if a program fails, or another run works on the set.
+            WithheldError: if a program fails, or another run uses the folder.
         """
-        with lock.alone(self.folder):
+        with lock.exclusive(self.folder):
             self._diagnose(*self._pending(cases, left_out))
 
     def pending(self, cases: Sequence[Case], left_out: Sequence[Case]) -> bool:
-        """Whether anything is left to do (arguments as `diagnose`)."""
+        """Return whether a verdict is missing. The arguments are those of `diagnose`."""
         return any(self._pending(cases, left_out))
 
     def _pending(
         self, cases: Sequence[Case], left_out: Sequence[Case]
     ) -> tuple[list[Case], list[Case]]:
-        todo = [one for one in cases if not self._has(one, "whole")]
-        again = [one for one in left_out if not self._has(one, "without family", "without twins")]
+        todo = [case for case in cases if not self._has(case, "whole")]
+        again = [
+            case for case in left_out if not self._has(case, "without family", "without twins")
+        ]
         return todo, again
 
     def _diagnose(self, todo: Sequence[Case], again: Sequence[Case]) -> None:
-        wanted = {one.number: one for one in (*todo, *again)}
-        missing = [one for one in wanted.values() if not (self._cases / one.name).exists()]
+        needed = {case.number: case for case in (*todo, *again)}
+        missing = [case for case in needed.values() if not (self._cases / case.name).exists()]
         if missing:
             self._shoot(missing)
         if todo:
             self._run(self.folder / "whole", None)
-        if again:  # A run of its own, as it is told what acts.
-            self._run(self.folder, {one.name: _row(one) for one in again})
-        shutil.rmtree(self._cases, ignore_errors=True)  # Seeds and truth make them again.
+        if again:  # A separate run, because its input reveals the true effects.
+            self._run(self.folder, {case.name: _row(case) for case in again})
+        shutil.rmtree(self._cases, ignore_errors=True)  # The truth and its seeds reproduce them.
 
-    def answered(self, cases: Sequence[Case], *, table: Table = "whole") -> list[Answered]:
+    def results(self, cases: Sequence[Case], *, table: EffectTable = "whole") -> list[CaseResult]:
         """Read the verdicts.
 
         Args:
-            cases: Of this set.
-            table: What of the diagnosis' table was tried.
+            cases: Cases of this set.
+            table: Effects that the diagnosis could name.
 
         Raises:
-            WithheldError: if one is missing or damaged.
+            WithheldError: if a verdict is missing or damaged.
         """
         return [
-            Answered(case=one, verdict=verdict.read(self._verdict(table, one)), scenes=self.number)
-            for one in cases
+            CaseResult(
+                case=case,
+                verdict=verdict.read(self._verdict(table, case)),
+                set_number=self.number,
+            )
+            for case in cases
         ]
 
     def _run(self, out: Path, without: Mapping[str, str] | None) -> None:
@@ -87,28 +94,28 @@ class SceneSet:
             without=without,
         )
 
-    def _has(self, case: Case, *tables: Table) -> bool:
+    def _has(self, case: Case, *tables: EffectTable) -> bool:
         return all(self._verdict(table, case).exists() for table in tables)
 
     @property
     def _cases(self) -> Path:
         return self.folder / "cases"
 
-    def _verdict(self, table: Table, case: Case) -> Path:
+    def _verdict(self, table: EffectTable, case: Case) -> Path:
         return self.folder / table / f"{case.name}.json"
 
     def _shoot(self, cases: Sequence[Case]) -> None:
-        """Take captures in a place aside, as nobody may see half of one."""
-        aside = self.folder / ".cases"
-        shutil.rmtree(aside, ignore_errors=True)
-        self.source.take(cases, aside)
+        """Write captures to a temporary folder first, so that no capture set is incomplete."""
+        temporary = self.folder / ".cases"
+        shutil.rmtree(temporary, ignore_errors=True)
+        self.source.write_captures(cases, temporary)
         if not self.infrared:
-            for path in aside.rglob("ir_*.png"):
+            for path in temporary.rglob("ir_*.png"):
                 path.unlink()
         self._cases.mkdir(exist_ok=True)
-        for one in cases:
-            (aside / one.name).rename(self._cases / one.name)
-        aside.rmdir()
+        for case in cases:
+            (temporary / case.name).rename(self._cases / case.name)
+        temporary.rmdir()
 
 
 def _row(case: Case) -> str:

@@ -1,4 +1,4 @@
-"""How well a diagnosis named effects that were withheld from it."""
+"""Scores of a diagnosis on cases with known effects."""
 
 from __future__ import annotations
 
@@ -9,119 +9,143 @@ from typing import Any
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.protocol import breakdown
-from starling.diagnosis.validation.protocol.answered import Answered
-from starling.diagnosis.validation.protocol.figure import Figure, figure
-from starling.diagnosis.validation.protocol.goals import REAL, goals
+from starling.diagnosis.validation.protocol.case_result import CaseResult
+from starling.diagnosis.validation.protocol.goals import REAL_TIER, compare_with_goals
+from starling.diagnosis.validation.protocol.score_statistic import ScoreStatistic, score_statistic
 
 
 def score(
-    answered: Sequence[Answered],
+    results: Sequence[CaseResult],
     nominal: Nominal,
     *,
     tier: int,
     families: Mapping[str, str],
     infrared: bool = True,
-    left_out: Sequence[Answered] = (),
-    family_alone: Sequence[Answered] = (),
+    left_out: Sequence[CaseResult] = (),
+    family_alone: Sequence[CaseResult] = (),
 ) -> dict[str, Any]:
     """Score verdicts on cases.
 
     Args:
-        answered: Cases of all kinds with the verdicts on them.
-        nominal: The camera of the cases.
-        tier: Of the check, 1 to 4; the goals depend on it.
-        families: Of the diagnosis' effects, by name, as they were sealed.
-        infrared: Whether captures held it; without, other goals are set.
-        left_out: Singles once more, with the verdicts of a diagnosis that the true effect's family
-            and its twins' were taken from: it ought to say that it knows none.
-        family_alone: The same without the family alone: twins may rightly be named.
+        results: Cases of all kinds with their verdicts.
+        nominal: Nominal camera of the cases.
+        tier: Tier of the check, 1 to 4. The goals depend on it.
+        families: Sealed family of each effect of the diagnosis.
+        infrared: Whether the captures hold infrared. Without infrared other goals apply.
+        left_out: Single-effect cases, diagnosed without the family of the true effect and without
+            the families of its confusable effects. The correct answer is an unknown effect.
+        family_alone: The same cases, diagnosed without the family of the true effect. A confusable
+            effect may then be named.
 
     Returns:
-        The scores by name as JSON has them, rates in 0..1, None where no case tells. `intervals`
-        are 95 % by sets of scenes, and none of real pairs, whose sets share rooms; `goals` is what
-        is asked of the tier.
+        The scores by name, as written to JSON. Rates are 0 to 1, None without a relevant case.
+        `intervals` are 95 % intervals over scene sets. Real pairs have none, because their sets
+        share rooms. `goals` compares the scores to the goals of the tier.
 
     Raises:
-        WithheldError: if a case left out is no single, a single is at its neutral, or there is no
-            such tier.
+        WithheldError: if a left-out case is no single, a single is at its neutral, or the tier does
+            not exist.
     """
-    for one in (*left_out, *family_alone):
-        if one.case.kind != "single":
-            name = f"case {one.case.number}"
-            raise refusal(name, "must be a single to be left out", one.case.kind, "Leave it away.")
-    of = {
-        kind: [one for one in answered if one.case.kind == kind]
+    for result in (*left_out, *family_alone):
+        if result.case.kind != "single":
+            name = f"case {result.case.number}"
+            rule = "must be a single-effect case to be left out"
+            raise refusal(name, rule, result.case.kind, "Remove it.")
+    by_kind = {
+        kind: [result for result in results if result.case.kind == kind]
         for kind in ("null", "single", "pair", "unknown")
     }
-    known = [*of["null"], *of["single"], *of["pair"]]
-    figures = {
-        **_singles(of["single"], nominal, families),
-        "false_alarm": figure(of["null"], lambda one: one.alarm),
-        "false_named": figure(of["null"], lambda one: one.verdict.kind == "effects"),
-        "pairs_both": figure(of["pair"], lambda one: one.both_in_sets),
-        "pairs_both_named": figure(of["pair"], lambda one: one.all_named),
-        "pairs_first": figure(of["pair"], lambda one: one.first_right),
-        "unknown_recall": figure([*of["unknown"], *left_out], lambda one: one.unknown),
-        "unknown_recall_outside": figure(of["unknown"], lambda one: one.unknown),
-        "unknown_recall_left_out": figure(left_out, lambda one: one.unknown),
-        "unknown_recall_family": figure(family_alone, lambda one: one.unknown),
-        "unknown_false": figure(known, lambda one: one.unknown),
-        "unknown_false_effects": figure([*of["single"], *of["pair"]], lambda one: one.unknown),
-        **_closed([*of["single"], *of["pair"]]),
+    known = [*by_kind["null"], *by_kind["single"], *by_kind["pair"]]
+    statistics = {
+        **_singles(by_kind["single"], nominal, families),
+        "false_alarm": score_statistic(by_kind["null"], lambda result: result.gap_reported),
+        "false_named": score_statistic(
+            by_kind["null"], lambda result: result.verdict.kind == "effects"
+        ),
+        "pairs_both": score_statistic(by_kind["pair"], lambda result: result.both_in_sets),
+        "pairs_both_named": score_statistic(by_kind["pair"], lambda result: result.all_named),
+        "pairs_first": score_statistic(by_kind["pair"], lambda result: result.top1_correct),
+        "unknown_recall": score_statistic(
+            [*by_kind["unknown"], *left_out], lambda result: result.declared_unknown
+        ),
+        "unknown_recall_outside": score_statistic(
+            by_kind["unknown"], lambda result: result.declared_unknown
+        ),
+        "unknown_recall_left_out": score_statistic(
+            left_out, lambda result: result.declared_unknown
+        ),
+        "unknown_recall_family": score_statistic(
+            family_alone, lambda result: result.declared_unknown
+        ),
+        "unknown_false": score_statistic(known, lambda result: result.declared_unknown),
+        "unknown_false_effects": score_statistic(
+            [*by_kind["single"], *by_kind["pair"]], lambda result: result.declared_unknown
+        ),
+        **_closed([*by_kind["single"], *by_kind["pair"]]),
     }
-    simpler = breakdown.baselines(of["single"])
+    baseline_scores = breakdown.baselines(by_kind["single"])
     scores = {
-        **{key: one.value for key, one in figures.items()},
-        "baselines_as_good": breakdown.as_good(figures["top1"].value, simpler),
+        **{key: statistic.value for key, statistic in statistics.items()},
+        "baselines_as_good": breakdown.count_as_good(statistics["top1"].value, baseline_scores),
     }
-    asked = goals(tier, scores, infrared=infrared)
+    compared = compare_with_goals(tier, scores, infrared=infrared)
     return {
         "tier": tier,
         "cases": {
-            **{kind: len(cases) for kind, cases in of.items()},
-            "unknown": len(of["unknown"]) + len(left_out),
+            **{kind: len(cases) for kind, cases in by_kind.items()},
+            "unknown": len(by_kind["unknown"]) + len(left_out),
         },
         **scores,
-        "by_effect": breakdown.by_effect(of["single"], nominal),
-        "confusion": breakdown.confusion(answered, left_out),
-        "baselines": simpler,
-        "closed_by_metric": breakdown.closed_by_metric([*of["single"], *of["pair"]]),
-        "seconds": math.fsum(one.verdict.seconds for one in (*answered, *left_out, *family_alone)),
-        "intervals": _intervals(
-            {} if tier == REAL else {key: figures[key] for key in asked if key in figures},
-            (*answered, *left_out),
+        "by_effect": breakdown.by_effect(by_kind["single"], nominal),
+        "confusion": breakdown.confusion(results, left_out),
+        "baselines": baseline_scores,
+        "closed_by_metric": breakdown.closed_by_metric([*by_kind["single"], *by_kind["pair"]]),
+        "seconds": math.fsum(
+            result.verdict.seconds for result in (*results, *left_out, *family_alone)
         ),
-        "goals": asked,
-        "failures": breakdown.failures(answered, left_out),
+        "intervals": _intervals(
+            {}
+            if tier == REAL_TIER
+            else {key: statistics[key] for key in compared if key in statistics},
+            (*results, *left_out),
+        ),
+        "goals": compared,
+        "failures": breakdown.failures(results, left_out),
     }
 
 
 def _singles(
-    singles: Sequence[Answered], nominal: Nominal, families: Mapping[str, str]
-) -> dict[str, Figure]:
-    named = [one for one in singles if one.verdict.named]
+    singles: Sequence[CaseResult], nominal: Nominal, families: Mapping[str, str]
+) -> dict[str, ScoreStatistic]:
+    named = [result for result in singles if result.verdict.named]
     return {
-        "top1": figure(singles, lambda one: one.first_right),
-        "top1_family": figure(singles, lambda one: one.family_right(families)),
-        "in_set": figure(singles, lambda one: one.in_set),
-        "set_size": figure(named, lambda one: len(one.verdict.named[0].rows)),
-        "parameter_error_pct": figure(singles, lambda one: one.error_pct(nominal), median=True),
-        "coverage": figure(singles, lambda one: one.covered()),
-        "answered": figure(singles, lambda one: bool(one.verdict.named)),
-        "top1_of_answered": figure(named, lambda one: one.first_right),
+        "top1": score_statistic(singles, lambda result: result.top1_correct),
+        "top1_family": score_statistic(
+            singles, lambda result: result.top1_family_correct(families)
+        ),
+        "in_set": score_statistic(singles, lambda result: result.in_set),
+        "set_size": score_statistic(named, lambda result: len(result.verdict.named[0].rows)),
+        "parameter_error_pct": score_statistic(
+            singles, lambda result: result.error_pct(nominal), median=True
+        ),
+        "coverage": score_statistic(singles, lambda result: result.interval_covers_truth()),
+        "answered": score_statistic(singles, lambda result: bool(result.verdict.named)),
+        "top1_of_answered": score_statistic(named, lambda result: result.top1_correct),
     }
 
 
-def _closed(cases: Sequence[Answered]) -> dict[str, Figure]:
+def _closed(cases: Sequence[CaseResult]) -> dict[str, ScoreStatistic]:
     return {
-        "closed_pct": figure(cases, breakdown.closed_pct, median=True),
-        "closed_not_identifiable": figure(
-            cases, lambda one: bool(one.verdict.named) and one.verdict.headline_pct is None
+        "closed_pct": score_statistic(cases, breakdown.closed_pct, median=True),
+        "closed_not_identifiable": score_statistic(
+            cases, lambda result: bool(result.verdict.named) and result.verdict.headline_pct is None
         ),
     }
 
 
-def _intervals(figures: dict[str, Figure], cases: Sequence[Answered]) -> dict[str, list[float]]:
-    sets = sorted({one.scenes for one in cases})
-    told = {key: one.interval(sets) for key, one in figures.items()}
-    return {key: list(ends) for key, ends in told.items() if ends is not None}
+def _intervals(
+    statistics: dict[str, ScoreStatistic], cases: Sequence[CaseResult]
+) -> dict[str, list[float]]:
+    sets = sorted({result.set_number for result in cases})
+    intervals = {key: statistic.interval(sets) for key, statistic in statistics.items()}
+    return {key: list(ends) for key, ends in intervals.items() if ends is not None}

@@ -1,4 +1,4 @@
-"""Scores as text."""
+"""Scores as text tables."""
 
 from __future__ import annotations
 
@@ -6,41 +6,41 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from starling.diagnosis.validation.protocol.goals import REAL
+from starling.diagnosis.validation.protocol.goals import REAL_TIER
 
-_WIDTH = 120
-_WORDS = {
-    "top1": "one effect: named first",
-    "top1_family": "one effect: its family named first",
-    "baselines_as_good": "one effect: simpler ways that name as many first",
-    "in_set": "one effect: in the set named first",
-    "set_size": "one effect: mean size of that set",
-    "answered": "one effect: an effect named at all",
-    "top1_of_answered": "one effect: named first, where one is named",
-    "parameter_error_pct": "one effect: error of its strength, median [%]",
-    "coverage": "one effect: strength within the interval",
-    "false_alarm": "no effect: a gap alarmed of",
-    "false_named": "no effect: an effect named",
-    "pairs_both": "two effects: both in sets",
+_WIDTH = 120  # Longest line [characters].
+_LABELS = {
+    "top1": "one effect: top-1 accuracy",
+    "top1_family": "one effect: top-1 accuracy of the family",
+    "baselines_as_good": "one effect: baselines with at least this top-1 accuracy",
+    "in_set": "one effect: in the credible set of the top-1 effect",
+    "set_size": "one effect: mean size of the credible set",
+    "answered": "one effect: an effect is named",
+    "top1_of_answered": "one effect: top-1 accuracy of cases with a named effect",
+    "parameter_error_pct": "one effect: error of the strength, median [%]",
+    "coverage": "one effect: interval contains the strength",
+    "false_alarm": "no effect: a gap is reported",
+    "false_named": "no effect: an effect is named",
+    "pairs_both": "two effects: both in credible sets",
     "pairs_both_named": "two effects: both named",
-    "pairs_first": "two effects: one of them named first",
-    "unknown_recall": "unknown effects: said to be unknown",
-    "unknown_recall_outside": "unknown effects: of those in no table",
-    "unknown_recall_left_out": "unknown effects: of those left out with their twins",
-    "unknown_recall_family": "unknown effects: of those left out without twins",
-    "unknown_false": "others: said to be unknown",
-    "unknown_false_effects": "one or two effects: said to be unknown",
-    "closed_pct": "one or two effects: gap closed, median [%]",
-    "closed_not_identifiable": "one or two effects: named, closing not told",
+    "pairs_first": "two effects: top-1 effect is one of them",
+    "unknown_recall": "unknown effect: reported as unknown",
+    "unknown_recall_outside": "unknown effect: recall, effects outside the table",
+    "unknown_recall_left_out": "unknown effect: recall, left out with confusable effects",
+    "unknown_recall_family": "unknown effect: recall, left out with its family alone",
+    "unknown_false": "none to two effects: reported as unknown",
+    "unknown_false_effects": "one or two effects: reported as unknown",
+    "closed_pct": "one or two effects: gap reduction, median [%]",
+    "closed_not_identifiable": "one or two effects: named, gap reduction not identifiable",
 }
-_REACHED = {True: "reached", False: "MISSED", None: "not told"}
+_REACHED = {True: "reached", False: "MISSED", None: "no cases"}
 
 
 def text(scores: Mapping[str, Any]) -> str:
-    """Write scores for people: asked beside reached, and all that failed.
+    """Format scores: values, intervals and goals, breakdowns, and the failed cases.
 
     Args:
-        scores: As `score.score` gives them.
+        scores: Result of `score.score`.
 
     Returns:
         Lines of at most 120 characters.
@@ -51,10 +51,10 @@ def text(scores: Mapping[str, Any]) -> str:
         ("", _goals(scores)),
         ("", _real(scores["tier"])),
         ("", _matcher(scores.get("matcher_noticed"))),
-        ("", _rows(scores["by_effect"], "effect done alone")),
-        ("", _rows(scores["closed_by_metric"], "gap closed [%], where an effect is named")),
-        ("", _rows(scores["baselines"], "simpler ways, one effect")),
-        ("Answers by truth:", _confusion(scores["confusion"])),
+        ("", _rows(scores["by_effect"], "single effect")),
+        ("", _rows(scores["closed_by_metric"], "gap reduction [%], cases with a named effect")),
+        ("", _rows(scores["baselines"], "baseline, one effect")),
+        ("Answers by true effect:", _confusion(scores["confusion"])),
         (f"Failures, {len(scores['failures'])}:", _failures(scores["failures"])),
     ]
     blocks = ["\n".join([title, *lines] if title else lines) for title, lines in parts if lines]
@@ -62,10 +62,10 @@ def text(scores: Mapping[str, Any]) -> str:
 
 
 def power(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Write power curves for people.
+    """Format power curves.
 
     Args:
-        curves: As `power.curves` gives them.
+        curves: Result of `power.curves`.
     """
     heads = ["effect", "departure", "cases", "alarm", "named", "found"]
     body = [
@@ -77,30 +77,32 @@ def power(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 
 def opening(opened: int, *, code_as_sealed: bool, sets: Mapping[str, int]) -> str:
-    """Say what the scores rest on.
+    """Format the conditions of the scores.
 
     Args:
-        opened: How often the truth was opened, this time included.
-        code_as_sealed: Whether the code is still the one that was sealed.
-        sets: How many sets of scenes were "asked", and how many "all" are.
+        opened: Number of times that the truth was read for scores, including this time.
+        code_as_sealed: Whether the code is the sealed code.
+        sets: Number of scored scene sets, "asked", and of all sets, "all".
     """
     times = "once" if opened == 1 else f"{opened} times"
-    code = "as it was sealed" if code_as_sealed else "another than was sealed"
-    part, every = sets["asked"], sets["all"]
-    some = f"Of {every} sets of scenes the first {part} were asked. " if part < every else ""
-    return f"{some}The truth was opened {times}; the code is {code}.\n"
+    code = "is the sealed code" if code_as_sealed else "differs from the sealed code"
+    scored, total = sets["asked"], sets["all"]
+    note = f"The first {scored} of {total} scene sets are scored. " if scored < total else ""
+    return f"{note}The truth was opened {times}; the code {code}.\n"
 
 
 def _goals(scores: Mapping[str, Any]) -> list[str]:
-    rows = [["score", "reached", "95 %", "asked", ""]]
-    asked = scores["goals"]
-    told = {key: words for key, words in _WORDS.items() if scores[key] is not None or key in asked}
-    for key, words in told.items():
-        goal = asked.get(key)
+    rows = [["score", "value", "95 %", "goal", ""]]
+    goals = scores["goals"]
+    labels = {
+        key: label for key, label in _LABELS.items() if scores[key] is not None or key in goals
+    }
+    for key, label in labels.items():
+        goal = goals.get(key)
         ends = scores["intervals"].get(key)
         rows.append(
             [
-                words,
+                label,
                 _cell(scores[key]),
                 f"{_cell(ends[0])} to {_cell(ends[1])}" if ends else "",
                 goal["asked"] if goal else "",
@@ -111,18 +113,19 @@ def _goals(scores: Mapping[str, Any]) -> list[str]:
 
 
 def _real(tier: int) -> list[str]:
-    if tier != REAL:
+    if tier != REAL_TIER:
         return []
     return _wrapped(
-        "A null differs from its partner by noise of the law that alarms are guarded by, and sets "
-        "share rooms: few alarms are built in, and there are no intervals."
+        "Null cases differ from their reference only by noise of the law that the diagnosis "
+        "assumes, so few false positives are expected. Scene sets share rooms, so there are no "
+        "intervals."
     )
 
 
-def _matcher(noticed: float | None) -> list[str]:
-    if noticed is None:
+def _matcher(detected: float | None) -> list[str]:
+    if detected is None:
         return []
-    return [f"scored is the image alone; that the matcher is another was noticed: {noticed:.2f}"]
+    return [f"Only the image segment is scored. The second matcher was detected: {detected:.2f}"]
 
 
 def _rows(table: Mapping[str, Mapping[str, Any]], title: str) -> list[str]:
@@ -145,8 +148,8 @@ def _confusion(table: Mapping[str, Mapping[str, int]]) -> list[str]:
 
 def _failures(failed: Sequence[Mapping[str, Any]]) -> list[str]:
     lines = [
-        f"case {one['case']}, scenes {one['scenes']}: {one['truth']}: said {one['said']}"
-        for one in failed
+        f"case {case['case']}, set {case['scenes']}: {case['truth']}: reported {case['said']}"
+        for case in failed
     ]
     return [part for line in lines for part in _wrapped(line)] or ["none"]
 
@@ -156,7 +159,7 @@ def _wrapped(line: str) -> list[str]:
 
 
 def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Align cells, the first column to the left, the others to the right."""
+    """Align the first column to the left and the others to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(

@@ -1,7 +1,7 @@
-"""Sealing: what was done is put away, and its fingerprint published before anybody looks.
+"""Seal of the truth: its digest is published before any case is diagnosed.
 
-Beside it those of the diagnosis' families, of what was asked for and of the code, none of which may
-become another once answers are known.
+The seal also holds the digests of the effect families of the diagnosis, of the request and of the
+code. None of them may change after verdicts exist.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from starling.diagnosis.validation.protocol.case import Case
 
 TRUTH = "truth.json"
 FAMILIES = "families.json"
-ASKED = "asked.json"
+REQUEST = "asked.json"
 CODE = "code"
 SEAL = "truth.sha256"
-WORKED = "worked"  # Fingerprints of the code after each run of programs.
-MADE = "made.json"  # Of what and by which code a source's folder is made.
+CODE_LOG = "worked"  # Digests of the code after each run of the programs.
+INPUTS = "made.json"  # Inputs and code digest of the folder of a capture source.
 
 _ROOT = Path(__file__).parents[3]
 _PACKAGES = ("calibration", "diagnosis", "learning", "patterns", "sim")
@@ -36,50 +36,59 @@ _SUFFIXES = (".py", ".json", ".toml")
 _PICTURE = re.compile(r'"([^"\n]+\.png)"')
 
 
-def seal(cases: Sequence[Case], told: Mapping[str, bytes], hidden: Path, public: Path) -> str:
-    """Put the truth into one folder, and its fingerprint and what else is told into another.
+def seal(
+    cases: Sequence[Case], public_files: Mapping[str, bytes], hidden: Path, public: Path
+) -> str:
+    """Write the truth to a hidden folder, and its digest and the public files to another.
 
-    The fingerprint comes last: without it nothing is sealed, and nothing can have been answered.
+    The digests are written last. Without them there is no seal, and no case has been diagnosed.
 
     Args:
-        cases: The cases drawn.
-        told: Content of `FAMILIES` and `ASKED`.
-        hidden: Folder that the diagnosis is not told of; made where there is none.
-        public: Folder for the SHA-256; made where there is none.
+        cases: The drawn cases.
+        public_files: Content of `FAMILIES` and `REQUEST`.
+        hidden: Folder that the diagnosis does not read; created if missing.
+        public: Folder of the digests; created if missing.
 
     Returns:
         The SHA-256 of the truth in hexadecimal digits.
 
     Raises:
-        WithheldError: if both are one folder, or a seal lies there already.
+        WithheldError: if both folders are the same, or a seal exists.
     """
     if hidden.resolve() == public.resolve():
-        raise refusal("hidden and public", "must be two folders", hidden, "Part them.")
+        advice = "Give a separate folder for each."
+        raise refusal("hidden and public", "must be two folders", hidden, advice)
     if (public / SEAL).exists():
         raise refusal("seal", "must not be broken", public / SEAL, "Give new folders.")
     text = case.dumps(cases).encode()
-    prints = {TRUTH: digest(text), **{name: digest(one) for name, one in told.items()}}
-    prints[CODE] = code()
+    digests = {
+        TRUTH: digest(text),
+        **{name: digest(content) for name, content in public_files.items()},
+    }
+    digests[CODE] = code_digest()
     hidden.mkdir(parents=True, exist_ok=True)
     public.mkdir(parents=True, exist_ok=True)
     _write(hidden / TRUTH, text)
-    for name, content in told.items():
+    for name, content in public_files.items():
         _write(public / name, content)
-    lines = [f"{value}  {name}\n" for name, value in prints.items()]
+    lines = [f"{value}  {name}\n" for name, value in digests.items()]
     _write(public / SEAL, "".join(lines).encode())
-    return prints[TRUTH]
+    return digests[TRUTH]
 
 
-def verify(told: Mapping[str, bytes], hidden: Path, public: Path) -> tuple[Case, ...]:
-    """Open the truth after making sure that it and all that is told are those that were sealed.
+def verify(public_files: Mapping[str, bytes], hidden: Path, public: Path) -> tuple[Case, ...]:
+    """Read the truth after verifying it and the public files against the seal.
 
     Args:
-        told: What `FAMILIES` and `ASKED` would hold now.
+        public_files: Current content of `FAMILIES` and `REQUEST`.
         hidden: Folder of the truth.
         public: Folder of the seal.
 
+    Returns:
+        The sealed cases.
+
     Raises:
-        WithheldError: if truth or seal is missing, or anything is not what was sealed.
+        WithheldError: if truth or seal is missing, or a digest differs from the seal.
     """
     sealed = _sealed(public)
     try:
@@ -90,78 +99,80 @@ def verify(told: Mapping[str, bytes], hidden: Path, public: Path) -> tuple[Case,
         raise refusal(
             "truth", "must be the one sealed", hidden / TRUTH, "Put it back, or give a new folder."
         )
-    for name, content in told.items():
+    for name, content in public_files.items():
         if digest(content) != sealed.get(name):
             rule = f"must be what {public / name} has"
-            advice = "Ask the same of this folder, with the same table, or give another."
+            advice = "Use the same options and effect table as before, or give a new folder."
             raise refusal(name, rule, _start(content), advice)
     return case.loads(text.decode())
 
 
-def is_of_this_code(public: Path) -> bool:
-    """Whether what runs now, and what ran before, is what was sealed.
+def code_is_sealed(public: Path) -> bool:
+    """Return whether the current code, and the code of all earlier runs, is the sealed code.
 
     Raises:
         WithheldError: if there is no seal.
     """
-    path = public / WORKED
-    ran = path.read_text(encoding="ascii").split() if path.exists() else []
-    return {code(), *ran} == {_sealed(public).get(CODE)}
+    path = public / CODE_LOG
+    logged = path.read_text(encoding="ascii").split() if path.exists() else []
+    return {code_digest(), *logged} == {_sealed(public).get(CODE)}
 
 
-def worked(public: Path) -> None:
-    """Note the code after programs ran: one that was changed meanwhile leaves verdicts."""
-    with (public / WORKED).open("a", encoding="ascii") as file:
-        file.write(f"{code()}\n")
+def log_code(public: Path) -> None:
+    """Append the current code digest to the log, as verdicts of changed code may now exist."""
+    with (public / CODE_LOG).open("a", encoding="ascii") as file:
+        file.write(f"{code_digest()}\n")
 
 
-def made(folder: Path, of: Mapping[str, Any], *, there: bool) -> None:
-    """Note of what a folder's content is made, and by which code, before it is.
+def record_inputs(folder: Path, inputs: Mapping[str, Any], *, exists: bool) -> None:
+    """Record the inputs and the code digest of a folder's content before it is made.
 
     Args:
-        folder: Made where there is none.
-        of: What can be written as JSON.
-        there: Whether the content is made already.
+        folder: Folder of the content; created if missing.
+        inputs: Inputs as JSON values.
+        exists: Whether the content exists. An existing record is compared first.
 
     Raises:
-        WithheldError: if it was made of something else, or by another code.
+        WithheldError: if existing content has other inputs or is of other code.
     """
-    told = json.dumps({**of, CODE: code()}, indent=1).encode()
-    path = folder / MADE
-    if there and (not path.exists() or path.read_bytes() != told):
+    content = json.dumps({**inputs, CODE: code_digest()}, indent=1).encode()
+    path = folder / INPUTS
+    if exists and (not path.exists() or path.read_bytes() != content):
         rule = f"must be made of what {path} has"
-        raise refusal("folder", rule, _start(told), "Ask the same of it, or give another.")
+        advice = "Use the same options and code as before, or give a new folder."
+        raise refusal("folder", rule, _start(content), advice)
     folder.mkdir(parents=True, exist_ok=True)
-    _write(path, told)
+    _write(path, content)
 
 
-def code() -> str:
-    """SHA-256 of all that is this project's and that cases, verdicts and scores follow from.
+def code_digest() -> str:
+    """Return the SHA-256 of the project's code, on which cases, verdicts and scores depend.
 
-    Interpreter and libraries are not in it (`versions`), nor Blender, which its light tells.
+    It excludes the interpreter and the libraries (see `versions`), and Blender, whose version is
+    recorded with its light.
     """
-    found = hashlib.sha256()
+    sha = hashlib.sha256()
     for package in _PACKAGES:
         paths = (path for path in (_ROOT / package).rglob("*") if path.suffix in _SUFFIXES)
         for path in sorted(paths):
-            found.update(f"{path.relative_to(_ROOT)}\n".encode())
-            found.update(path.read_bytes())
-    return found.hexdigest()
+            sha.update(f"{path.relative_to(_ROOT)}\n".encode())
+            sha.update(path.read_bytes())
+    return sha.hexdigest()
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of this package's libraries; verdicts tell the diagnosis' own."""
-    libraries = {one.__name__: one.__version__ for one in (cv2, np, scipy)}
+    """Return the versions of Python and of this package's libraries."""
+    libraries = {library.__name__: library.__version__ for library in (cv2, np, scipy)}
     return {"python": sys.version.split()[0], **libraries}
 
 
 def _sealed(public: Path) -> dict[str, str]:
-    """Fingerprints by what they are of."""
+    """Read the digests of the seal by file name."""
     try:
         lines = (public / SEAL).read_text(encoding="ascii").splitlines()
         return {name: value for value, name in (line.split("  ") for line in lines)}
     except (OSError, ValueError) as error:
-        raise refusal("seal", "must have fingerprints", public / SEAL, f"{error}.") from error
+        raise refusal("seal", "must have digests", public / SEAL, f"{error}.") from error
 
 
 def _start(content: bytes) -> str:
@@ -169,40 +180,40 @@ def _start(content: bytes) -> str:
     return text if len(text) < 300 else f"{text[:300]} ..."
 
 
-def families(content: bytes) -> dict[str, str]:
-    """Family by effect, of what `FAMILIES` holds.
+def parse_families(content: bytes) -> dict[str, str]:
+    """Parse the content of `FAMILIES`: family by effect.
 
     Raises:
-        WithheldError: if it is no table of effects.
+        WithheldError: if the content is no table of effects.
     """
     try:
-        return {name: str(told["family"]) for name, told in json.loads(content).items()}
+        return {name: str(entry["family"]) for name, entry in json.loads(content).items()}
     except (ValueError, AttributeError, TypeError, KeyError) as error:
-        rule, advice = "must be a table of effects", "The diagnosis writes it."
+        rule, advice = "must be a table of effects", "Restore the file that the check wrote."
         raise refusal("families", rule, type(error).__name__, advice) from error
 
 
 def digest(content: bytes) -> str:
-    """SHA-256 in hexadecimal digits."""
+    """Return the SHA-256 in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
 
 
-def content(path: Path) -> str:
-    """SHA-256 of a file or of all files of a folder; of what is neither, a preset, the name."""
+def path_digest(path: Path) -> str:
+    """Return the SHA-256 of a file or of all files of a folder, or the name if neither exists."""
     if path.is_file():
         return digest(path.read_bytes())
-    files = sorted(one for one in path.rglob("*") if one.is_file())
-    each = [f"{digest(one.read_bytes())}  {one.relative_to(path)}\n" for one in files]
-    return digest("".join(each).encode()) if files else path.name
+    files = sorted(file for file in path.rglob("*") if file.is_file())
+    lines = [f"{digest(file.read_bytes())}  {file.relative_to(path)}\n" for file in files]
+    return digest("".join(lines).encode()) if files else path.name
 
 
-def of_sensor(believed: Path) -> str:
-    """SHA-256 of a sensor file and the pictures of patterns that it names; of a preset the name."""
-    if not believed.is_file():
-        return content(believed)
-    text = believed.read_bytes()
-    named = sorted(set(_PICTURE.findall(text.decode())))
-    pictures = [content(believed.parent / name) for name in named]
+def sensor_digest(sensor: Path) -> str:
+    """Return the SHA-256 of a sensor file and its pattern images, or the name of a preset."""
+    if not sensor.is_file():
+        return path_digest(sensor)
+    text = sensor.read_bytes()
+    names = sorted(set(_PICTURE.findall(text.decode())))
+    pictures = [path_digest(sensor.parent / name) for name in names]
     return digest(" ".join([digest(text), *pictures]).encode())
 
 

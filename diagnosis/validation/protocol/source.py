@@ -1,4 +1,4 @@
-"""Where the captures of a set's cases come from."""
+"""Interface of the sources of captures: rendered light or real pairs."""
 
 from __future__ import annotations
 
@@ -8,55 +8,55 @@ from typing import Protocol
 
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.protocol.case import Case
-from starling.diagnosis.validation.protocol.limits import Limits
+from starling.diagnosis.validation.protocol.limits import DetectionLimits
 
 
-class Source(Protocol):
-    """Makes captures of cases, of one set of scenes."""
+class CaptureSource(Protocol):
+    """Source of the captures of cases of one scene set."""
 
     @property
     def folder(self) -> Path:
-        """Where what its captures need lies."""
+        """Folder of the inputs of the captures."""
         ...
 
     @property
     def sensor(self) -> Path:
-        """What the camera is believed to be."""
+        """Sensor file of the nominal camera, for the diagnosis."""
         ...
 
     @property
     def camera(self) -> Nominal:
-        """The same in this package's words."""
+        """The nominal camera, for this package."""
         ...
 
     @property
     def against(self) -> Path | None:
-        """Capture set that the cases are diagnosed against; None: against simulation."""
+        """Reference capture set of the diagnosis; None compares with the simulation."""
         ...
 
     @property
     def cache(self) -> Path:
-        """Where the diagnosis keeps what effects do to the scenes."""
+        """Folder of the diagnosis' cached simulations."""
         ...
 
     @property
     def effects(self) -> frozenset[str]:
-        """Names of those that its captures can have."""
+        """Names of the effects that the captures can have."""
         ...
 
     @property
     def upwards(self) -> frozenset[str]:
-        """Names of those of which the camera can only be given more."""
+        """Names of the effects whose strength can only increase."""
         ...
 
     def prepare(self) -> None:
-        """Make what all cases need, if it is not there."""
+        """Make the inputs of all cases if they do not exist."""
         ...
 
-    def limits(self) -> Limits:
-        """How strong effects have to be to be found, told before any case is drawn."""
+    def limits(self) -> DetectionLimits:
+        """Return the detection limits. They are known before any case is drawn."""
         ...
 
-    def take(self, cases: Sequence[Case], out: Path) -> None:
-        """Write captures of cases to `out/NAME`, each as `Case.name` says."""
+    def write_captures(self, cases: Sequence[Case], out: Path) -> None:
+        """Write the captures of each case to `out/NAME`, where NAME is `Case.name`."""
         ...

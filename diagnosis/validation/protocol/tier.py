@@ -1,4 +1,4 @@
-"""Tiers of the check: how far what made the captures is from what diagnoses them."""
+"""Tiers of the check: how different the source of the captures is from the simulator."""
 
 from __future__ import annotations
 
@@ -9,49 +9,50 @@ from typing import Literal
 from starling.diagnosis.validation.camera.catalogue import Kind
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.protocol.case import CaseKind
-from starling.diagnosis.validation.protocol.verdict import Arm
+from starling.diagnosis.validation.protocol.verdict import SegmentName
 
-Source = Literal["starling", "cycles", "real"]
+LightSource = Literal["starling", "cycles", "real"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tier:
-    """What a tier's cases are made of."""
+    """Sources, scenes and case counts of one tier."""
 
     number: int
-    source: Source  # Renderer of the light, or real pairs, which have scenes and size of their own.
-    matcher: Literal["starling", "own", "none"]  # Whose depth the device has.
-    first: int = 0  # Number of the first builtin scene; what rules were set on has others.
-    sets: int = 6  # Of scenes.
-    scenes: int = 10  # Of a set; the diagnosis locks some of them away.
-    width: int = 424  # [px]
-    height: int = 240
-    frames: int = 2
-    counts: Mapping[CaseKind, int]
-    left_out: int = 0  # Singles that are diagnosed again without their effect's family and twins.
-    kinds: tuple[Kind, ...] = ("image", "post")
-    # What is scored; None: all that is said. Another matcher differs in every case, null or not.
-    arm: Arm | None = None
-    # Cases, which are numbered by lot, that have depth by the own matcher, to tell whether it is
-    # noticed. Each costs a search for what it does otherwise, and none of it is scored.
-    measured: int = 0
+    source: LightSource  # Renderer of the light, or real pairs with their own scenes and size.
+    matcher: Literal["starling", "own", "none"]  # Matcher of the depth; `own` is the second one.
+    first_scene: int = 0  # First builtin scene; the rules were developed on other scenes.
+    sets: int = 6  # Number of scene sets.
+    scenes: int = 10  # Scenes per set; the diagnosis holds some of them out.
+    width: int = 424  # Width of the images [px].
+    height: int = 240  # Height of the images [px].
+    frames: int = 2  # Frames per scene.
+    counts: Mapping[CaseKind, int]  # Number of cases by kind.
+    left_out: int = 0  # Singles diagnosed again without their family and confusable effects.
+    kinds: tuple[Kind, ...] = ("image", "post")  # Kinds of effects that are drawn.
+    # Scored pipeline segment; None scores all. The second matcher differs in every case, also null.
+    segment: SegmentName | None = None
+    # Number of cases with depth of the second matcher. They test whether the diagnosis detects the
+    # matcher. Each costs a search, and their depth is not scored.
+    own_depth_cases: int = 0
 
-    def names(self, number: int) -> list[str]:
-        """Builtin scenes of a set."""
-        begin = self.first + number * self.scenes
+    def scene_names(self, number: int) -> list[str]:
+        """Return the names of the builtin scenes of a set."""
+        begin = self.first_scene + number * self.scenes
         return [
             f"tabletop:{n}" if n % 4 == 3 else f"clutter:{n}"
             for n in range(begin, begin + self.scenes)
         ]
 
-    def measures(self, number: int) -> bool:
-        """Whether the case of a number has depth by the own matcher."""
-        return self.matcher == "own" and number < self.measured
+    def has_own_depth(self, number: int) -> bool:
+        """Return whether a case has depth of the second matcher."""
+        return self.matcher == "own" and number < self.own_depth_cases
 
-    def drawn(self, singles: int | None) -> tuple[dict[CaseKind, int], int]:
-        """Cases by kind and how many are left out, with another number of singles in proportion.
+    def scaled_counts(self, singles: int | None) -> tuple[dict[CaseKind, int], int]:
+        """Return the number of cases by kind and of left-out cases for a number of singles.
 
-        A tier without singles is asked by its unknown cases.
+        The other kinds scale in proportion. In a tier without singles, `singles` is the number of
+        unknown cases.
 
         Raises:
             WithheldError: if the number is below 1.
@@ -60,13 +61,13 @@ class Tier:
             return dict(self.counts), self.left_out
         if singles < 1:
             raise refusal("cases", "must be >= 1", singles, "Give how many singles.")
-        own = self.counts.get("single") or self.counts["unknown"]
+        default = self.counts.get("single") or self.counts["unknown"]
 
-        def share(count: int) -> int:
-            return -(-singles * count // own)  # In whole numbers, which round up exactly.
+        def scale(count: int) -> int:
+            return -(-singles * count // default)  # Integer division that rounds up exactly.
 
-        counts: dict[CaseKind, int] = {kind: share(count) for kind, count in self.counts.items()}
-        return counts, share(self.left_out)
+        counts: dict[CaseKind, int] = {kind: scale(count) for kind, count in self.counts.items()}
+        return counts, scale(self.left_out)
 
 
 TIERS = {
@@ -74,9 +75,9 @@ TIERS = {
         number=1,
         source="starling",
         matcher="starling",
-        # 2000 to 2059, 6000 to 6059, 7000 to 7059, 7200 to 7219 and 7300 to 7359 were opened,
-        # 7220 to 7259 drawn; on 7100 to 7129 strengths were asked, rules tried.
-        first=7400,
+        # Scenes 2000 to 2059, 6000 to 6059, 7000 to 7059, 7200 to 7259 and 7300 to 7359 were used
+        # in earlier checks. Scenes 7100 to 7129 are for development.
+        first_scene=7400,
         counts={"single": 96, "null": 80, "pair": 48, "unknown": 36},
         left_out=64,
     ),
@@ -84,20 +85,20 @@ TIERS = {
         number=2,
         source="cycles",
         matcher="own",
-        # 3000 to 3047 were opened, and what they taught is in the rules; so were 3100 to 3147.
-        first=3200,
+        # Scenes 3000 to 3047 and 3100 to 3147 were used in earlier checks and to tune the rules.
+        first_scene=3200,
         scenes=8,
         counts={"single": 24, "null": 20, "pair": 12, "unknown": 9},
         left_out=15,
         kinds=("image",),
-        arm="image",
-        measured=12,
+        segment="image",
+        own_depth_cases=12,
     ),
     3: Tier(
         number=3,
         source="starling",
         matcher="starling",
-        first=4000,
+        first_scene=4000,
         counts={"null": 20, "unknown": 90},
     ),
     4: Tier(

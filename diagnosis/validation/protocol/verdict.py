@@ -1,4 +1,4 @@
-"""What a diagnosis said of one case, read from the JSON file that it wrote."""
+"""The verdict of a diagnosis on one case, read from its JSON file."""
 
 from __future__ import annotations
 
@@ -13,88 +13,89 @@ from typing import Any, Literal, TypeVar, get_args
 from starling.diagnosis.validation.camera.errors import refusal
 
 Kind = Literal["effects", "no gap", "none of the known", "cannot tell"]
-Arm = Literal["image", "depth", "whole"]
+SegmentName = Literal["image", "depth", "whole"]
 Value = float | str
 
 _KINDS: tuple[Kind, ...] = get_args(Kind)
-_ARMS: tuple[Arm, ...] = get_args(Arm)
+_SEGMENTS: tuple[SegmentName, ...] = get_args(SegmentName)
 _HEADLINE = "features of the "
-_ADVICE = "Let the diagnosis write this verdict again."
+_ADVICE = "Run the diagnosis of this case again."
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Named:
+class NamedEffect:
     """An effect that a verdict lists."""
 
     name: str  # `ROW` or `ROW.PARAMETER`.
-    arm: Arm  # What it was found in.
+    segment: SegmentName  # Pipeline segment whose features identify the effect.
     value: Value
     interval: tuple[Value, Value]
-    equals: tuple[str, ...]  # Names not separable from it, its own first.
-    gain: float
+    credible_set: tuple[str, ...]  # Equivalent candidates, including `name`.
+    gain: float  # Held-out log-likelihood gain.
 
     @property
     def row(self) -> str:
-        """Effect that it is a parameter of."""
+        """Effect that the parameter belongs to."""
         return row_of(self.name)
 
     @property
     def rows(self) -> frozenset[str]:
-        """Effects of its set."""
-        return frozenset(map(row_of, self.equals))
+        """Effects of the credible set."""
+        return frozenset(map(row_of, self.credible_set))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Verdict:
-    """Answer of a diagnosis to one case."""
+    """Verdict of a diagnosis on one case."""
 
     kind: Kind
-    effects: tuple[Named, ...]  # The largest gain first.
-    unexplained: Mapping[Arm, bool]  # Whether an arm has more left than it can explain.
-    closed_pct: Mapping[str, float | None]  # By metric; None where nothing can be closed.
-    baselines: Mapping[str, str | None]  # What simpler ways would have named,
-    baselines_by_arm: Mapping[Arm, Mapping[str, str | None]]  # and of one arm alone.
+    effects: tuple[NamedEffect, ...]  # In descending order of gain.
+    unexplained: Mapping[SegmentName, bool]  # Whether a segment has an unexplained residual.
+    closed_pct: Mapping[str, float | None]  # Gap reduction by metric; None if unidentifiable.
+    baselines: Mapping[str, str | None]  # Effect that each baseline method names.
+    baselines_by_segment: Mapping[SegmentName, Mapping[str, str | None]]
     seconds: float
 
     @property
-    def named(self) -> tuple[Named, ...]:
-        """Effects held to be there: stand-ins for an unknown one are not."""
+    def named(self) -> tuple[NamedEffect, ...]:
+        """Named effects; empty if the effects are only surrogates of an unknown effect."""
         return self.effects if self.kind == "effects" else ()
 
     @property
-    def first(self) -> Named | None:
-        """Effect named first."""
+    def top_effect(self) -> NamedEffect | None:
+        """Top-1 effect: the named effect of the largest gain."""
         return self.named[0] if self.named else None
 
     @property
-    def said(self) -> str:
-        """Effect named first, or the verdict that names none."""
-        return self.kind if self.first is None else self.first.row
+    def answer(self) -> str:
+        """Top-1 effect, or the kind of a verdict that names none."""
+        return self.kind if self.top_effect is None else self.top_effect.row
 
     @property
     def headline_pct(self) -> float | None:
-        """Share closed in all that the arm of the effect named first looks at; None without one."""
-        return None if self.first is None else self.closed_pct.get(_HEADLINE + self.first.arm)
+        """Gap reduction [%] over all features of the segment of the top-1 effect, None if none."""
+        top = self.top_effect
+        return None if top is None else self.closed_pct.get(_HEADLINE + top.segment)
 
-    def of_arm(self, arm: Arm) -> Verdict:
-        """What was said of one arm alone.
+    def restricted_to(self, segment: SegmentName) -> Verdict:
+        """Return the verdict on one pipeline segment alone.
 
         Raises:
-            WithheldError: if it was not asked.
+            WithheldError: if the diagnosis did not examine the segment.
         """
-        if arm not in self.unexplained:
-            raise refusal("arm", f"must be one of {sorted(self.unexplained)}", arm, _ADVICE)
-        effects = tuple(one for one in self.effects if one.arm == arm)
+        if segment not in self.unexplained:
+            raise refusal("arm", f"must be one of {sorted(self.unexplained)}", segment, _ADVICE)
+        effects = tuple(effect for effect in self.effects if effect.segment == segment)
         kind: Kind = "effects" if effects else "no gap"
-        if self.unexplained[arm]:
+        if self.unexplained[segment]:
             kind = "none of the known"
-        simpler = self.baselines_by_arm[arm]
-        return dataclasses.replace(self, kind=kind, effects=effects, baselines=simpler)
+        baselines = self.baselines_by_segment[segment]
+        return dataclasses.replace(self, kind=kind, effects=effects, baselines=baselines)
 
 
 def row_of(name: str) -> str:
-    """Effect of a name `ROW` or `ROW.PARAMETER`."""
+    """Return the effect of a name `ROW` or `ROW.PARAMETER`."""
     return name.partition(".")[0]
 
 
@@ -102,7 +103,7 @@ def read(path: Path) -> Verdict:
     """Read the verdict of one case.
 
     Raises:
-        WithheldError: if the file is missing, or holds no verdict.
+        WithheldError: if the file is missing or holds no verdict.
     """
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
@@ -112,103 +113,107 @@ def read(path: Path) -> Verdict:
 
 
 def from_table(table: Any, *, name: str = "verdict") -> Verdict:
-    """Build a verdict from its JSON; keys unknown here are left aside.
+    """Build a verdict from its JSON. Unknown keys are ignored.
 
     Args:
-        table: What `json.loads` gave.
-        name: What refusals call it.
+        table: Result of `json.loads`.
+        name: Name of the verdict in error messages.
 
     Raises:
-        WithheldError: if a key is missing, of a wrong type, or contradicts another.
+        WithheldError: if a key is missing, has a wrong type, or contradicts another key.
     """
-    top = _Part(name, table)
-    kind: Kind = top.at("verdict").one_of(_KINDS)
-    effects = sorted(map(_named, top.at("effects").parts()), key=lambda one: -one.gain)
+    top = _JsonValue(name, table)
+    kind: Kind = top.get("verdict").one_of(_KINDS)
+    effects = sorted(map(_named, top.get("effects").elements()), key=lambda effect: -effect.gain)
     if kind == "effects" and not effects:
         raise refusal(f"{name}.effects", "must name one in this verdict", "none", _ADVICE)
-    seconds = top.at("seconds").number()
+    seconds = top.get("seconds").number()
     if seconds < 0:
         raise refusal(f"{name}.seconds", "must be >= 0", seconds, _ADVICE)
-    howfar, left = top.at("howfar"), top.at("left")
-    by_arm = top.at("baselines_by_arm")
+    howfar, residual = top.get("howfar"), top.get("left")
+    by_segment = top.get("baselines_by_arm")
     return Verdict(
         kind=kind,
         effects=tuple(effects),
-        unexplained={_Part("arm", arm).one_of(_ARMS): _more(left.at(arm)) for arm in left.table()},
-        closed_pct={key: howfar.at(key).at("closed_pct").share() for key in howfar.table()},
-        baselines=_simpler(top.at("baselines")),
-        baselines_by_arm={
-            _Part("arm", arm).one_of(_ARMS): _simpler(by_arm.at(arm)) for arm in left.table()
+        unexplained={
+            _JsonValue("arm", segment).one_of(_SEGMENTS): _is_unexplained(residual.get(segment))
+            for segment in residual.table()
+        },
+        closed_pct={key: howfar.get(key).get("closed_pct").share() for key in howfar.table()},
+        baselines=_baselines(top.get("baselines")),
+        baselines_by_segment={
+            _JsonValue("arm", segment).one_of(_SEGMENTS): _baselines(by_segment.get(segment))
+            for segment in residual.table()
         },
         seconds=seconds,
     )
 
 
-def _simpler(part: _Part) -> dict[str, str | None]:
-    return {key: part.at(key).text_or_none() for key in part.table()}
+def _baselines(entry: _JsonValue) -> dict[str, str | None]:
+    return {key: entry.get(key).text_or_none() for key in entry.table()}
 
 
-def _more(part: _Part) -> bool:
-    return part.at("beyond").number() > part.at("below").number()
+def _is_unexplained(entry: _JsonValue) -> bool:
+    return entry.get("beyond").number() > entry.get("below").number()
 
 
-def _named(part: _Part) -> Named:
-    name = part.at("name").text()
-    ends = [end.number_or_word() for end in part.at("interval").parts()]
+def _named(entry: _JsonValue) -> NamedEffect:
+    name = entry.get("name").text()
+    ends = [end.number_or_word() for end in entry.get("interval").elements()]
     numbers = [end for end in ends if not isinstance(end, str)]
     if len(ends) != 2 or len(numbers) == 1 or numbers != sorted(numbers):
         rule = "must be two numbers, the lower first, or two words"
-        raise refusal(f"{part.where}.interval", rule, ends, _ADVICE)
-    equals = tuple(one.text() for one in part.at("set").parts())
-    if name not in equals:
-        raise refusal(f"{part.where}.set", f"must hold {name} itself", list(equals), _ADVICE)
-    return Named(
+        raise refusal(f"{entry.path}.interval", rule, ends, _ADVICE)
+    credible_set = tuple(item.text() for item in entry.get("set").elements())
+    if name not in credible_set:
+        raise refusal(f"{entry.path}.set", f"must hold {name} itself", list(credible_set), _ADVICE)
+    return NamedEffect(
         name=name,
-        arm=part.at("arm").one_of(_ARMS),
-        value=part.at("parameters").at(name).number_or_word(),
+        segment=entry.get("arm").one_of(_SEGMENTS),
+        value=entry.get("parameters").get(name).number_or_word(),
         interval=(ends[0], ends[1]),
-        equals=equals,
-        gain=part.at("gain").number(),
+        credible_set=credible_set,
+        gain=entry.get("gain").number(),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
-    """A value of the file and where it stands."""
+class _JsonValue:
+    """A value of the file and its path of keys."""
 
-    where: str
+    path: str
     value: Any
 
-    def at(self, key: str) -> _Part:
+    def get(self, key: str) -> _JsonValue:
         table = self.table()
         if key not in table:
-            raise refusal(self.where, f"must have the key {key}", sorted(table), _ADVICE)
-        return _Part(f"{self.where}.{key}", table[key])
+            raise refusal(self.path, f"must have the key {key}", sorted(table), _ADVICE)
+        return _JsonValue(f"{self.path}.{key}", table[key])
 
     def table(self) -> dict[str, Any]:
         if not isinstance(self.value, dict):
-            raise self._not("an object")
+            raise self._type_error("an object")
         return self.value
 
-    def parts(self) -> list[_Part]:
+    def elements(self) -> list[_JsonValue]:
         if not isinstance(self.value, list):
-            raise self._not("a list")
-        return [_Part(f"{self.where}[{i}]", one) for i, one in enumerate(self.value)]
+            raise self._type_error("a list")
+        return [_JsonValue(f"{self.path}[{i}]", item) for i, item in enumerate(self.value)]
 
     def number(self) -> float:
         real = isinstance(self.value, int | float) and not isinstance(self.value, bool)
         if not real or not math.isfinite(self.value):
-            raise self._not("a finite number")
+            raise self._type_error("a finite number")
         return float(self.value)
 
     def text(self) -> str:
         if not isinstance(self.value, str) or not self.value:
-            raise self._not("a name")
+            raise self._type_error("a name")
         return self.value
 
     def one_of(self, words: tuple[T, ...]) -> T:
         if self.value not in words:
-            raise self._not(f"one of {words}")
+            raise self._type_error(f"one of {words}")
         return self.value
 
     def number_or_word(self) -> Value:
@@ -220,5 +225,5 @@ class _Part:
     def text_or_none(self) -> str | None:
         return None if self.value is None else self.text()
 
-    def _not(self, words: str) -> Exception:
-        return refusal(self.where, f"must be {words}", repr(self.value), _ADVICE)
+    def _type_error(self, words: str) -> Exception:
+        return refusal(self.path, f"must be {words}", repr(self.value), _ADVICE)

@@ -1,1 +1,1 @@
-"""Published networks that completion is compared with, brought to metres by the sensor's depth."""
+"""Published networks for comparison, scaled to metres by the sensor's depth."""

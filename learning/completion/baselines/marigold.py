@@ -10,28 +10,28 @@ import numpy as np
 import torch
 from diffusers.pipelines.marigold.pipeline_marigold_depth import MarigoldDepthPipeline
 
-from starling.learning.completion.alignment import aligned, least_squares
+from starling.learning.completion.alignment import align_depth, least_squares
 from starling.learning.completion.diffusion import weights
-from starling.learning.completion.frame import Frame
-from starling.learning.completion.method import Completed, untold
+from starling.learning.completion.frame import CompletionFrame
+from starling.learning.completion.method import Completed, unknown_sigma
 from starling.learning.networks.training.learner import device
 from starling.patterns.errors import in_interval, refuse
 
 PUBLISHED = "prs-eth/marigold-depth-v1-0"
-_SPREAD_FROM = 3  # Depths, of which the pipeline tells how far they differ.
+_SPREAD_FROM = 3  # Least number of samples from which the pipeline estimates a spread.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Marigold:
-    """Affine-invariant depth, aligned by least squares to the depth that the sensor has.
+    """Affine-invariant depth, aligned by least squares to the sensor's depth.
 
-    The paper at hand aligns to the truth, which a robot has not.
+    The paper aligns to the ground truth, which is not available on a robot.
     """
 
     pipeline: MarigoldDepthPipeline
-    steps: int = 50  # Of denoising, and
-    count: int = 10  # depths drawn and joined: as in Marigold's figures.
-    longest_px: int = 768  # Of the image that it sees.
+    steps: int = 50  # Denoising steps, as in Marigold's paper.
+    count: int = 10  # Samples that are combined, as in Marigold's paper.
+    longest_px: int = 768  # Longer side of the network's input.
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -41,14 +41,14 @@ class Marigold:
 
     @property
     def name(self) -> str:
-        """Marigold."""
+        """Name of the method."""
         return "marigold"
 
-    def fill(self, frame: Frame) -> Completed:
+    def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame of any size.
 
         Raises:
-            InputError: if its depth cannot be aligned to (`alignment.least_squares`).
+            InputError: if the depth cannot be aligned (`alignment.least_squares`).
         """
         output: Any = self.pipeline(
             torch.from_numpy(np.moveaxis(frame.rgb, -1, 0)[None].copy()),
@@ -58,13 +58,13 @@ class Marigold:
             generator=torch.Generator().manual_seed(self.seed),
             output_uncertainty=self.count >= _SPREAD_FROM,
         )
-        told = np.asarray(output.prediction)[0, :, :, 0]
+        prediction = np.asarray(output.prediction)[0, :, :, 0]
         if output.uncertainty is None:
-            sigma = untold(frame)
+            sigma = unknown_sigma(frame)
         else:
-            scale = least_squares(told, frame.depth_m, frame.valid).scale
+            scale = least_squares(prediction, frame.depth_m, frame.valid).scale
             sigma = abs(scale) * np.asarray(output.uncertainty)[0, :, :, 0]
-        depth = aligned(told, frame.depth_m, frame.valid)
+        depth = align_depth(prediction, frame.depth_m, frame.valid)
         return Completed(depth_m=depth, sigma_m=sigma.astype(np.float32))
 
 
@@ -72,15 +72,15 @@ def load(source: Path | str, *, steps: int = 50, count: int = 10, seed: int = 0)
     """Read published weights.
 
     Args:
-        source: their folder, or a hub's id.
-        steps: as `Marigold`'s.
-        count: as `Marigold`'s.
-        seed: as `Marigold`'s.
+        source: folder of the weights, or an id on the Hugging Face hub.
+        steps: see `Marigold`.
+        count: see `Marigold`.
+        seed: see `Marigold`.
 
     Raises:
-        InputError: as `parts`; if a number is out of range.
+        InputError: see `read_weights`; or if a number is out of range.
     """
-    read = parts(source)
+    read = read_weights(source)
     pipeline = MarigoldDepthPipeline(
         unet=read.unet,
         vae=read.vae,
@@ -95,15 +95,15 @@ def load(source: Path | str, *, steps: int = 50, count: int = 10, seed: int = 0)
     return Marigold(pipeline=pipeline.to(device()), steps=steps, count=count, seed=seed)
 
 
-def parts(source: Path | str) -> weights.Weights:
+def read_weights(source: Path | str) -> weights.Weights:
     """Read Marigold's weights.
 
     Raises:
-        InputError: as `weights.load`; if the network sees anything but two latents.
+        InputError: see `weights.load`; or if the network does not take exactly two latents.
     """
     read = weights.load(source, published=PUBLISHED)
     wide = 2 * read.vae.config["latent_channels"]
     if (inputs := read.unet.config["in_channels"]) != wide:
-        rule = f"must be Marigold's, with {wide} channels in"
-        raise refuse("weights", rule, inputs, f"Give those of {PUBLISHED}.")
+        rule = f"must be Marigold's, with {wide} input channels"
+        raise refuse("weights", rule, inputs, f"Give the weights of {PUBLISHED}.")
     return read

@@ -1,7 +1,7 @@
-"""Marigold guided by the sensor's depth while it denoises.
+"""Marigold guided by the sensor's depth during denoising.
 
 Source: Viola et al., Marigold-DC: zero-shot monocular depth completion with guided diffusion, ICCV
-2025; rates and the length of the gradient as in its published settings.
+2025. Learning rates and the length of the gradient are those of its published settings.
 """
 
 from __future__ import annotations
@@ -21,32 +21,33 @@ from torch.nn import functional
 
 from starling.learning.completion.baselines import marigold
 from starling.learning.completion.diffusion import latents
-from starling.learning.completion.diffusion.seen import padded
-from starling.learning.completion.diffusion.text import empty_prompt
-from starling.learning.completion.frame import Frame
-from starling.learning.completion.method import Completed, untold
+from starling.learning.completion.diffusion.span import pad_edges
+from starling.learning.completion.diffusion.weights import empty_prompt
+from starling.learning.completion.frame import CompletionFrame
+from starling.learning.completion.method import Completed, unknown_sigma
 from starling.learning.networks.training.learner import device
 from starling.patterns.errors import in_interval
 from starling.sim.randomness import generator
 
-_LATENT_RATE = 0.05
-_AFFINE_RATE = 0.005
+_LATENT_RATE = 0.05  # Learning rate of the latent.
+_AFFINE_RATE = 0.005  # Learning rate of scale and shift.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MarigoldDC:
-    """Each step, the depth that it would end in is held against the sensor's, where that is valid.
+    """Compares the final depth that each step predicts with the sensor's valid depth.
 
-    Loss |e| + e^2, its mean over valid pixels; Adam on the latent, and on the scale s and shift t
-    of metres = s^2 (c_max - c_min) d + t^2 c_min (equation 2), c being the sensor's depth.
+    The loss is the mean of |e| + e^2 over valid pixels. Adam optimises the latent, scale s and
+    shift t of metres = s^2 (c_max - c_min) d + t^2 c_min (equation 2), where c is the sensor's
+    depth.
     """
 
     unet: UNet2DConditionModel
     vae: AutoencoderKL
     scheduler: DDIMScheduler
-    text: Tensor  # (1, n, d) the empty prompt.
+    text: Tensor  # (1, n, d) encoded empty prompt.
     steps: int = 50
-    longest_px: int = 768  # Of the image that it sees.
+    longest_px: int = 768  # Longer side of the network's input.
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -55,19 +56,21 @@ class MarigoldDC:
 
     @property
     def name(self) -> str:
-        """Marigold-DC."""
+        """Name of the method."""
         return "marigold-dc"
 
-    def fill(self, frame: Frame) -> Completed:
+    def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame of any size."""
         known = torch.from_numpy(frame.depth_m[frame.valid]).to(self.text.device)
         valid = torch.from_numpy(frame.valid).to(self.text.device)
         image, size = self._image(frame)
         with torch.no_grad():
-            seen = latents.encode(self.vae, image)
-        noise = generator(self.seed, 0, "completion", self.name).standard_normal(seen.shape)
-        latent = nn.Parameter(torch.from_numpy(noise.astype(np.float32)).to(seen.device))
-        affine = nn.Parameter(torch.ones(2, device=seen.device))  # s and t.
+            encoded_image = latents.encode(self.vae, image)
+        noise = generator(self.seed, 0, "completion", self.name).standard_normal(
+            encoded_image.shape
+        )
+        latent = nn.Parameter(torch.from_numpy(noise.astype(np.float32)).to(encoded_image.device))
+        affine = nn.Parameter(torch.ones(2, device=encoded_image.device))  # s and t.
         optimizer = optim.Adam(
             [{"params": [affine], "lr": _AFFINE_RATE}, {"params": [latent], "lr": _LATENT_RATE}]
         )
@@ -80,34 +83,34 @@ class MarigoldDC:
             return affine[0] ** 2 * (high - low) * depth + affine[1] ** 2 * low
 
         scheduler: Any = DDIMScheduler.from_config(self.scheduler.config, clip_sample=False)
-        scheduler.set_timesteps(self.steps, device=seen.device)
+        scheduler.set_timesteps(self.steps, device=encoded_image.device)
         for step in scheduler.timesteps:
             optimizer.zero_grad()
-            told = self.unet(
-                torch.cat([seen, latent], dim=1),
+            predicted = self.unet(
+                torch.cat([encoded_image, latent], dim=1),
                 step,
                 encoder_hidden_states=self.text,
                 return_dict=False,
             )[0]
-            clean = scheduler.step(told, step, latent).pred_original_sample
-            wrong = metres(clean)[valid] - known
-            (wrong.abs().mean() + (wrong**2).mean()).backward()
+            clean = scheduler.step(predicted, step, latent).pred_original_sample
+            error = metres(clean)[valid] - known
+            (error.abs().mean() + (error**2).mean()).backward()
             _lengthen(latent, clean, scheduler.alphas_cumprod[step])
             optimizer.step()
             with torch.no_grad():
-                latent.copy_(scheduler.step(told, step, latent).prev_sample)
+                latent.copy_(scheduler.step(predicted, step, latent).prev_sample)
         with torch.no_grad():
             depth = metres(latent).cpu().numpy()
-        return Completed(depth_m=depth, sigma_m=untold(frame))
+        return Completed(depth_m=depth, sigma_m=unknown_sigma(frame))
 
-    def _image(self, frame: Frame) -> tuple[Tensor, tuple[int, int]]:
-        """The image at the size that it is seen in (1, 3, h, w), and that size before padding."""
+    def _image(self, frame: CompletionFrame) -> tuple[Tensor, tuple[int, int]]:
+        """Return the resized, padded image (1, 3, h, w), and its size before padding."""
         height, width = frame.shape
         ratio = self.longest_px / max(height, width)
         size = (max(1, round(height * ratio)), max(1, round(width * ratio)))
-        how = cv2.INTER_AREA if ratio < 1 else cv2.INTER_LINEAR
-        resized = cv2.resize(frame.rgb, size[::-1], interpolation=how)
-        channels = padded(np.moveaxis(resized, -1, 0) * 2 - 1, latents.factor(self.vae))
+        interpolation = cv2.INTER_AREA if ratio < 1 else cv2.INTER_LINEAR
+        resized = cv2.resize(frame.rgb, size[::-1], interpolation=interpolation)
+        channels = pad_edges(np.moveaxis(resized, -1, 0) * 2 - 1, latents.factor(self.vae))
         return torch.from_numpy(channels[None]).to(self.text.device), size
 
 
@@ -115,14 +118,14 @@ def load(source: Path | str, *, steps: int = 50, seed: int = 0) -> MarigoldDC:
     """Read Marigold's published weights.
 
     Args:
-        source: their folder, or a hub's id.
-        steps: as `MarigoldDC`'s.
-        seed: as `MarigoldDC`'s.
+        source: folder of the weights, or an id on the Hugging Face hub.
+        steps: see `MarigoldDC`.
+        seed: see `MarigoldDC`.
 
     Raises:
-        InputError: as `marigold.parts`; if a number is out of range.
+        InputError: see `marigold.read_weights`; or if a number is out of range.
     """
-    parts = marigold.parts(source)
+    parts = marigold.read_weights(source)
     text = empty_prompt(parts.text_encoder, parts.tokenizer)
     nn.ModuleList([parts.unet, parts.vae]).to(device())
     return MarigoldDC(
@@ -135,10 +138,10 @@ def load(source: Path | str, *, steps: int = 50, seed: int = 0) -> MarigoldDC:
     )
 
 
-def _lengthen(latent: nn.Parameter, clean: Tensor, kept: Tensor) -> None:
-    """Give the latent's gradient the length of the noise that is in it, whatever it was told as."""
+def _lengthen(latent: nn.Parameter, clean: Tensor, alpha: Tensor) -> None:
+    """Scale the latent's gradient to the length of the noise in the latent."""
     with torch.no_grad():
-        noise = (latent - kept.sqrt() * clean) / (1 - kept).sqrt()
+        noise = (latent - alpha.sqrt() * clean) / (1 - alpha).sqrt()
         if latent.grad is not None:
             length = torch.linalg.vector_norm(latent.grad).clamp(min=1e-8)
             latent.grad *= torch.linalg.vector_norm(noise) / length

@@ -1,1 +1,1 @@
-"""Completion without learning: what a learnt method has to beat."""
+"""Completion without learning, the reference for learnt methods."""

@@ -1,10 +1,10 @@
-"""Mean of the valid pixels around that look alike, from coarse to fine.
+"""Mean of nearby valid pixels of similar colour, from coarse to fine.
 
 Normalised convolution (Knutsson and Westin, Normalized and differential convolution, CVPR 1993):
-what is known, filtered, over the filtered mask of what is known. The filter is the joint bilateral
-one: near pixels of like colour count. A window as wide as the widest hole would be slow, so holes
-take from a coarser image what the window does not reach, filtered by the finer image once more
-(Kopf et al., Joint bilateral upsampling, SIGGRAPH 2007).
+the filtered known depth is divided by the filtered mask. The filter is the joint bilateral one.
+A window as wide as the widest hole would be slow. Holes beyond the window take depth from a
+coarser image, filtered again by the finer one (Kopf et al., Joint bilateral upsampling,
+SIGGRAPH 2007).
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.learning.completion.classical.outcome import completed, guide, inverse, trusted
-from starling.learning.completion.frame import Frame, Image
+from starling.learning.completion.frame import CompletionFrame, Image
 from starling.learning.completion.method import Completed
 from starling.patterns.errors import in_interval
 
-_LEAST_PX = 8  # A coarser image than that tells nothing.
+_LEAST_PX = 8  # Least side of a coarser image.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bilateral:
     """Joint bilateral filter, normalised."""
 
-    sigma_px: float = 3.0  # Of distance, at each scale; the window reaches two of it.
-    sigma_level: float = 12.0  # Of the image's difference [of 255].
-    coarse_weight: float = 0.003  # Of what the coarser image says, beside 1 of a valid pixel.
-    guide_smoothing_px: float = 1.5  # Of the image before it guides.
+    sigma_px: float = 3.0  # Sigma of distance at each scale; the window reaches two sigma.
+    sigma_level: float = 12.0  # Sigma of the image's difference [of 255].
+    coarse_weight: float = 0.003  # Weight of the coarser image, relative to 1 of a valid pixel.
+    guide_smoothing_px: float = 1.5  # Sigma of the Gaussian smoothing of the guide image.
 
     def __post_init__(self) -> None:
         in_interval("sigma_px", self.sigma_px, 0.5, 50.0)
@@ -43,15 +43,15 @@ class Bilateral:
         """`bilateral`."""
         return "bilateral"
 
-    def fill(self, frame: Frame) -> Completed:
+    def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame; valid pixels stay as they are."""
         image = guide(frame, self.guide_smoothing_px)
         known = trusted(frame)
-        found = self._filled(image, inverse(frame.depth_m, known), known.astype(np.float32))
-        return completed(frame, 1 / found)
+        filled = self._filled(image, inverse(frame.depth_m, known), known.astype(np.float32))
+        return completed(frame, 1 / filled)
 
     def _filled(self, image: NDArray[np.uint8], value: Image, weight: Image) -> Image:
-        """Inverse depth everywhere (h, w), of a weighted mean that is known in part."""
+        """Fill inverse depth (h, w) from values with weights; 0 is unknown."""
         height, width = weight.shape
         known = weight > 0
         if known.all():
@@ -60,15 +60,15 @@ class Bilateral:
             coarse = np.full(weight.shape, (value * weight).sum() / weight.sum(), np.float32)
         else:
             size = ((width + 1) // 2, (height + 1) // 2)
-            less = _smaller(weight, size)
-            mean = _smaller(value * weight, size) / np.maximum(less, np.float32(1e-6))
+            halved = _smaller(weight, size)
+            mean = _smaller(value * weight, size) / np.maximum(halved, np.float32(1e-6))
             small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-            coarse = self._filled(small, np.where(less > 0, mean, 0).astype(np.float32), less)
+            coarse = self._filled(small, np.where(halved > 0, mean, 0).astype(np.float32), halved)
             coarse = np.asarray(cv2.resize(coarse, (width, height)), np.float32)
-        both = np.where(known, weight, np.float32(self.coarse_weight))
+        weights = np.where(known, weight, np.float32(self.coarse_weight))
         mixed = np.where(known, value, coarse)
-        found = self._smooth(image, mixed * both) / self._smooth(image, both)
-        return np.where(known, value, found)
+        filled = self._smooth(image, mixed * weights) / self._smooth(image, weights)
+        return np.where(known, value, filled)
 
     def _smooth(self, image: NDArray[np.uint8], values: Image) -> Image:
         reach = 2 * round(2 * self.sigma_px) + 1

@@ -1,10 +1,9 @@
-"""Depth grown into holes by grey-scale morphology, without the image.
+"""Depth extended into holes by grey-scale morphology, without the image.
 
 Source: Ku, Harakeh and Waslander, In defense of classical image processing: fast depth completion
-on the CPU, CRV 2018, section III, with the sizes given there. Left out is the extension of columns
-to the top of the image, which is made for laser scanners outdoors; instead the large fill is
-repeated until nothing is empty. In large holes near surfaces win over far ones, so that beside
-edges, where a stereo camera is blind, the near surface grows.
+on the CPU, CRV 2018, section III, with the sizes given there. The extension of columns to the top
+of the image, made for laser scanners outdoors, is omitted. The large fill is repeated until all
+pixels are filled. Near surfaces grow into large holes, also where a stereo camera is occluded.
 """
 
 from __future__ import annotations
@@ -16,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.learning.completion.classical.outcome import completed, trusted
-from starling.learning.completion.frame import Frame, Image
+from starling.learning.completion.frame import CompletionFrame, Image
 from starling.learning.completion.method import Completed
 from starling.patterns.errors import in_interval, refuse
 
-_MARGIN_M = 1.0  # The farthest depth is this far from "empty".
+_MARGIN_M = 1.0  # Distance of the farthest depth from the value "empty".
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,7 +29,7 @@ class Morphological:
     diamond_px: int = 5  # First dilation, by a diamond.
     closing_px: int = 5  # Closing of small gaps.
     small_px: int = 7  # Small holes.
-    large_px: int = 31  # Large holes, as often as it takes.
+    large_px: int = 31  # Large holes, repeated until none remains.
     median_px: int = 5  # Against outliers: 1, 3 or 5.
     blur_px: int = 5  # Gaussian at the end; 1 = none.
 
@@ -47,9 +46,9 @@ class Morphological:
         """`morphological`."""
         return "morphological"
 
-    def fill(self, frame: Frame) -> Completed:
+    def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame; valid pixels stay as they are."""
-        # Turned over, so that dilation, a maximum, takes the nearest; 0 is empty.
+        # Inverted, so that dilation, a maximum, takes the nearest depth; 0 is empty.
         far = np.float32(np.nanmax(frame.depth_m) + _MARGIN_M)
         grown: Image = np.where(trusted(frame), far - frame.depth_m, np.float32(0))
         grown = _array(cv2.dilate(grown, _diamond(self.diamond_px)))

@@ -5,20 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from starling.learning.completion.classical.outcome import completed, trusted
-from starling.learning.completion.frame import Frame
+from starling.learning.completion.frame import CompletionFrame
 from starling.learning.completion.method import Completed
 from starling.sim.stereo.filled import filled
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Nearest:
-    """Gives each hole's pixel the depth of the nearest valid pixel in the image."""
+    """Fills each hole pixel with the depth of the nearest valid pixel in the image."""
 
     @property
     def name(self) -> str:
         """`nearest`."""
         return "nearest"
 
-    def fill(self, frame: Frame) -> Completed:
+    def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame; valid pixels stay as they are."""
         return completed(frame, filled(frame.depth_m, trusted(frame)))

@@ -1,4 +1,4 @@
-"""What the methods that learn nothing share: what they trust and keep, and the image they go by."""
+"""Functions shared by the classical methods: trusted pixels, guide image and result."""
 
 from __future__ import annotations
 
@@ -6,29 +6,30 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.learning.completion.frame import Frame, Image, Mask
-from starling.learning.completion.method import Completed, untold
+from starling.learning.completion.frame import CompletionFrame, Image, Mask
+from starling.learning.completion.method import Completed, unknown_sigma
 
-_LEVEL = 0.45  # Mean that the image is exposed to: what a colour camera's exposure aims at.
-_ISLAND_PX = 400  # Patches of depth up to this large are not spread.
-_STEP = 0.05  # Ratio of neighbouring depths, less 1, that parts two patches.
-_LOG_STEPS = 1000  # Of a patch's depth, per unit of its logarithm.
+_LEVEL = 0.45  # Mean that the image is scaled to, a usual target of a colour camera's exposure.
+_ISLAND_PX = 400  # Patches of depth up to this area are not extended [px].
+_STEP = 0.05  # Ratio of neighbouring depths, less 1, that separates two patches.
+_LOG_STEPS = 1000  # Quantisation of a patch's depth: steps per unit of its natural logarithm.
 
 
-def completed(frame: Frame, filled_m: NDArray[np.floating]) -> Completed:
-    """Depth as the camera gave it where it did, bit for bit, and as filled elsewhere.
+def completed(frame: CompletionFrame, filled_m: NDArray[np.floating]) -> Completed:
+    """Keep the camera's depth bit for bit and fill the other pixels.
 
-    None of these methods knows its error: sigma is NaN.
+    These methods do not estimate their error, so that sigma is NaN.
     """
     depth = np.where(frame.valid, frame.depth_m, filled_m).astype(np.float32)
-    return Completed(depth_m=depth, sigma_m=untold(frame))
+    return Completed(depth_m=depth, sigma_m=unknown_sigma(frame))
 
 
-def trusted(frame: Frame) -> Mask:
-    """Valid pixels that holes are filled from, (h, w).
+def trusted(frame: CompletionFrame) -> Mask:
+    """Return the valid pixels (h, w) that holes are filled from.
 
-    Small patches of a depth of their own, alone in a hole, are mostly false matches, and spread
-    over all of it. Where most of the depth is such, as of a few scattered points, all is trusted.
+    Small isolated patches with a different depth are mostly false matches, which would spread over
+    the whole hole. If most of the depth is in small patches, as with scattered points, all is
+    trusted.
     """
     log = np.log(np.where(frame.valid, frame.depth_m, np.float32(1)))
     code = np.where(frame.valid, _LOG_STEPS * (log - log.min()) + 1, 0)
@@ -39,22 +40,22 @@ def trusted(frame: Frame) -> Mask:
 
 
 def inverse(depth_m: Image, known: Mask) -> Image:
-    """Inverse depth [1/m], 0 where it is not known.
+    """Inverse depth [1/m], 0 where unknown.
 
-    Inverse depth is what is averaged and smoothed: over the image of a plane it is linear, depth
-    is not, and a stereo camera's noise is even in it.
+    Inverse depth is averaged and smoothed because it is linear over the image of a plane, and
+    because a stereo camera's noise is uniform in it.
     """
     out = np.zeros(known.shape, np.float32)
     np.divide(np.float32(1), depth_m, out=out, where=known)
     return out
 
 
-def guide(frame: Frame, smoothing_px: float) -> NDArray[np.uint8]:
-    """Image that tells where surfaces end, (h, w, 3), 8 bits.
+def guide(frame: CompletionFrame, smoothing_px: float) -> NDArray[np.uint8]:
+    """Return the image (h, w, 3) that marks the edges of surfaces, 8 bits.
 
     Args:
-        frame: with an image; a dark one, as infrared is, is brought to a colour image's level.
-        smoothing_px: of a Gaussian; a projector's dots are no edges and must go. 0 = none.
+        frame: frame with an image; dark (infrared) images are scaled to a colour image's level.
+        smoothing_px: sigma of the Gaussian that removes the projector's dots. 0 = none.
     """
     image = frame.rgb
     if smoothing_px > 0:

@@ -1,1 +1,1 @@
-"""The work behind the verbs of depth completion."""
+"""Implementation of the command-line verbs of depth completion."""

@@ -1,4 +1,4 @@
-"""The work of `starling complete`: captures with holes in, captures with completed depth out."""
+"""Implementation of `starling complete`: fills the holes of captures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.learning.completion import methods
-from starling.learning.completion.data.pairs import Pair, Picture, pair
+from starling.learning.completion.data.pairs import Pair, Picture, read_pair
 from starling.learning.completion.frame import Image
 from starling.learning.completion.method import complete
 from starling.sim.captures import capture, png
@@ -25,8 +25,9 @@ from starling.sim.scene import scene_file
 from starling.sim.scene.captured import known_geometry
 from starling.sim.stereo.depth import to_code
 
+# Files that belong to the old depth and are not copied.
 _OF_DEPTH = ("depth.png", "depth_colour.png", "sigma.png", "reason.png", "frame.exr")
-_WRITTEN = {*_OF_DEPTH, "frame.json", scene_file.FILE}
+_NOT_COPIED = {*_OF_DEPTH, "frame.json", scene_file.FILE}
 _SAME_VIEW = ((1.0, 0, 0, 0), (0, 1.0, 0, 0), (0, 0, 1.0, 0), (0, 0, 0, 1.0))
 
 
@@ -41,17 +42,17 @@ def complete_captures(
 ) -> dict[str, Any]:
     """Complete every frame of a capture set, or of one scene.
 
-    The set that is written is like the one read: `depth.png` completed, `sigma.png` its expected
-    error in the same steps where the method tells one, all else as it was but what tells of the old
-    depth (`reason.png`, `frame.exr`, `depth_colour.png`). A colour image is another view: there
-    depth, `rgb.png` and `truth.png` are brought into it, and nothing else is written.
+    The output is a capture set with completed `depth.png`, and with its expected error `sigma.png`
+    in the same unit if the method estimates it. Other files are copied, except those of the old
+    depth (`reason.png`, `frame.exr`, `depth_colour.png`). For a colour image, `depth.png`,
+    `rgb.png` and `truth.png` are written in the view of the colour camera, and nothing else.
 
     Args:
-        captures: capture set, or one scene in it.
-        method: as `methods.asked` takes it.
-        out: folder to make.
-        picture: the image that goes with the depth.
-        force: replace what was completed before.
+        captures: capture set, or one scene of it.
+        method: see `methods.create`.
+        out: output folder.
+        picture: image to use with the depth.
+        force: replace earlier results.
         track: wraps the loop over frames.
 
     Returns:
@@ -59,48 +60,48 @@ def complete_captures(
         "seconds"}`; holes are mean shares of pixels.
 
     Raises:
-        InputError: whatever is wrong with captures, method or folder; nothing is left.
+        InputError: if captures, method or folder are invalid; then nothing is written.
     """
-    begun = time.perf_counter()
-    given = capture.open_set(captures)
-    given.refuse_mixed()
-    refuse_own_input(out, given.path)
-    ready = methods.asked(method)
-    before, after, spent, cannot = [], [], [], 0
+    start = time.perf_counter()
+    captured = capture.open_set(captures)
+    captured.refuse_mixed()
+    refuse_own_input(out, captured.path)
+    ready = methods.create(method)
+    before, after, durations, cannot = [], [], [], 0
     arguments = {"captures": captures, "method": method, "picture": picture}
     with OutputFolder(out, force=force) as folder:
-        folder.write(capture_info.FILE, capture_info.dumps(_info(given.info, picture)))
-        frames = [(scene, number) for scene in given.scenes for number in scene.frames]
+        folder.write(capture_info.FILE, capture_info.dumps(_info(captured.info, picture)))
+        frames = [(scene, number) for scene in captured.scenes for number in scene.frames]
         for scene, number in track(frames, "complete"):
-            one = pair(scene, number, picture)
-            started = time.perf_counter()
-            found = complete(ready, one.image, one.depth_m, one.valid)
-            spent.append(time.perf_counter() - started)
-            cannot += not np.isfinite(found.depth_m).any()
-            before.append(float(1 - one.valid.mean()))
-            code = to_code(found.depth_m, given.info.depth_unit_m)
+            pair = read_pair(scene, number, picture)
+            frame_start = time.perf_counter()
+            completed = complete(ready, pair.image, pair.depth_m, pair.valid)
+            durations.append(time.perf_counter() - frame_start)
+            cannot += not np.isfinite(completed.depth_m).any()
+            before.append(float(1 - pair.valid.mean()))
+            code = to_code(completed.depth_m, captured.info.depth_unit_m)
             after.append(float((code == 0).mean()))
-            said = {"completed_by": method, "said": found.said}
+            frame_record = {"completed_by": method, "said": completed.note}
             if picture == "rgb":
-                _write_view(folder, one, given.info.depth_unit_m)
+                _write_view(folder, pair, captured.info.depth_unit_m)
             else:
-                said = {**_copied(folder, scene, number), **said}
-            _write(folder, one, code, found.sigma_m, given.info.depth_unit_m, said)
+                frame_record = {**_copy(folder, scene, number), **frame_record}
+            _write(folder, pair, code, completed.sigma_m, captured.info.depth_unit_m, frame_record)
         figures = {
             "method": method,
-            "frames": len(spent),
+            "frames": len(durations),
             "cannot": cannot,
             "holes_before": float(np.mean(before)),
             "holes_after": float(np.mean(after)),
-            "seconds_a_frame": float(np.median(spent)),
+            "seconds_a_frame": float(np.median(durations)),
         }
-        told = {"verb": "complete", "arguments": arguments, "versions": record.versions()}
-        folder.write(RECORD, record.dumps({**told, "figures": figures}))
-    return {"out": str(folder.path), **figures, "seconds": round(time.perf_counter() - begun, 3)}
+        content = {"verb": "complete", "arguments": arguments, "versions": record.versions()}
+        folder.write(RECORD, record.dumps({**content, "figures": figures}))
+    return {"out": str(folder.path), **figures, "seconds": round(time.perf_counter() - start, 3)}
 
 
 def _info(info: CaptureInfo, picture: Picture) -> CaptureInfo:
-    """The camera of the view that depth is completed in."""
+    """Return the capture information of the view in which depth is completed."""
     if picture != "rgb" or info.colour is None:
         return info
     view = info.colour
@@ -111,39 +112,40 @@ def _info(info: CaptureInfo, picture: Picture) -> CaptureInfo:
 
 def _write(
     folder: Folder,
-    one: Pair,
+    pair: Pair,
     code: NDArray[np.uint16],
     sigma_m: Image,
     unit_m: float,
-    said: Mapping[str, Any],
+    frame_record: Mapping[str, Any],
 ) -> None:
-    at = f"{one.scene}/{one.number}"
-    folder.write(f"{at}/depth.png", png.encode(code))
+    """Write one completed frame."""
+    folder_name = f"{pair.scene}/{pair.number}"
+    folder.write(f"{folder_name}/depth.png", png.encode(code))
     if np.isfinite(sigma_m).any():
-        least = np.maximum(sigma_m, np.float32(unit_m))  # 0 says that it is not known.
-        folder.write(f"{at}/sigma.png", png.encode(to_code(least, unit_m)))
-    folder.write(f"{at}/frame.json", record.dumps(said))
+        clipped = np.maximum(sigma_m, np.float32(unit_m))  # In the file, 0 means unknown.
+        folder.write(f"{folder_name}/sigma.png", png.encode(to_code(clipped, unit_m)))
+    folder.write(f"{folder_name}/frame.json", record.dumps(frame_record))
 
 
-def _write_view(folder: Folder, one: Pair, unit_m: float) -> None:
-    """What belongs to a frame in the colour camera's view."""
-    encode = png.encode_colour if one.image.ndim == 3 else png.encode
-    folder.write(f"{one.scene}/{one.number}/rgb.png", encode(one.image))
-    folder.write(f"{one.scene}/room", one.room + "\n")
-    if one.truth_m is not None:
-        folder.write(f"{one.scene}/truth.png", png.encode(to_code(one.truth_m, unit_m)))
+def _write_view(folder: Folder, pair: Pair, unit_m: float) -> None:
+    """Write image, room and truth of a frame in the colour camera's view."""
+    encode = png.encode_colour if pair.image.ndim == 3 else png.encode
+    folder.write(f"{pair.scene}/{pair.number}/rgb.png", encode(pair.image))
+    folder.write(f"{pair.scene}/room", pair.room + "\n")
+    if pair.truth_m is not None:
+        folder.write(f"{pair.scene}/truth.png", png.encode(to_code(pair.truth_m, unit_m)))
 
 
-def _copied(folder: OutputFolder, scene: CapturedScene, number: int) -> dict[str, Any]:
-    """Copy what does not tell of depth, and pass on the frame's record."""
+def _copy(folder: OutputFolder, scene: CapturedScene, number: int) -> dict[str, Any]:
+    """Copy files that do not depend on depth, and return the frame's record."""
     frame = scene.path / str(number)
     for path in (*scene.path.iterdir(), *frame.iterdir()):
-        if path.is_file() and path.name not in _WRITTEN:
+        if path.is_file() and path.name not in _NOT_COPIED:
             name = path.relative_to(scene.path).as_posix()
             folder.write(f"{scene.name}/{name}", path.read_bytes())
     folder.write(f"{scene.name}/room", scene.room + "\n")
-    seen = known_geometry.carried(scene, folder.path / scene.name)
-    if seen is not None:
-        folder.write(f"{scene.name}/{scene_file.FILE}", scene_file.dumps(seen))
-    told = scene.record(number)
-    return {name: value for name, value in told.items() if name != "reasons"}
+    geometry = known_geometry.for_folder(scene, folder.path / scene.name)
+    if geometry is not None:
+        folder.write(f"{scene.name}/{scene_file.FILE}", scene_file.dumps(geometry))
+    content = scene.record(number)
+    return {name: value for name, value in content.items() if name != "reasons"}

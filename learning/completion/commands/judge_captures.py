@@ -1,4 +1,4 @@
-"""The work of `starling evaluate completion`: how far methods are off, by region and by cause."""
+"""Implementation of `starling evaluate completion`: errors of methods by region and cause."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from starling.learning.completion import methods
-from starling.learning.completion.alignment import Target, judged_as
+from starling.learning.completion.alignment import Target, align_to_target
 from starling.learning.completion.data.layouts import (
     INFRARED,
     Layout,
-    chosen,
-    listed,
-    readings,
+    list_frames,
+    read_frames,
     root,
+    select_frames,
 )
 from starling.learning.completion.data.pairs import Pair, Picture
 from starling.learning.completion.evaluation import pictures
@@ -26,21 +26,22 @@ from starling.learning.completion.evaluation.metrics import (
     Figures,
     Score,
     Sums,
-    answered,
-    averaged,
-    pooled,
+    average,
+    has_depth,
+    pool,
     score,
 )
-from starling.learning.completion.evaluation.sigma_coverage import Coverage, of_regions
-from starling.learning.completion.evaluation.training_rooms import learnt_from
-from starling.learning.completion.method import Completed, Method, complete
+from starling.learning.completion.evaluation.sigma_coverage import Coverage, coverage_by_region
+from starling.learning.completion.evaluation.training_rooms import training_rooms
+from starling.learning.completion.method import Completed, CompletionMethod, complete
 from starling.learning.evaluation.figures.bootstrap import paired_share
 from starling.patterns.errors import refuse
 from starling.sim.console import progress, record
 from starling.sim.console.output import RECORD, OutputFolder, refuse_own_input
 
+VERB = "evaluate completion"
 ERRORS = ("mae_m", "rmse_m")
-_GIVEN = "sensor"  # What the camera itself has, as the first of the methods.
+_GIVEN = "sensor"  # Name of the camera's own depth, the first row of the results.
 
 
 def judge_captures(
@@ -57,88 +58,96 @@ def judge_captures(
     force: bool = False,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Complete frames whose truth is known by several methods, and compare.
+    """Complete frames with known truth by several methods and compare the results.
+
+    `methods` are means over rooms, where all pixels of a room are pooled. `pooled` pools all
+    pixels. `sensor` is the camera's own depth. `sigma` is the coverage of unaligned errors by the
+    predicted standard deviation (`sigma_coverage`).
+
+    A gain is the relative reduction of the error by a learnt method, compared with the best
+    classical method. It is a mean over rooms with a 95 % interval over rooms, over pixels where all
+    methods have depth. `learnt_from` lists the rooms that a method was trained on, according to its
+    folder; results there are too good.
 
     Args:
         captures: capture set with reference depth and the camera's own, or data set of another
             layout.
-        words: methods, as `methods.asked` takes them.
-        out: folder for figures and pictures.
-        layout: as `layouts.listed` takes it.
-        align: what depth is brought to by scale and shift before it is judged, frame by frame, the
-            camera's own too; see `alignment.judged_as`.
-        picture: the image that goes with a capture's depth.
-        rooms: to judge; None judges all.
-        frames: to judge, so many of theirs, evenly spread; None judges all.
-        seed: of the intervals' draws.
-        force: replace what was judged before.
+        words: methods, see `methods.create`.
+        out: output folder for figures and pictures.
+        layout: see `layouts.list_frames`.
+        align: target that depth, also the camera's own, is aligned to by scale and shift before
+            evaluation, frame by frame; see `alignment.align_to_target`.
+        picture: image to use with a capture's depth.
+        rooms: rooms to evaluate; None evaluates all.
+        frames: number of their frames to evaluate, evenly spaced; None evaluates all.
+        seed: seed of the bootstrap.
+        force: replace earlier results.
         track: wraps the loop over frames.
 
     Returns:
-        `{"methods": {WORD: {"all", "hole", "valid", "edge", "reasons"}}, "pooled": the same of all
-        pixels alike, "rooms": {WORD: {ROOM: ...}}, "gains": {WORD: {REGION: {FIGURE: ...}}},
-        "sigma": {WORD: {REGION: ...}}, "learnt_from": {WORD: [ROOM, ...]}, "seconds_a_frame":
-        {WORD: ...}, "out", "frames", "seconds"}`. `methods` are means over rooms, each of whose
-        pixels count alike; `sensor` is the camera's own depth. `sigma` tells how often the error
-        that a method expects covers its own (`sigma_coverage`), unaligned. A gain is what share of
-        the error of the best method that learns nothing a learnt one takes away, means over rooms,
-        with a 95 % interval over rooms; of pixels that all methods have depth of. `learnt_from` are
-        rooms that a method has learnt from, as far as its folder tells: judging there flatters it.
+        `{"methods": {WORD: {"all", "hole", "valid", "edge", "reasons"}}, "pooled": {WORD: ...},
+        "rooms": {WORD: {ROOM: ...}}, "gains": {WORD: {REGION: {FIGURE: ...}}}, "sigma": {WORD:
+        {REGION: ...}}, "learnt_from": {WORD: [ROOM, ...]}, "seconds_a_frame": {WORD: ...}, "out",
+        "frames", "seconds"}`.
 
     Raises:
-        InputError: whatever is wrong with the captures, the methods or the folder.
+        InputError: if the captures, the methods or the folder are invalid.
     """
-    begun = time.perf_counter()
-    judged = chosen(listed(captures, layout, picture), rooms, frames)
+    start = time.perf_counter()
+    judged = select_frames(list_frames(captures, layout, picture), rooms, frames)
     refuse_own_input(out, root(captures, layout))
     if not words:
-        raise refuse("methods", "must be at least one", "none", f"Of {', '.join(methods.NAMES)}.")
-    ready = {word: methods.asked(word) for word in dict.fromkeys(words)}
+        advice = f"Choose from {', '.join(methods.NAMES)}."
+        raise refuse("methods", "must be at least one", "none", advice)
+    ready = {word: methods.create(word) for word in dict.fromkeys(words)}
     scores: dict[str, dict[str, list[Score]]] = {word: {} for word in (_GIVEN, *ready)}
     common: dict[str, dict[str, list[Score]]] = {word: {} for word in ready}
     spent: dict[str, list[float]] = {word: [] for word in ready}
     sigmas: dict[str, dict[str, Coverage]] = {word: {} for word in ready}
-    worst = pictures.Worst()
-    for one in readings(judged, track, "judge"):
-        truth_m, completed = one.truth(), _completed(ready, one, spent)
-        told = {
-            word: judged_as(align, depth_m, sensor_m=one.depth_m, truth_m=truth_m)
+    worst = pictures.WorstFrames()
+    for pair in read_frames(judged, track, "judge"):
+        truth_m, completed = pair.truth(), _complete_by_all(ready, pair, spent)
+        aligned = {
+            word: align_to_target(align, depth_m, sensor_m=pair.depth_m, truth_m=truth_m)
             for word, depth_m in (
-                (_GIVEN, one.depth_m),
-                *((word, found.depth_m) for word, found in completed.items()),
+                (_GIVEN, pair.depth_m),
+                *((word, result.depth_m) for word, result in completed.items()),
             )
         }
-        for word, found in completed.items():
-            for region, part in of_regions(found, truth_m, one.valid).items():
+        for word, result in completed.items():
+            for region, part in coverage_by_region(result, truth_m, pair.valid).items():
                 sigmas[word][region] = sigmas[word].get(region, Coverage()) + part
-        judge = partial(score, valid=one.valid, focal_baseline_px_m=one.focal_baseline_px_m)
-        causes = one.causes()
-        by_all = np.all([answered(told[word]) for word in ready], axis=0)
-        for word, depth_m in told.items():
-            found = judge(depth_m, truth_m, causes=causes)
-            scores[word].setdefault(one.room, []).append(found)
+        judge = partial(score, valid=pair.valid, focal_baseline_px_m=pair.focal_baseline_px_m)
+        causes = pair.causes()
+        by_all = np.all([has_depth(aligned[word]) for word in ready], axis=0)
+        for word, depth_m in aligned.items():
+            frame_score = judge(depth_m, truth_m, causes=causes)
+            scores[word].setdefault(pair.room, []).append(frame_score)
             if word in common:
                 if not by_all.all():
-                    found = judge(depth_m, np.where(by_all, truth_m, np.float32(np.nan)))
-                common[word].setdefault(one.room, []).append(found)
-        worst.see(one, told)
-    by_room, alike = _by_room(scores), _by_room(common)
+                    frame_score = judge(depth_m, np.where(by_all, truth_m, np.float32(np.nan)))
+                common[word].setdefault(pair.room, []).append(frame_score)
+        worst.add(pair, aligned)
+    by_room, common_by_room = _by_room(scores), _by_room(common)
     figures = {
-        "methods": {word: _averaged(list(of.values())) for word, of in by_room.items()},
-        "pooled": {word: pooled(of.values()).figures() for word, of in by_room.items()},
+        "methods": {word: _average(list(room.values())) for word, room in by_room.items()},
+        "pooled": {word: pool(room.values()).figures() for word, room in by_room.items()},
         "rooms": {
-            word: {room: one.figures() for room, one in of.items()} for word, of in by_room.items()
+            word: {room: room_score.figures() for room, room_score in room_scores.items()}
+            for word, room_scores in by_room.items()
         },
-        "gains": _gains(alike, seed),
+        "gains": _gains(common_by_room, seed),
         "sigma": {
-            word: {region: part.figures() for region, part in of.items()}
-            for word, of in sigmas.items()
+            word: {region: part.figures() for region, part in regions.items()}
+            for word, regions in sigmas.items()
         },
-        "learnt_from": {word: learnt_from(word, captures, list(by_room[word])) for word in ready},
-        "seconds_a_frame": {word: float(np.median(one)) for word, one in spent.items()},
+        "learnt_from": {
+            word: training_rooms(word, captures, list(by_room[word])) for word in ready
+        },
+        "seconds_a_frame": {word: float(np.median(times)) for word, times in spent.items()},
         "frames": sum(map(len, scores[_GIVEN].values())),
     }
-    asked = {
+    arguments = {
         "captures": captures,
         "methods": list(words),
         "layout": layout,
@@ -149,36 +158,36 @@ def judge_captures(
         "seed": seed,
     }
     with OutputFolder(out, force=force) as folder:
-        folder.write("worst.png", worst.drawn())
-        kept = {"verb": "evaluate completion", "arguments": asked, "versions": record.versions()}
-        folder.write(RECORD, record.dumps({**kept, "figures": figures}))
-    return {**figures, "out": str(folder.path), "seconds": round(time.perf_counter() - begun, 3)}
+        folder.write("worst.png", worst.draw())
+        content = {"verb": VERB, "arguments": arguments, "versions": record.versions()}
+        folder.write(RECORD, record.dumps({**content, "figures": figures}))
+    return {**figures, "out": str(folder.path), "seconds": round(time.perf_counter() - start, 3)}
 
 
-def _completed(
-    ready: Mapping[str, Method], one: Pair, spent: Mapping[str, list[float]]
+def _complete_by_all(
+    ready: Mapping[str, CompletionMethod], pair: Pair, spent: Mapping[str, list[float]]
 ) -> dict[str, Completed]:
-    found = {}
+    completed = {}
     for word, method in ready.items():
-        started = time.perf_counter()
-        found[word] = complete(method, one.image, one.depth_m, one.valid)
-        spent[word].append(time.perf_counter() - started)
-    return found
+        start = time.perf_counter()
+        completed[word] = complete(method, pair.image, pair.depth_m, pair.valid)
+        spent[word].append(time.perf_counter() - start)
+    return completed
 
 
 def _by_room(scores: Mapping[str, Mapping[str, Sequence[Score]]]) -> dict[str, dict[str, Score]]:
     return {
-        word: {room: pooled(each) for room, each in rooms.items()} for word, rooms in scores.items()
+        word: {room: pool(each) for room, each in rooms.items()} for word, rooms in scores.items()
     }
 
 
-def _averaged(rooms: Sequence[Score]) -> dict[str, Any]:
-    """Means over rooms, region by region."""
+def _average(rooms: Sequence[Score]) -> dict[str, Any]:
+    """Average over rooms, region by region."""
     causes = sorted({cause for room in rooms for cause in room.reasons})
     return {
-        **{name: averaged(getattr(room, name) for room in rooms) for name in _REGIONS},
+        **{name: average(getattr(room, name) for room in rooms) for name in _REGIONS},
         "reasons": {
-            cause: averaged(room.reasons.get(cause, Sums()) for room in rooms) for cause in causes
+            cause: average(room.reasons.get(cause, Sums()) for room in rooms) for cause in causes
         },
     }
 
@@ -187,7 +196,7 @@ _REGIONS = ("all", "hole", "valid", "edge")
 
 
 def _gains(by_room: Mapping[str, Mapping[str, Score]], seed: int) -> dict[str, Any]:
-    """Learnt methods beside the best that learns nothing, region by region, error by error."""
+    """Compare learnt methods with the best classical method, by region and error."""
     plain = [word for word in by_room if word in methods.CLASSICAL]
     learnt = [word for word in by_room if word not in plain]
     if not plain or len(next(iter(by_room.values()))) < 2:
@@ -210,26 +219,26 @@ def _gain(
     seed: int,
 ) -> dict[str, Any] | None:
     def errors_of(method: str) -> dict[str, float]:
-        found = {}
-        for room, one in by_room[method].items():
-            figures: Figures = getattr(one, region).figures()
+        errors = {}
+        for room, room_score in by_room[method].items():
+            figures: Figures = getattr(room_score, region).figures()
             error = figures[name]
             if error is not None:
-                found[room] = float(error)
-        return found
+                errors[room] = float(error)
+        return errors
 
     best = min(plain, key=lambda method: np.mean(list(errors_of(method).values()) or [np.inf]))
-    theirs, own = errors_of(best), errors_of(word)
-    both = [room for room, error in theirs.items() if room in own and error > 0]
+    best_errors, word_errors = errors_of(best), errors_of(word)
+    both = [room for room, error in best_errors.items() if room in word_errors and error > 0]
     if len(both) < 2:
         return None
-    less = paired_share(
-        [theirs[room] for room in both], [own[room] for room in both], both, seed=seed
+    share = paired_share(
+        [best_errors[room] for room in both], [word_errors[room] for room in both], both, seed=seed
     )
     return {
         "best": best,
-        "gain_pct": 100 * less.share,
-        "interval": [100 * less.low, 100 * less.high],
-        "rooms_better": less.less,
-        "rooms": less.rooms,
+        "gain_pct": 100 * share.share,
+        "interval": [100 * share.low, 100 * share.high],
+        "rooms_better": share.less,
+        "rooms": share.rooms,
     }

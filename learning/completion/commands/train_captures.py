@@ -1,4 +1,4 @@
-"""The work of `starling train completion`: frames with truth in, weights out."""
+"""Implementation of `starling train completion`: trains on frames with ground truth."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from starling.learning.completion.data.layouts import (
     INFRARED,
     LAYOUTS,
     Layout,
-    Listed,
-    chosen,
-    listed,
+    ListedFrame,
+    list_frames,
     root,
+    select_frames,
 )
 from starling.learning.completion.data.pairs import Picture
-from starling.learning.completion.diffusion.variants import Variant
+from starling.learning.completion.diffusion import Variant
 from starling.learning.completion.evaluation.training_rooms import VERB
 from starling.patterns.errors import needs, refuse
 from starling.sim.console import progress
@@ -47,42 +47,43 @@ def train_captures(
     force: bool = False,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Train a network; what was cut short is gone on with when asked for again.
+    """Train a network. Interrupted training continues when the same call is repeated.
 
     Args:
-        captures: capture set, or data set of another layout, with truth.
+        captures: capture set, or data set of another layout, with ground truth.
         out: folder for weights, checkpoint and loss curve.
-        layout: as `layouts.listed` takes it.
-        also: further data sets to learn from, LAYOUT=PLACE each.
-        start: weights of an image generator, a folder or the id on a hub, that learns to complete
-            depth; empty trains the compact network from nothing.
-        variant: how the generator is told what is seen; see `diffusion.variants`; None: `rgbd`.
-        at_once: frames that the device holds at a time while a generator learns; None leaves the
-            settings' number.
-        picture: the image that goes with a capture's depth.
-        holes: the camera's own, or random ones in their stead, as a control.
-        rooms: to learn from; None takes all.
-        frames: to learn from, so many of theirs, evenly spread; None takes all.
-        steps: None leaves the settings' number.
-        seed: of first weights, crops, and random holes.
-        force: drop what starling left in the folder.
-        track: wraps loops that take long.
+        layout: see `layouts.list_frames`.
+        also: additional data sets, LAYOUT=PLACE each.
+        start: weights of an image generator to fine-tune, a folder or an id on the Hugging Face
+            hub; empty trains the compact network from scratch.
+        variant: conditioning of the generator, see `diffusion.VARIANTS`; None: `rgbd`.
+        at_once: frames on the device at a time while a generator trains; None uses the default.
+        picture: image to use with a capture's depth.
+        holes: the camera's own, or random ones as a control.
+        rooms: rooms to train on; None uses all.
+        frames: number of their frames to train on, evenly spaced; None uses all.
+        steps: number of steps; None uses the default.
+        seed: seed of initial weights, crops, and random holes.
+        force: delete earlier results in the folder.
+        track: wraps long loops.
 
     Returns:
-        `{"method", "frames", "left_out", "hole_share", "out", "seconds"}`, as `train_small` and
-        `train_diffusion` say.
+        `{"method", "frames", "left_out", "hole_share", "out", "seconds"}`, see `train_small` and
+        `train_diffusion`.
 
     Raises:
-        InputError: whatever is wrong with the frames or the folder; a variant, or a number at once,
-            of the compact network, which has neither.
+        InputError: if the frames or the folder are invalid, or a variant or `at_once` is given for
+            the compact network.
     """
-    begun = time.perf_counter()
+    start_time = time.perf_counter()
     for name, value in (("variant", variant), ("at-once", at_once)):
         if value is not None and not start:
             advice = f"Give weights of Stable Diffusion 2 by --start, or leave --{name} out."
             raise refuse(name, "must come with --start", value, advice)
-    learnt = chosen(_listed([(captures, layout), *map(_named, also)], out, picture), rooms, frames)
-    asked = {
+    chosen = select_frames(
+        _list_all([(captures, layout), *map(_split, also)], out, picture), rooms, frames
+    )
+    data_arguments = {
         "captures": captures,
         "layout": layout,
         "also": list(also),
@@ -91,19 +92,19 @@ def train_captures(
         "rooms": rooms,
         "frames": frames,
     }
-    seen = {"start": start, "variant": variant or "rgbd", "at_once": at_once} if start else {}
+    generator = {"start": start, "variant": variant or "rgbd", "at_once": at_once} if start else {}
     method = "diffusion" if start else "small"
-    arguments = {"method": method, **seen, **asked, "steps": steps, "seed": seed}
-    train = partial(_train_diffusion(), **seen) if start else _train_small()
+    arguments = {"method": method, **generator, **data_arguments, "steps": steps, "seed": seed}
+    train = partial(_train_diffusion(), **generator) if start else _train_small()
     work_folder.begin(out, arguments, force=force)
-    found = train(learnt, holes, steps=steps, folder=out, seed=seed, track=track)
-    figures = {"method": method, **found}
+    result = train(chosen, holes, steps=steps, folder=out, seed=seed, track=track)
+    figures = {"method": method, **result}
     work_folder.end(out, VERB, arguments, figures)
-    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
+    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - start_time, 3)}
 
 
-def _named(word: str) -> tuple[str, str]:
-    """Place and layout of a further data set."""
+def _split(word: str) -> tuple[str, str]:
+    """Split LAYOUT=PLACE into place and layout."""
     layout, _, place = word.partition("=")
     if not place:
         advice = f"LAYOUT is one of {', '.join(LAYOUTS)}."
@@ -111,15 +112,15 @@ def _named(word: str) -> tuple[str, str]:
     return place, layout
 
 
-def _listed(sets: Sequence[tuple[str, str]], out: Path, picture: Picture) -> list[Listed]:
-    """Frames of all data sets."""
-    found: list[Listed] = []
+def _list_all(sets: Sequence[tuple[str, str]], out: Path, picture: Picture) -> list[ListedFrame]:
+    """List the frames of all data sets."""
+    frames: list[ListedFrame] = []
     for place, layout in sets:
-        # The picture is that of captures, if there are any; else it is refused.
-        other = layout != "captures" and any(one == "captures" for _, one in sets)
-        found += listed(place, layout, INFRARED if other else picture)
+        # The picture applies to captures. It is refused if there are none.
+        ignored = layout != "captures" and any(kind == "captures" for _, kind in sets)
+        frames += list_frames(place, layout, INFRARED if ignored else picture)
         refuse_own_input(out, root(place, layout))
-    return found
+    return frames
 
 
 def _train_small() -> Callable[..., dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""An image generator learns to complete depth from listed frames, read when they are drawn."""
+"""Trains an image generator to complete depth from frames that are read when they are drawn."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from starling.learning.completion.data.layouts import Listed
+from starling.learning.completion.data.layouts import ListedFrame
 from starling.learning.completion.data.training_frame import Holes
-from starling.learning.completion.diffusion import training, weights
-from starling.learning.completion.diffusion.unread import Unread
-from starling.learning.completion.diffusion.variants import Variant
+from starling.learning.completion.diffusion import Variant, training, weights
+from starling.learning.completion.diffusion.data import ListedSamples
 from starling.sim.console import progress
 
 
 def train_diffusion(
-    frames: Sequence[Listed],
+    frames: Sequence[ListedFrame],
     holes: Holes,
     *,
     start: str,
@@ -29,36 +28,36 @@ def train_diffusion(
     seed: int,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Learn, or go on with what lies in the folder; weights are left in `folder/weights`.
+    """Train, or continue from the folder's checkpoint, and write the weights to `folder/weights`.
 
     Args:
-        frames: with truth.
-        holes: as `training_frame` takes them.
-        start: weights of an image generator, a folder or the id on a hub.
-        variant: how it is told what is seen.
-        steps: None leaves the settings' number, and
-        at_once: so does it here: frames that the device holds at a time.
+        frames: frames with ground truth.
+        holes: see `training_frame`.
+        start: weights of an image generator, a folder or an id on the Hugging Face hub.
+        variant: conditioning of the generator.
+        steps: number of steps; None uses the default.
+        at_once: frames on the device at a time; None uses the default.
         folder: gets checkpoint, loss curve and weights.
-        seed: fixes what is drawn, random holes too.
+        seed: seed of all random draws, including random holes.
         track: wraps the loop over steps.
 
     Returns:
-        `{"frames", "left_out", "hole_share"}`: those there are; of the ones that were drawn since
-        this call, those without any depth, and the others' mean share of pixels without.
+        `{"frames", "left_out", "hole_share"}`: number of frames; number of frames without depth
+        among those drawn by this call; mean share of holes of the others.
 
     Raises:
-        InputError: whatever is wrong with a frame; as `weights.load` and `training.train`.
+        InputError: if a frame is invalid; see also `weights.load` and `training.train`.
     """
-    asked = {"steps": steps, "at_once": at_once}
-    given = {name: value for name, value in asked.items() if value is not None}
-    settings = dataclasses.replace(training.Settings(), **given)
-    drawn = Unread(frames=frames, holes=holes, seed=seed)
+    options = {"steps": steps, "at_once": at_once}
+    changes = {name: value for name, value in options.items() if value is not None}
+    settings = dataclasses.replace(training.Settings(), **changes)
+    samples = ListedSamples(frames=frames, holes=holes, seed=seed)
     training.train(
-        weights.load(start), variant, drawn, settings, folder=folder, seed=seed, track=track
+        weights.load(start), variant, samples, settings, folder=folder, seed=seed, track=track
     )
-    shares = [share for share in drawn.shares.values() if share < 1]
+    shares = [share for share in samples.shares.values() if share < 1]
     return {
         "frames": len(frames),
-        "left_out": len(drawn.shares) - len(shares),
+        "left_out": len(samples.shares) - len(shares),
         "hole_share": float(np.mean(shares)) if shares else None,
     }

@@ -1,4 +1,4 @@
-"""The compact network learns from listed frames, which it holds in memory."""
+"""Trains the compact network on frames that are kept in memory."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from starling.learning.completion.data.layouts import Listed, readings
+from starling.learning.completion.data.layouts import ListedFrame, read_frames
 from starling.learning.completion.data.training_frame import Holes, none_has_depth, training_frame
 from starling.learning.completion.small import method
-from starling.learning.completion.small.crops import Sample
+from starling.learning.completion.small.crops import FrameSample
 from starling.learning.completion.small.settings import Settings
 from starling.sim.console import progress
 
 
 def train_small(
-    frames: Sequence[Listed],
+    frames: Sequence[ListedFrame],
     holes: Holes,
     *,
     steps: int | None,
@@ -25,29 +25,32 @@ def train_small(
     seed: int,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Read all frames, then learn, or go on with what lies in the folder.
+    """Read all frames, then train, or continue from the folder's checkpoint.
 
     Args:
-        frames: with truth.
-        holes: as `training_frame` takes them.
-        steps: None leaves the settings' number.
+        frames: frames with ground truth.
+        holes: see `training_frame`.
+        steps: number of steps; None uses the default.
         folder: gets checkpoint, loss curve and weights.
-        seed: fixes first weights, crops and random holes.
-        track: wraps loops that take long.
+        seed: seed of initial weights, crops and random holes.
+        track: wraps long loops.
 
     Returns:
-        `{"frames", "left_out", "hole_share"}`: those learnt from; those without any depth; mean
-        share of pixels without depth.
+        `{"frames", "left_out", "hole_share"}`: number of frames trained on; number of frames
+        without depth; mean share of pixels without depth.
 
     Raises:
-        InputError: whatever is wrong with a frame; if none has depth; as `small.fit`.
+        InputError: if a frame is invalid, or none has depth; see also `method.fit`.
     """
     samples = []
-    for number, one in enumerate(readings(frames, track, "read")):
-        ready = training_frame(one, holes, seed=seed, number=number)
-        if ready is not None:
-            told = Sample(image=ready.image, depth_m=ready.depth_m, truth_m=ready.truth())
-            samples.append(told)
+    for number, pair in enumerate(read_frames(frames, track, "read")):
+        prepared = training_frame(pair, holes, seed=seed, number=number)
+        if prepared is not None:
+            samples.append(
+                FrameSample(
+                    image=prepared.image, depth_m=prepared.depth_m, truth_m=prepared.truth()
+                )
+            )
     if not samples:
         raise none_has_depth(len(frames))
     settings = Settings() if steps is None else Settings(steps=steps)

@@ -1,4 +1,4 @@
-"""A name of frames that changes when they do, found without reading an image."""
+"""A fingerprint of frames that changes with their files, computed without reading an image."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from starling.learning.completion.data.layouts import Listed
+from starling.learning.completion.data.layouts import ListedFrame
 from starling.patterns.errors import InputError, refuse
 
-# A PNG ends in a check sum of all its pixels, then a check sum of that part and an empty part.
+# The end of a PNG file contains a checksum of all pixels.
 _END_BYTES = 32
 
 
-def fingerprint(frames: Sequence[Listed]) -> str:
-    """Hash the names of frames and, of each of their files, name, size and last 32 bytes.
+def fingerprint(frames: Sequence[ListedFrame]) -> str:
+    """Hash the names of frames and, for each of their files, name, size and last 32 bytes.
 
-    So it tells of any change to a PNG, wherever the file lies and whenever it was copied. Of other
-    files it tells of those that change size or end: of one file that holds all images, as NYUv2's,
-    it does not notice one image put in another's place.
+    This detects any change of a PNG file, independent of its folder and time. For other files it
+    detects changes of size and end only. It does not detect a changed image inside one file that
+    holds all images, as in NYUv2.
 
     Raises:
-        InputError: if a file is missing: better before training than in its midst.
+        InputError: if a file is missing; this is better than an error during training.
     """
     value = 0
     for frame in frames:
@@ -33,7 +33,7 @@ def fingerprint(frames: Sequence[Listed]) -> str:
 
 
 def _end(frame: str, path: Path) -> bytes:
-    """Name, size and last bytes of a file."""
+    """Return name, size and last bytes of a file."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, os.SEEK_END)
@@ -45,4 +45,4 @@ def _end(frame: str, path: Path) -> bytes:
 
 def _missing(frame: str, path: Path) -> InputError:
     advice = "Leave it out, or copy it again."
-    return refuse(f"frame {frame}", f"must have {path.name} to be learnt from", "none", advice)
+    return refuse(f"frame {frame}", f"must have {path.name} for training", "none", advice)

@@ -1,7 +1,6 @@
-"""Frames of data sets in any layout: captures, and public ones in their publishers'.
+"""Frames of data sets: captures, and public data sets in their publishers' layouts.
 
-A frame is listed by the names of its files and read when it is asked for, so that a data set may be
-larger than memory.
+Frames are listed by file name and read on demand, so that a data set need not fit in memory.
 """
 
 from __future__ import annotations
@@ -13,118 +12,126 @@ from importlib import import_module
 from pathlib import Path
 from typing import Literal
 
-from starling.learning.completion.data.pairs import Pair, Picture, pair
-from starling.learning.completion.data.readers.item import Source
-from starling.learning.completion.data.readers.readings import reading
+from starling.learning.completion.data.pairs import Pair, Picture, read_pair
+from starling.learning.completion.data.readers.item import ItemSource
+from starling.learning.completion.data.readers.readings import read_source
 from starling.patterns.errors import in_interval, one_of, refuse
 from starling.sim.captures import capture, info
 from starling.sim.console import progress
 
 Layout = Literal["captures", "irs", "vkitti2", "nyuv2"]
 LAYOUTS: tuple[Layout, ...] = ("captures", "irs", "vkitti2", "nyuv2")
-INFRARED: Picture = "ir_left"  # What goes with a capture's depth where nothing else is said.
+INFRARED: Picture = "ir_left"  # Default image of a capture.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Listed:
+class ListedFrame:
     """A frame that is not yet read."""
 
     name: str  # Unique in its data set.
-    room: str  # Splits go by room.
-    files: tuple[Path, ...]  # What it is learnt from.
+    room: str  # Splits are by room.
+    files: tuple[Path, ...]  # Files needed for training.
     load: Callable[[], Pair]  # Raises InputError if a file is missing or damaged.
 
 
-def listed(place: str, layout: str, picture: Picture = INFRARED) -> list[Listed]:
-    """List the frames of a data set; no image is read.
+def list_frames(place: str, layout: str, picture: Picture = INFRARED) -> list[ListedFrame]:
+    """List the frames of a data set without reading an image.
 
     Args:
         place: capture set; folder of IRS or Virtual KITTI 2; file of NYUv2.
-        layout: of `LAYOUTS`.
-        picture: which image of a capture goes with its depth.
+        layout: one of `LAYOUTS`.
+        picture: image of a capture to use with its depth.
 
     Raises:
-        InputError: if the layout is unknown, a picture is chosen where there is but one, or as
-            `starling.sim.captures.capture.open_set` or the readers' `sources`.
+        InputError: if the layout is unknown, or a picture is chosen for a data set with only one;
+            see also `starling.sim.captures.capture.open_set` and the readers' `sources`.
     """
     one_of("layout", layout, LAYOUTS)
     if layout == "captures":
         return _captured(place, picture)
     if picture != INFRARED:
         advice = f"Leave --image out: {layout} has one image a frame."
-        raise refuse("image", "must be chosen of captures alone", picture, advice)
-    sources: list[Source] = import_module(
+        raise refuse("image", "can be chosen for captures only", picture, advice)
+    sources: list[ItemSource] = import_module(
         f"starling.learning.completion.data.readers.{layout}"
     ).sources(Path(place))
     return [
-        Listed(name=one.name, room=one.room, files=one.files, load=partial(reading, one))
-        for one in sources
+        ListedFrame(
+            name=source.name,
+            room=source.room,
+            files=source.files,
+            load=partial(read_source, source),
+        )
+        for source in sources
     ]
 
 
 def root(place: str, layout: str) -> Path:
-    """What a verb must not write into: of one scene of captures, the whole set.
+    """Return the path that must not contain outputs; for one scene of captures, the whole set.
 
     Raises:
-        InputError: as `starling.sim.captures.capture.open_set`.
+        InputError: see `starling.sim.captures.capture.open_set`.
     """
     return capture.open_set(place).path if layout == "captures" else Path(place)
 
 
-def chosen(
-    frames: Sequence[Listed], rooms: Sequence[str] | None = None, most: int | None = None
-) -> list[Listed]:
-    """Take some frames.
+def select_frames(
+    frames: Sequence[ListedFrame], rooms: Sequence[str] | None = None, most: int | None = None
+) -> list[ListedFrame]:
+    """Select frames.
 
     Args:
-        frames: listed.
-        rooms: theirs alone; None takes all.
-        most: so many of what is left, evenly spread in order; None takes all.
+        frames: listed frames.
+        rooms: rooms to select; None selects all.
+        most: number of frames, evenly spaced in order; None selects all.
 
     Raises:
-        InputError: if a room is unknown, none is named, or fewer frames are there.
+        InputError: if a room is unknown, no room is named, or there are fewer frames.
     """
     if rooms is not None and not rooms:
         raise refuse("rooms", "must be at least one", "none", "Name some, or leave --rooms out.")
     for room in rooms or ():
-        one_of("room", room, {one.room for one in frames})
-    left = [one for one in frames if rooms is None or one.room in rooms]
+        one_of("room", room, {frame.room for frame in frames})
+    selected = [frame for frame in frames if rooms is None or frame.room in rooms]
     if most is None:
-        return left
-    in_interval("frames", most, 1, len(left), f"There are {len(left)}.")
-    return [left[number * len(left) // most] for number in range(most)]
+        return selected
+    in_interval("frames", most, 1, len(selected), f"There are {len(selected)}.")
+    return [selected[number * len(selected) // most] for number in range(most)]
 
 
-def readings(frames: Sequence[Listed], track: progress.Progress, label: str) -> Iterator[Pair]:
+def read_frames(
+    frames: Sequence[ListedFrame], track: progress.Progress, label: str
+) -> Iterator[Pair]:
     """Read frames one after the other.
 
     Args:
-        frames: listed.
-        track: wraps the loop over them.
-        label: what is done with them.
+        frames: listed frames.
+        track: wraps the loop over frames.
+        label: label of the progress bar.
 
     Raises:
-        InputError: as their `load`.
+        InputError: see their `load`.
     """
-    for one in track(frames, label):
-        yield one.load()
+    for frame in track(frames, label):
+        yield frame.load()
 
 
-def _captured(place: str, picture: Picture) -> list[Listed]:
-    found = []
+def _captured(place: str, picture: Picture) -> list[ListedFrame]:
+    """List the frames of a capture set."""
+    frames = []
     for scene in capture.open_set(place).scenes:
-        # Steps of depth, and where the colour camera stands, are told there.
-        about = [scene.path / info.OWN, scene.path.parent / info.FILE]
-        told = [path for path in about if path.exists()]
+        # Depth unit and pose of the colour camera.
+        info_paths = [scene.path / info.OWN, scene.path.parent / info.FILE]
+        info_files = [path for path in info_paths if path.exists()]
         for number in scene.frames:
             folder = scene.path / str(number)
             images = (folder / f"{picture}.png", folder / "depth.png", scene.path / "truth.png")
-            found.append(
-                Listed(
+            frames.append(
+                ListedFrame(
                     name=f"{scene.name}/{number}",
                     room=scene.room,
-                    files=(*images, *told),
-                    load=partial(pair, scene, number, picture),
+                    files=(*images, *info_files),
+                    load=partial(read_pair, scene, number, picture),
                 )
             )
-    return found
+    return frames

@@ -1,14 +1,14 @@
-"""Where a part of a frame lies."""
+"""Position of a crop in a frame."""
 
 from __future__ import annotations
 
 
-def around(middle: int, part: int, whole: int) -> int:
-    """Where a part begins along one side, a pixel in its middle or near it.
+def window_start(middle: int, part: int, whole: int) -> int:
+    """Return the start of a crop along one side, with a given pixel at or near its centre.
 
     Args:
         middle: the pixel.
-        part: length of the part; a longer one than the whole begins with it.
+        part: length of the crop; a crop longer than the side starts at 0.
         whole: length of the frame's side.
     """
     return max(min(middle - part // 2, whole - part), 0)

@@ -1,4 +1,4 @@
-"""How the denoising network is told image and sensor depth: the paper's three ways."""
+"""The three ways of the paper to condition the denoising network on image and sensor depth."""
 
 from __future__ import annotations
 
@@ -11,48 +11,46 @@ from diffusers.models.controlnets.controlnet import ControlNetModel
 from diffusers.models.unets.unet_2d_condition import UNet2DConditionModel
 from torch import Tensor, nn
 
-from starling.learning.completion.diffusion import latents
-from starling.learning.completion.diffusion.seen import Seen
-from starling.learning.completion.diffusion.unet import widen
-from starling.learning.completion.diffusion.variants import VARIANTS, Variant
+from starling.learning.completion.diffusion import VARIANTS, Variant, latents
+from starling.learning.completion.diffusion.span import NetworkInput
 from starling.learning.completion.diffusion.weights import Weights
 from starling.patterns.errors import one_of, refuse
 
-_LATENTS = 3  # Of image, sensor depth and noisy depth.
-_EMBEDDING = (16, 32, 96, 256)  # Widths of ControlNet's encoder, each half the size of the last.
+_LATENTS = 3  # Latents that are concatenated: image, sensor depth, noisy depth.
+_EMBEDDING = (16, 32, 96, 256)  # Channels of ControlNet's image encoder, level by level.
 
 
 class Conditioning(Protocol):
-    """A denoising network and what it is told."""
+    """A denoising network with its conditioning on a frame."""
 
     @property
     def variant(self) -> Variant:
-        """Which of the three."""
+        """Name of the conditioning."""
         ...
 
     @property
     def networks(self) -> nn.ModuleDict:
-        """All of them."""
+        """All networks, by name."""
         ...
 
-    def condition(self, seen: Seen, vae: AutoencoderKL) -> Tensor:
-        """What is told of frames, the same at all steps."""
+    def condition(self, inputs: NetworkInput, vae: AutoencoderKL) -> Tensor:
+        """Encode the frames. The result is the same for all denoising steps."""
         ...
 
     def noise(self, noisy: Tensor, step: Tensor, condition: Tensor, text: Tensor) -> Tensor:
-        """Tell the noise in latents.
+        """Predict the noise in latents.
 
         Args:
-            noisy: (b, 4, h, w).
-            step: (b,) of the noise schedule.
-            condition: as `condition` gives.
-            text: (b, n, d).
+            noisy: noisy latents (b, 4, h, w).
+            step: step (b,) of the noise schedule.
+            condition: result of `condition`.
+            text: encoded prompt (b, n, d).
         """
         ...
 
 
 class Concatenated:
-    """Latents side by side: image, sensor depth, noisy depth [, mask of holes]."""
+    """Concatenates the latents of image, sensor depth and noisy depth [, and the hole mask]."""
 
     def __init__(self, unet: UNet2DConditionModel) -> None:
         self.networks = nn.ModuleDict({"unet": unet})
@@ -63,20 +61,23 @@ class Concatenated:
     def variant(self) -> Variant:
         return "rgbd-mask" if self._masked else "rgbd"
 
-    def condition(self, seen: Seen, vae: AutoencoderKL) -> Tensor:
-        parts = [latents.encode(vae, seen.image), latents.encode_depth(vae, seen.sensor)]
+    def condition(self, inputs: NetworkInput, vae: AutoencoderKL) -> Tensor:
+        encoded_inputs = [
+            latents.encode(vae, inputs.image),
+            latents.encode_depth(vae, inputs.sensor),
+        ]
         if self._masked:
-            parts.append(latents.cells(seen.hole, latents.factor(vae)))
-        return torch.cat(parts, dim=1)
+            encoded_inputs.append(latents.cells(inputs.hole, latents.factor(vae)))
+        return torch.cat(encoded_inputs, dim=1)
 
     def noise(self, noisy: Tensor, step: Tensor, condition: Tensor, text: Tensor) -> Tensor:
         encoded = (_LATENTS - 1) * noisy.shape[1]
-        told = torch.cat([condition[:, :encoded], noisy, condition[:, encoded:]], dim=1)
-        return self._unet(told, step, encoder_hidden_states=text, return_dict=False)[0]
+        stacked = torch.cat([condition[:, :encoded], noisy, condition[:, encoded:]], dim=1)
+        return self._unet(stacked, step, encoder_hidden_states=text, return_dict=False)[0]
 
 
 class Controlled:
-    """ControlNet, whose own encoder sees image and sensor depth (Zhang et al., ICCV 2023)."""
+    """ControlNet with an encoder for image and sensor depth (Zhang et al., ICCV 2023)."""
 
     variant: Variant = "controlnet"
 
@@ -84,9 +85,9 @@ class Controlled:
         self.networks = nn.ModuleDict({"unet": unet, "controlnet": controlnet})
         self._unet, self._controlnet = unet, controlnet
 
-    def condition(self, seen: Seen, vae: AutoencoderKL) -> Tensor:
-        del vae  # Its encoder is learnt, and sees pixels.
-        return torch.cat([seen.image, seen.sensor], dim=1)
+    def condition(self, inputs: NetworkInput, vae: AutoencoderKL) -> Tensor:
+        del vae  # The encoder is trained and takes pixels.
+        return torch.cat([inputs.image, inputs.sensor], dim=1)
 
     def noise(self, noisy: Tensor, step: Tensor, condition: Tensor, text: Tensor) -> Tensor:
         down, middle = self._controlnet(
@@ -106,27 +107,27 @@ class Controlled:
         )[0]
 
 
-def begin(weights: Weights, variant: Variant, *, seed: int) -> Conditioning:
-    """Make a conditioning of an image generator's weights, ready to be learnt.
+def adapt_generator(weights: Weights, variant: Variant, *, seed: int) -> Conditioning:
+    """Adapt the weights of an image generator for conditioning, ready for training.
 
-    All is learnt that the paper learns: everything where latents are side by side; with ControlNet
-    the decoder and ControlNet itself, while the encoder, down to the middle, of which ControlNet
-    has a copy, is fixed.
+    With concatenated latents, all weights are trained. With ControlNet, its encoder and the
+    generator's decoder are trained. The generator's encoder and middle block stay fixed, because
+    ControlNet trains a copy of them.
 
     Args:
-        weights: of a text-to-image model; its network is changed.
-        variant: which.
-        seed: of what ControlNet's own encoder begins with.
+        weights: weights of a text-to-image model; its network is changed in place.
+        variant: name of the conditioning.
+        seed: seed of the initial weights of ControlNet's image encoder.
 
     Raises:
-        InputError: if the variant is not known, or the weights take other than bare latents.
+        InputError: if the variant is unknown, or the network takes more than the noisy latents.
     """
     one_of("variant", variant, VARIANTS)
     unet, bare = weights.unet, weights.vae.config["latent_channels"]
     if unet.config["in_channels"] != bare or weights.controlnet:
-        rule = f"must be of a text-to-image model, with {bare} channels in, to learn from"
+        rule = f"must be of a text-to-image model with {bare} input channels"
         got = f"{unet.config['in_channels']}" + (" and controlnet/" if weights.controlnet else "")
-        raise refuse("weights", rule, got, "Give what was published, not what was learnt here.")
+        raise refuse("weights", rule, got, "Give published weights, not weights trained here.")
     if variant == "controlnet":
         levels = len(weights.vae.config["block_out_channels"])
         with torch.random.fork_rng(devices=[]):
@@ -145,22 +146,45 @@ def begin(weights: Weights, variant: Variant, *, seed: int) -> Conditioning:
     return Concatenated(unet)
 
 
-def learnt(weights: Weights) -> Conditioning:
-    """Find the conditioning that weights were trained for.
+def trained_conditioning(weights: Weights) -> Conditioning:
+    """Restore the conditioning of weights that were trained for completion.
 
     Raises:
-        InputError: if they were not trained for completion.
+        InputError: if the weights were not trained for completion.
     """
     if weights.controlnet is not None:
         return Controlled(weights.unet, weights.controlnet)
     wide = _LATENTS * weights.vae.config["latent_channels"]
     if (inputs := weights.unet.config["in_channels"]) not in (wide, wide + 1):
-        rule = f"must be trained for completion, with {wide} or {wide + 1} channels in"
+        rule = f"must be trained for completion, with {wide} or {wide + 1} input channels"
         raise refuse("weights", rule, inputs, "Train first, from these weights.")
     return Concatenated(weights.unet)
 
 
-def trainable(conditioning: Conditioning) -> list[nn.Parameter]:
-    """What of its networks is learnt."""
+def trainable_parameters(conditioning: Conditioning) -> list[nn.Parameter]:
+    """Return the parameters that are trained."""
     parameters = chain.from_iterable(part.parameters() for part in conditioning.networks.values())
     return [parameter for parameter in parameters if parameter.requires_grad]
+
+
+def widen(network: UNet2DConditionModel, *, copies: int, further: int) -> None:
+    """Let the first layer take several latents at once, and additional channels.
+
+    Its weights are repeated for each latent and divided by their number (the paper's sec. 3). For
+    equal latents, the output does not change. Weights of additional channels start at zero, so that
+    these channels have no effect before training.
+
+    Args:
+        network: is changed in place, with its configuration.
+        copies: number of latents.
+        further: number of additional channels.
+    """
+    old: Any = network.conv_in
+    inputs = copies * old.in_channels + further
+    new = nn.Conv2d(inputs, old.out_channels, old.kernel_size, padding=old.padding)
+    with torch.no_grad():
+        new.weight[:, : inputs - further] = old.weight.repeat(1, copies, 1, 1) / copies
+        new.weight[:, inputs - further :] = 0
+        new.get_parameter("bias").copy_(old.bias)
+    network.conv_in = new.to(old.weight.device, old.weight.dtype)
+    network.register_to_config(in_channels=inputs)

@@ -1,7 +1,7 @@
 """Images and depth in the autoencoder's latent space.
 
-The autoencoder is that of the image generator, not learnt anew: it keeps depth that is given to
-all three channels (Ke et al., CVPR 2024, sec. 3.2).
+The autoencoder of the image generator stays fixed. It reproduces depth that is repeated in all
+three channels (Ke et al., CVPR 2024, sec. 3.2).
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ from torch.nn import functional
 
 
 def factor(vae: AutoencoderKL) -> int:
-    """Pixels along a side of one latent cell; 8 in Stable Diffusion."""
+    """Return the side of one latent cell [px]; 8 in Stable Diffusion."""
     return 2 ** (len(vae.config["block_out_channels"]) - 1)
 
 
 def encode(vae: AutoencoderKL, images: Tensor) -> Tensor:
-    """Encode images (b, 3, h, w) in -1..1 to (b, 4, h / 8, w / 8).
+    """Encode images (b, 3, h, w) in -1..1 to latents (b, 4, h / 8, w / 8).
 
-    The posterior's mode, not a draw, as in Marigold; scaled to about unit variance.
+    Returns the posterior's mode, as Marigold does, scaled to about unit variance.
     """
     posterior = vae.encode(images, return_dict=False)[0]
     return posterior.mode() * vae.config["scaling_factor"]
 
 
 def encode_depth(vae: AutoencoderKL, depth: Tensor) -> Tensor:
-    """Encode depth (b, 1, h, w) in -1..1, given to all three channels."""
+    """Encode depth (b, 1, h, w) in -1..1, repeated in all three channels."""
     return encode(vae, depth.expand(-1, 3, -1, -1))
 
 
@@ -36,8 +36,8 @@ def decode_depth(vae: AutoencoderKL, latents: Tensor) -> Tensor:
 
 
 def cells(mask: Tensor, side: int) -> Tensor:
-    """Bring a mask (b, 1, h, w) of 0 and 1 to latent size: 1 where any pixel of the cell is.
+    """Downsample a mask (b, 1, h, w) of 0 and 1 to latent size by the maximum of each cell.
 
-    The paper downsamples its mask and does not say how; so no missing pixel is overlooked.
+    The paper does not state how it downsamples its mask. The maximum misses no hole.
     """
     return functional.max_pool2d(mask, side)

@@ -1,4 +1,4 @@
-"""Diffusion as a method of completion."""
+"""Diffusion as a completion method."""
 
 from __future__ import annotations
 
@@ -7,26 +7,24 @@ from pathlib import Path
 
 import numpy as np
 
-from starling.learning.completion.diffusion.model import Model, trained
+from starling.learning.completion.diffusion.model import DiffusionModel, trained_model
 from starling.learning.completion.diffusion.sampling import sample
-from starling.learning.completion.diffusion.seen import look
-from starling.learning.completion.diffusion.span import Span
-from starling.learning.completion.diffusion.spread import joined
-from starling.learning.completion.frame import Frame
+from starling.learning.completion.diffusion.span import Span, network_input
+from starling.learning.completion.frame import CompletionFrame, Image
 from starling.learning.completion.method import Completed
 from starling.patterns.errors import in_interval
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Diffusion:
-    """Depth everywhere by the network, in metres by the sensor depth's own scale and shift.
+    """Predicts depth at all pixels. Scale and shift come from the sensor's depth.
 
-    Depth that the sensor has is not put back: it is noisy, and the paper gives the network's.
+    As in the paper, the sensor's depth is not copied to the output, because it is noisy.
     """
 
-    model: Model
-    steps: int = 50  # Of denoising: Marigold's number; the paper gives none for its T.
-    count: int = 1  # Depths drawn, whose mean is given; their spread is told from two on.
+    model: DiffusionModel
+    steps: int = 50  # Denoising steps: Marigold's number; the paper does not state its own.
+    count: int = 1  # Samples to average. Their spread is estimated from two samples on.
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -35,19 +33,19 @@ class Diffusion:
 
     @property
     def name(self) -> str:
-        """Diffusion, and how it is told what is seen."""
+        """Name of the method, with its conditioning."""
         return f"diffusion-{self.model.conditioning.variant}"
 
-    def fill(self, frame: Frame) -> Completed:
+    def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame of any size."""
-        model, span = self.model, Span.of(frame)
-        seen = look([frame], multiple=model.multiple, where=model.text.device)
+        model, span = self.model, Span.from_frame(frame)
+        inputs = network_input([frame], multiple=model.multiple, device=model.text.device)
         height, width = frame.shape
-        drawn = [
-            span.metres(depth[0, :height, :width].float().cpu().numpy())
-            for depth in sample(model, seen, steps=self.steps, seed=self.seed, count=self.count)
+        samples = [
+            span.decode(depth[0, :height, :width].float().cpu().numpy())
+            for depth in sample(model, inputs, steps=self.steps, seed=self.seed, count=self.count)
         ]
-        mean, sigma = joined(np.stack(drawn))
+        mean, sigma = mean_and_std(np.stack(samples))
         return Completed(depth_m=mean, sigma_m=sigma)
 
 
@@ -55,12 +53,30 @@ def load(source: Path | str, *, steps: int = 50, count: int = 1, seed: int = 0) 
     """Read a trained model.
 
     Args:
-        source: the folder `weights` that training leaves, or a hub's id.
-        steps: as `Diffusion`'s.
-        count: as `Diffusion`'s.
-        seed: as `Diffusion`'s.
+        source: the folder `weights` that training writes, or an id on the Hugging Face hub.
+        steps: see `Diffusion`.
+        count: see `Diffusion`.
+        seed: see `Diffusion`.
 
     Raises:
-        InputError: as `trained`; if a number is out of range.
+        InputError: see `trained_model`; or if a number is out of range.
     """
-    return Diffusion(model=trained(source), steps=steps, count=count, seed=seed)
+    return Diffusion(model=trained_model(source), steps=steps, count=count, seed=seed)
+
+
+def mean_and_std(samples_m: Image) -> tuple[Image, Image]:
+    """Mean and standard deviation of depth samples.
+
+    Args:
+        samples_m: (n, h, w) [m].
+
+    Returns:
+        Mean (h, w) [m], NaN where a sample is NaN; and the sample standard deviation (h, w) [m],
+        NaN for n = 1.
+    """
+    mean = samples_m.mean(axis=0, dtype=np.float64)
+    if len(samples_m) < 2:
+        return mean.astype(np.float32), np.full_like(samples_m[0], np.nan)
+    return mean.astype(np.float32), samples_m.std(axis=0, ddof=1, dtype=np.float64).astype(
+        np.float32
+    )

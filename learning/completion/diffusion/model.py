@@ -1,4 +1,4 @@
-"""A diffusion model for completion: its networks, its noise, and what it is told of frames."""
+"""A diffusion model for completion: networks, noise schedule and conditioning."""
 
 from __future__ import annotations
 
@@ -11,63 +11,65 @@ from diffusers.models.autoencoders.autoencoder_kl import AutoencoderKL
 from diffusers.schedulers.scheduling_ddim import DDIMScheduler
 from torch import Tensor, nn
 
-from starling.learning.completion.diffusion import latents, weights
-from starling.learning.completion.diffusion.conditioning import Conditioning, begin, learnt
-from starling.learning.completion.diffusion.text import empty_prompt
-from starling.learning.completion.diffusion.variants import Variant
-from starling.learning.completion.diffusion.weights import Weights
+from starling.learning.completion.diffusion import Variant, latents, weights
+from starling.learning.completion.diffusion.conditioning import (
+    Conditioning,
+    adapt_generator,
+    trained_conditioning,
+)
+from starling.learning.completion.diffusion.weights import Weights, empty_prompt
 from starling.learning.networks.training.learner import device
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Model:
-    """What denoises, on its device, and what stays as it is while that learns."""
+class DiffusionModel:
+    """Denoising network on its device, with the parts that training does not change."""
 
     conditioning: Conditioning
     vae: AutoencoderKL
-    scheduler: DDIMScheduler  # The noise schedule, and what the network tells.
-    text: Tensor  # (1, n, d) the empty prompt.
+    scheduler: DDIMScheduler  # Noise schedule, and the quantity that the network predicts.
+    text: Tensor  # (1, n, d) encoded empty prompt.
 
     @property
     def multiple(self) -> int:
-        """Of what height and width must be [px], for all halvings to come out; 64 for SD 2."""
+        """Height and width of inputs are multiples of this [px]; 64 for Stable Diffusion 2."""
         unet: Any = self.conditioning.networks["unet"]
         levels = len(unet.config["block_out_channels"])
         return latents.factor(self.vae) * 2 ** (levels - 1)
 
 
-def untrained(parts: Weights, variant: Variant, *, seed: int) -> Model:
-    """Make a model to be trained of a text-to-image model's weights.
+def untrained_model(parts: Weights, variant: Variant, *, seed: int) -> DiffusionModel:
+    """Build a model to be trained from the weights of a text-to-image model.
 
-    It is to tell the noise, as in the paper, whatever the weights told; the noise schedule stays.
+    The network predicts noise (epsilon), as in the paper. The noise schedule does not change.
 
     Raises:
-        InputError: as `begin`.
+        InputError: see `adapt_generator`.
     """
-    conditioning = begin(parts, variant, seed=seed)
+    conditioning = adapt_generator(parts, variant, seed=seed)
     scheduler: Any = DDIMScheduler.from_config(
         parts.scheduler.config, prediction_type="epsilon", clip_sample=False
     )
     return _placed(parts, conditioning, scheduler)
 
 
-def trained(source: Path | str) -> Model:
-    """Read a model that `training.train` has left in a folder, or that lies on the hub.
+def trained_model(source: Path | str) -> DiffusionModel:
+    """Read a model that `training.train` wrote to a folder, or that is on the Hugging Face hub.
 
     Raises:
-        InputError: as `weights.load`; if it was not trained for completion.
+        InputError: see `weights.load`; or if the model was not trained for completion.
     """
     parts = weights.load(source, published=None)
-    return _placed(parts, learnt(parts), parts.scheduler)
+    return _placed(parts, trained_conditioning(parts), parts.scheduler)
 
 
-def _placed(parts: Weights, conditioning: Conditioning, scheduler: DDIMScheduler) -> Model:
+def _placed(parts: Weights, conditioning: Conditioning, scheduler: DDIMScheduler) -> DiffusionModel:
     text = empty_prompt(parts.text_encoder, parts.tokenizer)
-    where = device()
-    nn.ModuleList([parts.vae, conditioning.networks]).to(where)
-    return Model(
+    target = device()
+    nn.ModuleList([parts.vae, conditioning.networks]).to(target)
+    return DiffusionModel(
         conditioning=conditioning,
         vae=parts.vae,
         scheduler=scheduler,
-        text=text.to(where, torch.float32),
+        text=text.to(target, torch.float32),
     )

@@ -1,4 +1,4 @@
-"""Depth out of noise: DDIM (Song et al., ICLR 2021), without noise between its steps."""
+"""Sampling of depth by DDIM without noise between steps (Song et al., ICLR 2021)."""
 
 from __future__ import annotations
 
@@ -11,20 +11,22 @@ from diffusers.schedulers.scheduling_ddim import DDIMScheduler
 from torch import Tensor
 
 from starling.learning.completion.diffusion import latents
-from starling.learning.completion.diffusion.model import Model
-from starling.learning.completion.diffusion.seen import Seen
+from starling.learning.completion.diffusion.model import DiffusionModel
+from starling.learning.completion.diffusion.span import NetworkInput
 from starling.sim.randomness import generator
 
 
-def sample(model: Model, seen: Seen, *, steps: int, seed: int, count: int) -> Iterator[Tensor]:
-    """Draw depths of frames, one after the other.
+def sample(
+    model: DiffusionModel, inputs: NetworkInput, *, steps: int, seed: int, count: int
+) -> Iterator[Tensor]:
+    """Sample depth maps of frames.
 
     Args:
-        model: any.
-        seen: (b, ...), of a size that is a multiple of `model.multiple`.
-        steps: of denoising.
-        seed: fixes all noise, the same on every device.
-        count: how many depths to draw of each frame.
+        model: the diffusion model.
+        inputs: inputs (b, ...) whose height and width are multiples of `model.multiple`.
+        steps: denoising steps.
+        seed: seed of the initial noise, which is the same on every device.
+        count: depth maps a frame.
 
     Yields:
         Depth (b, h, w) as `Span` encodes it.
@@ -32,27 +34,30 @@ def sample(model: Model, seen: Seen, *, steps: int, seed: int, count: int) -> It
     scheduler: Any = DDIMScheduler.from_config(model.scheduler.config)
     scheduler.set_timesteps(steps, device=model.text.device)
     with torch.inference_mode():
-        condition = model.conditioning.condition(seen, model.vae)
+        condition = model.conditioning.condition(inputs, model.vae)
     for number in range(count):
-        # Not around the `yield`: the mode would stay on for whoever asks for the next.
+        # Not around the `yield`: inference mode would stay on in the caller.
         with torch.inference_mode():
-            depth = _drawn(model, scheduler, condition, _start(model, seen, seed, number))
+            depth = _denoise(
+                model, scheduler, condition, _initial_noise(model, inputs, seed, number)
+            )
         yield depth
 
 
-def _drawn(model: Model, scheduler: Any, condition: Tensor, noisy: Tensor) -> Tensor:
-    """Take the noise out of latents (b, 4, h, w), step by step; the depth (b, h, w)."""
+def _denoise(model: DiffusionModel, scheduler: Any, condition: Tensor, noisy: Tensor) -> Tensor:
+    """Denoise latents (b, 4, h, w) and decode them to depth (b, h, w)."""
     batch, clean = len(noisy), noisy
     text = model.text.expand(batch, -1, -1)
     for step in scheduler.timesteps:
         noise = model.conditioning.noise(noisy, step.expand(batch), condition, text)
         noisy, clean = scheduler.step(noise, step, noisy, return_dict=False)
-    # Not `noisy`: Stable Diffusion's schedule ends with a little noise left.
+    # Not `noisy`: Stable Diffusion's schedule ends with some noise.
     return latents.decode_depth(model.vae, clean)
 
 
-def _start(model: Model, seen: Seen, seed: int, number: int) -> Tensor:
-    batch, _, height, width = seen.image.shape
+def _initial_noise(model: DiffusionModel, inputs: NetworkInput, seed: int, number: int) -> Tensor:
+    """Draw the initial noise of one sample."""
+    batch, _, height, width = inputs.image.shape
     side = latents.factor(model.vae)
     size = (batch, model.vae.config["latent_channels"], height // side, width // side)
     noise = generator(seed, number, "completion", "diffusion").standard_normal(size)

@@ -1,8 +1,8 @@
-"""Figures of completed depth against truth, kept as sums, so that images can be pooled.
+"""Metrics of completed depth against ground truth, kept as sums so that images can be pooled.
 
-Which pixels count: those whose truth is known. One that the method leaves without depth (NaN,
-infinite or not above zero) is missing: it fails every delta, and the errors, which cannot be had
-of it, are of the others alone; `missing` is printed beside them for that reason.
+Pixels with known truth count. A pixel is missing if the method gives no depth (NaN, infinite or not
+above zero). Missing pixels fail every delta and are excluded from the errors, so `missing` is
+reported with them.
 """
 
 from __future__ import annotations
@@ -26,22 +26,23 @@ RATIOS: dict[str, float] = {
     "delta110": 1.10,
     "delta125": 1.25,
 }
-"""Figure -> the ratio of depth and truth, either way round, that its pixels are below."""
+"""Metric -> upper bound of max(depth / truth, truth / depth)."""
 
 Figures = dict[str, float | int | None]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sums:
-    """What is summed over counted pixels; sums of several images add up to those of all."""
+    """Sums over counted pixels. Sums of several images add up."""
 
-    pixels: int = 0  # Counted.
-    missing: int = 0  # Of them, those the method has no depth of.
-    error_m: float = 0.0  # Of |d - z| [m], z the truth; this and the next three: not over missing.
-    square_m2: float = 0.0  # Of (d - z)^2 [m^2].
-    relative: float = 0.0  # Of |d - z| / z.
-    square_relative_m: float = 0.0  # Of (d - z)^2 / z [m].
-    within: tuple[int, ...] = (0,) * len(RATIOS)  # Pixels below each of `RATIOS`.
+    pixels: int = 0  # Counted pixels.
+    missing: int = 0  # Counted pixels without depth.
+    # Sums over pixels that are not missing; d is depth and z the truth.
+    error_m: float = 0.0  # |d - z| [m].
+    square_m2: float = 0.0  # (d - z)^2 [m^2].
+    relative: float = 0.0  # |d - z| / z.
+    square_relative_m: float = 0.0  # (d - z)^2 / z [m].
+    within: tuple[int, ...] = (0,) * len(RATIOS)  # Number of pixels below each of `RATIOS`.
 
     def __add__(self, other: Sums) -> Sums:
         """Pool two sets of pixels."""
@@ -56,18 +57,18 @@ class Sums:
         )
 
     def figures(self) -> Figures:
-        """Divide: `mae_m`, `rmse_m`, `absrel`, `sqrel` [m], `RATIOS`, and the two counts.
+        """Return `mae_m`, `rmse_m`, `absrel`, `sqrel` [m], `RATIOS`, and the two counts.
 
-        AbsRel, SqRel, RMSE and deltas as Eigen et al., Depth map prediction from a single image
-        using a multi-scale deep network, NIPS 2014, section 4.3. None where no pixel is left.
+        AbsRel, SqRel, RMSE and deltas as in Eigen et al., Depth map prediction from a single image
+        using a multi-scale deep network, NIPS 2014, section 4.3. None where there is no pixel.
         """
-        given = self.pixels - self.missing
-        square = _share(self.square_m2, given)
+        present = self.pixels - self.missing
+        square = _share(self.square_m2, present)
         return {
-            "mae_m": _share(self.error_m, given),
+            "mae_m": _share(self.error_m, present),
             "rmse_m": None if square is None else float(np.sqrt(square)),
-            "absrel": _share(self.relative, given),
-            "sqrel": _share(self.square_relative_m, given),
+            "absrel": _share(self.relative, present),
+            "sqrel": _share(self.square_relative_m, present),
             **{
                 name: _share(count, self.pixels)
                 for name, count in zip(RATIOS, self.within, strict=True)
@@ -79,16 +80,16 @@ class Sums:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Score:
-    """Sums of one image, or of several, by region."""
+    """Sums of one or several images, by region."""
 
     all: Sums = field(default_factory=Sums)
-    hole: Sums = field(default_factory=Sums)  # Where the camera has no depth.
-    valid: Sums = field(default_factory=Sums)  # Where it has.
-    edge: Sums = field(default_factory=Sums)  # Near the truth's depth edges.
-    reasons: Mapping[str, Sums] = field(default_factory=dict)  # Holes by their cause.
+    hole: Sums = field(default_factory=Sums)  # Pixels where the camera has no depth.
+    valid: Sums = field(default_factory=Sums)  # Pixels where the camera has depth.
+    edge: Sums = field(default_factory=Sums)  # Pixels near depth edges of the truth.
+    reasons: Mapping[str, Sums] = field(default_factory=dict)  # Holes by cause.
 
     def __add__(self, other: Score) -> Score:
-        """Pool two; a cause that one of them lacks counts as no pixels."""
+        """Pool two scores. A cause that one of them lacks counts as no pixels."""
         causes = sorted({*self.reasons, *other.reasons})
         return Score(
             all=self.all + other.all,
@@ -102,7 +103,7 @@ class Score:
         )
 
     def figures(self) -> dict[str, Figures | dict[str, Figures]]:
-        """`all`, `hole`, `valid`, `edge` and `reasons`, which holds the figures of each cause."""
+        """Return the metrics by region, with those of each cause in `reasons`."""
         return {
             "all": self.all.figures(),
             "hole": self.hole.figures(),
@@ -112,8 +113,8 @@ class Score:
         }
 
 
-def answered(depth_m: NDArray[np.floating]) -> Mask:
-    """Where a method says something: a depth that is finite and above zero."""
+def has_depth(depth_m: NDArray[np.floating]) -> Mask:
+    """Return where a method gives depth: finite and above zero."""
     return np.isfinite(depth_m) & (depth_m > 0)
 
 
@@ -121,7 +122,7 @@ def sums(depth_m: Image, truth_m: Image, where: Mask) -> Sums:
     """Sum over one region.
 
     Args:
-        depth_m: (h, w) what the method says [m].
+        depth_m: (h, w) completed depth [m].
         truth_m: (h, w) [m], NaN where unknown.
         where: (h, w) the region.
 
@@ -130,14 +131,15 @@ def sums(depth_m: Image, truth_m: Image, where: Mask) -> Sums:
     """
     if not depth_m.shape == truth_m.shape == where.shape:
         got = f"{depth_m.shape}, {truth_m.shape} and {where.shape}"
-        raise refuse("depth_m, truth_m and where", "must share one shape", got, "Take one view's.")
+        advice = "Give all three of one view."
+        raise refuse("depth_m, truth_m and where", "must share one shape", got, advice)
     counted = where & np.isfinite(truth_m)
     truth = truth_m[counted].astype(np.float64)
     if not (truth > 0).all():
         raise refuse("truth_m", "must be > 0 where known", truth.min(), "Mark unknown with NaN.")
-    found = depth_m[counted].astype(np.float64)
-    given = answered(found)
-    z, d = truth[given], found[given]
+    depth = depth_m[counted].astype(np.float64)
+    present = has_depth(depth)
+    z, d = truth[present], depth[present]
     error = np.abs(d - z)
     ratio = np.maximum(d / z, z / d)
     return Sums(
@@ -159,18 +161,18 @@ def score(
     focal_baseline_px_m: float,
     causes: Mapping[str, Mask] | None = None,
 ) -> Score:
-    """Compare the completed depth of one image with the truth, region by region.
+    """Compare the completed depth of one image with the truth by region.
 
     Args:
-        depth_m: (h, w) completed [m]; NaN where the method has none.
+        depth_m: (h, w) completed depth [m]; NaN where the method gives none.
         truth_m: (h, w) [m], NaN where unknown.
-        valid: (h, w) where the camera itself has depth.
-        focal_baseline_px_m: of the camera: a depth edge is a step of over 1 px of disparity, and
-            its pixels are those nearby, as everywhere (`starling.sim.metrics.depth_edges`).
-        causes: cause -> (h, w) pixels that it is of; only holes count there.
+        valid: (h, w) True where the camera itself has depth.
+        focal_baseline_px_m: focal length times baseline of the camera. A depth edge is a step of
+            more than 1 px of disparity (`starling.sim.metrics.depth_edges`).
+        causes: cause -> (h, w) pixels of this cause; only holes count.
 
     Raises:
-        InputError: as `sums`, or if focal length times baseline is not above zero.
+        InputError: see `sums`; or if focal length times baseline is not above zero.
     """
     positive("focal_baseline_px_m", focal_baseline_px_m)
     everywhere = np.ones(truth_m.shape, bool)
@@ -186,15 +188,15 @@ def score(
     )
 
 
-def pooled(scores: Iterable[Score]) -> Score:
-    """Take all pixels of all images as one: every pixel counts alike, large holes much."""
+def pool(scores: Iterable[Score]) -> Score:
+    """Pool all pixels of all images. Every pixel has the same weight."""
     return sum(scores, Score())
 
 
-def averaged(regions: Iterable[Sums]) -> Figures:
-    """Average the figures of one region: images count alike, or rooms where each is pooled first.
+def average(regions: Iterable[Sums]) -> Figures:
+    """Average the metrics of one region over images, or over rooms if each is pooled first.
 
-    Where one has no such pixel, it does not count; the two counts are added up.
+    Images without such a pixel do not count. The two counts are summed.
     """
     parts = list(regions)
     rows = [part.figures() for part in parts]
@@ -208,5 +210,7 @@ def _share(total: float, count: int) -> float | None:
 
 
 def _mean(values: list[float | int | None]) -> float | None:
-    known: NDArray[np.float64] = np.array([one for one in values if one is not None], np.float64)
+    known: NDArray[np.float64] = np.array(
+        [value for value in values if value is not None], np.float64
+    )
     return float(known.mean()) if known.size else None

@@ -1,4 +1,4 @@
-"""How often completed depth lies as near the truth as the method says that it does."""
+"""Coverage of the errors by the standard deviation that a method predicts."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from starling.learning.completion.method import Completed
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Coverage:
-    """Counts over pixels whose truth and sigma are known; those of several images add up."""
+    """Counts over pixels with known truth and sigma. Counts of several images add up."""
 
     pixels: int = 0
-    within: int = 0  # Off by no more than one sigma.
-    square: float = 0.0  # Of error over sigma, summed.
+    within: int = 0  # Pixels with an error of at most one sigma.
+    square: float = 0.0  # Sum of (error / sigma)^2.
 
     def __add__(self, other: Coverage) -> Coverage:
         """Pool two sets of pixels."""
@@ -27,8 +27,10 @@ class Coverage:
         )
 
     def figures(self) -> dict[str, float | int | None]:
-        """`within_sigma`, the share off by no more than one sigma (0.68 of a normal error, 0.76 of
-        Laplace's), `rms_over_sigma` (1 where sigma is right), and `pixels`.
+        """Return `within_sigma`, `rms_over_sigma` and `pixels`.
+
+        `within_sigma` is the share of pixels with an error of at most one sigma: 0.68 for normal
+        errors, 0.76 for Laplace errors. `rms_over_sigma` is 1 where sigma is correct.
         """
         if not self.pixels:
             return {"within_sigma": None, "rms_over_sigma": None, "pixels": 0}
@@ -39,17 +41,17 @@ class Coverage:
         }
 
 
-def of_regions(found: Completed, truth_m: Image, valid: Mask) -> dict[str, Coverage]:
-    """Count holes, and where the camera has depth, apart.
+def coverage_by_region(completed: Completed, truth_m: Image, valid: Mask) -> dict[str, Coverage]:
+    """Count holes and pixels with sensor depth separately.
 
     Args:
-        found: what a method makes of a frame.
+        completed: a method's result.
         truth_m: (h, w) [m], NaN where unknown.
-        valid: (h, w) where the camera has depth.
+        valid: (h, w) True where the camera has depth.
     """
     parts = {"hole": ~valid, "valid": valid}
     return {
-        name: coverage(found.depth_m, found.sigma_m, truth_m, where)
+        name: coverage(completed.depth_m, completed.sigma_m, truth_m, where)
         for name, where in parts.items()
     }
 
@@ -58,15 +60,15 @@ def coverage(depth_m: Image, sigma_m: Image, truth_m: Image, where: Mask) -> Cov
     """Count over one region.
 
     Args:
-        depth_m: (h, w) what the method says [m].
-        sigma_m: (h, w) the standard deviation that it expects of that [m], NaN where it tells none.
+        depth_m: (h, w) completed depth [m].
+        sigma_m: (h, w) its predicted standard deviation [m], NaN where the method gives none.
         truth_m: (h, w) [m], NaN where unknown.
         where: (h, w) the region.
     """
     counted = where & np.isfinite(truth_m) & np.isfinite(depth_m) & (sigma_m > 0)
-    off = np.abs(depth_m[counted] - truth_m[counted]).astype(np.float64) / sigma_m[counted]
+    ratio = np.abs(depth_m[counted] - truth_m[counted]).astype(np.float64) / sigma_m[counted]
     return Coverage(
-        pixels=int(off.size),
-        within=int(np.count_nonzero(off <= 1)),
-        square=float((off**2).sum()),
+        pixels=int(ratio.size),
+        within=int(np.count_nonzero(ratio <= 1)),
+        square=float((ratio**2).sum()),
     )

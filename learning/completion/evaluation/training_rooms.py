@@ -1,4 +1,4 @@
-"""Rooms that a method is judged in and has learnt from, which flatter it."""
+"""Detection of evaluated rooms that a method was trained on, where the results are too good."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from starling.sim.console.output import RECORD
 VERB = "train completion"
 
 
-def learnt_from(word: str, captures: str, rooms: Sequence[str]) -> list[str]:
-    """Rooms of a capture set that a method has learnt from, as far as its folder tells.
+def training_rooms(specifier: str, captures: str, rooms: Sequence[str]) -> list[str]:
+    """Return the rooms of a capture set that a method was trained on, according to its folder.
 
     Args:
-        word: the method, as `methods.asked` takes it.
-        captures: the set that it is judged on.
-        rooms: that are judged.
+        specifier: the method, see `methods.create`.
+        captures: the evaluated set.
+        rooms: the evaluated rooms.
     """
-    weights = word.partition("=")[2]
+    weights = specifier.partition("=")[2]
     if not weights:
         return []
     folder = Path(weights)
-    told = _record(folder / RECORD) or _record(folder.parent / RECORD)  # `weights` lie in one.
-    arguments = told.get("arguments", {}) if told.get("verb") == VERB else {}
-    also = [one.partition("=")[2] for one in arguments.get("also", [])]
+    record = _record(folder / RECORD) or _record(folder.parent / RECORD)  # The folder `weights`.
+    arguments = record.get("arguments", {}) if record.get("verb") == VERB else {}
+    also = [data_set.partition("=")[2] for data_set in arguments.get("also", [])]
     places = [Path(place).resolve() for place in (arguments.get("captures", ""), *also)]
     if Path(captures).resolve() not in places:
         return []
-    own = arguments.get("rooms")
-    return [room for room in rooms if own is None or room in own]
+    trained_rooms = arguments.get("rooms")
+    return [room for room in rooms if trained_rooms is None or room in trained_rooms]
 
 
 def _record(path: Path) -> dict[str, Any]:
-    """What a verb has left; nothing where it has left none."""
+    """Read the record of a verb; empty if there is none."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return told if isinstance(told, dict) else {}
+    return content if isinstance(content, dict) else {}

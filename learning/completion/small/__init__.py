@@ -1,1 +1,1 @@
-"""A compact network that completes depth at camera rate, and learns from nothing in minutes."""
+"""A compact network that completes depth at camera rate and trains from scratch in minutes."""

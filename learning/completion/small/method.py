@@ -1,4 +1,4 @@
-"""The compact network as a method of completion: trained, kept in a folder, read back."""
+"""The compact network as a completion method: training, saving and loading."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from starling.learning.completion.frame import Frame
+from starling.learning.completion.frame import CompletionFrame
 from starling.learning.completion.method import Completed
-from starling.learning.completion.small.crops import Crops, Sample
+from starling.learning.completion.small.crops import FrameCrops, FrameSample
+from starling.learning.completion.small.inputs import small_input
 from starling.learning.completion.small.learner import SmallLearner
-from starling.learning.completion.small.network import SmallNetwork, kept
-from starling.learning.completion.small.seen import seen
+from starling.learning.completion.small.network import SmallNetwork, final_log_depth
 from starling.learning.completion.small.settings import Settings
 from starling.learning.networks import checkpoint
-from starling.learning.networks.training.learner import initialised, placed, sparing
+from starling.learning.networks.training.learner import initialised, mixed_precision, to_device
 from starling.learning.networks.training.loop import train
 from starling.sim.console import progress
 
 WEIGHTS = "weights.pt"
 _KIND = "small completion"
-_LAPLACE = np.float32(np.sqrt(2))  # Standard deviation over b.
+_LAPLACE = np.float32(np.sqrt(2))  # Standard deviation of a Laplace distribution over its scale b.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Small:
-    """The network, ready for use."""
+    """The trained network."""
 
     network: SmallNetwork
 
@@ -37,56 +37,63 @@ class Small:
         """`small`."""
         return "small"
 
-    def fill(self, frame: Frame) -> Completed:
-        """Complete a frame; the camera's own depth stays, but where it is likely false.
+    def fill(self, frame: CompletionFrame) -> Completed:
+        """Complete a frame. The camera's own depth is kept except where it is probably false.
 
-        `sigma_m` is the standard deviation of the Laplace distribution that the logarithm of
-        depth has, times depth.
+        `sigma_m` is depth times the standard deviation of the Laplace distribution of its
+        logarithm.
         """
-        view = seen(frame)
-        where = next(self.network.parameters()).device
-        with torch.inference_mode(), sparing(where):
-            told = self.network(_tensor(view.channels, where), _tensor(view.proposed, where))
-            given, valid = (_tensor(one[None], where) for one in (view.given, view.valid))
-            log_depth = kept(told, given, valid)[0, 0].cpu().numpy()
-            scale = told.log_scale[0, 0].exp().cpu().numpy()
-        depth_m = np.exp(log_depth) * np.float32(view.median_m)
-        own = frame.valid & (log_depth == view.given)
-        depth_m = np.where(own, frame.depth_m, depth_m).astype(np.float32)  # Bit for bit.
+        inputs = small_input(frame)
+        device = next(self.network.parameters()).device
+        with torch.inference_mode(), mixed_precision(device):
+            output = self.network(
+                _tensor(inputs.channels, device), _tensor(inputs.proposed, device)
+            )
+            sensor, valid = (
+                _tensor(image[None], device) for image in (inputs.sensor, inputs.valid)
+            )
+            log_depth = final_log_depth(output, sensor, valid)[0, 0].cpu().numpy()
+            scale = output.log_scale[0, 0].exp().cpu().numpy()
+        depth_m = np.exp(log_depth) * np.float32(inputs.median_m)
+        is_sensor = frame.valid & (log_depth == inputs.sensor)
+        depth_m = np.where(is_sensor, frame.depth_m, depth_m).astype(np.float32)  # Bit-identical.
         return Completed(depth_m=depth_m, sigma_m=_LAPLACE * scale * depth_m)
 
 
 def fit(
-    samples: Sequence[Sample],
+    samples: Sequence[FrameSample],
     settings: Settings,
     *,
     folder: Path,
     seed: int,
     track: progress.Progress = progress.silent,
 ) -> Small:
-    """Learn, or go on with what lies in the folder, and leave the weights there.
+    """Train the network, or continue from the folder's checkpoint, and save the weights.
 
     Args:
-        samples: frames whose truth is known.
-        settings: steps, batches and rates.
+        samples: frames with ground truth.
+        settings: steps, batches and learning rates.
         folder: gets checkpoint, loss curve and weights.
-        seed: fixes first weights and crops.
+        seed: seed of initial weights and crops.
         track: wraps the loop over steps.
 
     Raises:
-        InputError: if there is no sample, or as `starling.learning.networks.training.loop.train`.
+        InputError: if there is no sample; see also
+            `starling.learning.networks.training.loop.train`.
     """
-    lot = Crops(samples=samples, settings=settings, seed=seed)
+    batches = FrameCrops(samples=samples, settings=settings, seed=seed)
     network = initialised(SmallNetwork, seed)
     learner = SmallLearner(network, settings)
-    learnt = train(learner, lot, settings, kind=f"{_KIND} training", folder=folder, track=track)
-    network.load_state_dict(learnt["small"].state_dict())
+    trained = train(
+        learner, batches, settings, kind=f"{_KIND} training", folder=folder, track=track
+    )
+    network.load_state_dict(trained["small"].state_dict())
     save(Small(network), folder)
     return load(folder)
 
 
 def save(small: Small, folder: Path) -> None:
-    """Leave the weights in a folder.
+    """Save the weights to a folder.
 
     Raises:
         InputError: if they cannot be written.
@@ -96,7 +103,7 @@ def save(small: Small, folder: Path) -> None:
 
 
 def load(folder: Path | str) -> Small:
-    """Read what `fit` has left in a folder.
+    """Load the weights that `fit` saved to a folder.
 
     Raises:
         InputError: if there are no weights, they are of another method, or damaged.
@@ -104,9 +111,9 @@ def load(folder: Path | str) -> Small:
     network = SmallNetwork()
     content = checkpoint.load(Path(folder) / WEIGHTS, _KIND)
     checkpoint.restore(network, content["weights"])
-    return Small(placed(network).eval().requires_grad_(False))
+    return Small(to_device(network).eval().requires_grad_(False))
 
 
-def _tensor(images: np.ndarray, where: torch.device) -> torch.Tensor:
+def _tensor(images: np.ndarray, device: torch.device) -> torch.Tensor:
     batch = torch.from_numpy(images.astype(np.float32))[None]
-    return batch.to(device=where, memory_format=torch.channels_last)
+    return batch.to(device=device, memory_format=torch.channels_last)

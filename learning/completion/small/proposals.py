@@ -1,7 +1,7 @@
-"""What a hole's depth may be: continued from each side, from the nearest pixel, and smoothly.
+"""Proposals of depth in holes: extended from each side, from the nearest pixel, and smooth.
 
-Holes of a stereo camera lie beside what hides them from the other imager, and go on as the surface
-on one known side of them. Which side is for the network to say; these are what it chooses from.
+Holes of a stereo camera lie next to the object that hides them from the other imager, and continue
+the surface on one known side. The network weights these proposals.
 """
 
 from __future__ import annotations
@@ -11,33 +11,33 @@ from numpy.typing import NDArray
 
 from starling.learning.completion.classical.outcome import trusted
 from starling.learning.completion.classical.wls import WeightedLeastSquares
-from starling.learning.completion.frame import Frame, Image, Mask
+from starling.learning.completion.frame import CompletionFrame, Image, Mask
 from starling.sim.stereo.filled import filled
 
 NAMES = ("left", "right", "above", "below", "nearest", "smooth")
 
 
-def proposals(frame: Frame) -> Image:
-    """Depths that a frame's pixels may have.
+def proposals(frame: CompletionFrame) -> Image:
+    """Propose depths of a frame's pixels.
 
     Args:
-        frame: with depth somewhere.
+        frame: frame with some depth.
 
     Returns:
-        (`NAMES`, h, w) depth z [m], all known and above zero; where a row or column has no depth,
-        or none on that side, the nearest pixel's. At pixels that are trusted, their own.
+        (`NAMES`, h, w) depth z [m], all finite and above zero. Where a row or column has no depth
+        on that side, the nearest pixel's depth replaces it. Trusted pixels keep their depth.
     """
     known = trusted(frame)
     depth = np.where(known, frame.depth_m, np.float32(0))
     near = filled(depth, known)
     left, right = _carried(depth, near, known)
-    above, below = (one.T for one in _carried(depth.T, near.T, known.T))
+    above, below = (image.T for image in _carried(depth.T, near.T, known.T))
     smooth = WeightedLeastSquares().fill(frame).depth_m
     return np.stack([left, right, above, below, near, np.where(known, depth, smooth)])
 
 
 def _carried(depth: Image, near: Image, known: Mask) -> tuple[Image, Image]:
-    """Depth of the last known pixel before each in its row, and of the first after it."""
+    """Return the depth of the last known pixel before each pixel of a row, and of the next one."""
     columns = np.arange(known.shape[1])
     before = np.maximum.accumulate(np.where(known, columns, -1), axis=1)
     after = np.minimum.accumulate(np.where(known, columns, known.shape[1])[:, ::-1], axis=1)[
@@ -48,6 +48,6 @@ def _carried(depth: Image, near: Image, known: Mask) -> tuple[Image, Image]:
     )
 
 
-def _taken(depth: Image, near: Image, where: NDArray[np.intp], there: Mask) -> Image:
+def _taken(depth: Image, near: Image, where: NDArray[np.intp], exists: Mask) -> Image:
     columns = np.clip(where, 0, depth.shape[1] - 1)
-    return np.where(there, np.take_along_axis(depth, columns, axis=1), near)
+    return np.where(exists, np.take_along_axis(depth, columns, axis=1), near)

@@ -1,8 +1,8 @@
-"""Holes that know nothing of light or geometry, as completion is commonly trained on.
+"""Random holes that depend on neither light nor geometry, the usual training data of completion.
 
-The control that shows what simulated holes are worth: the camera's own noise stays where it has
-depth, its holes are closed with the truth, which has none, and as large a share is taken out again
-by lot, half as rectangles and half pixel by pixel.
+This is the control that measures the value of simulated holes. The camera's noise stays where it
+has depth. Its holes are filled with the noise-free truth, and an equal share of pixels is removed
+at random, half as rectangles and half as single pixels.
 """
 
 from __future__ import annotations
@@ -11,20 +11,20 @@ import dataclasses
 
 import numpy as np
 
-from starling.learning.completion.small.crops import Sample
+from starling.learning.completion.small.crops import FrameSample
 from starling.sim.randomness import generator
 
-_SIDES = (0.02, 0.25)  # Of rectangles, over the image's.
-_SINGLE = 0.5  # Share of the pixels taken out that is by lot, pixel by pixel.
+_SIDES = (0.02, 0.25)  # Range of the rectangles' sides, relative to the image's.
+_SINGLE = 0.5  # Share of the removed pixels that are single pixels.
 
 
-def with_random_holes(sample: Sample, seed: int, number: int) -> Sample:
-    """Put random holes where a sample's own were.
+def with_random_holes(sample: FrameSample, seed: int, number: int) -> FrameSample:
+    """Replace a sample's holes by random ones.
 
     Args:
-        sample: whose truth is known wherever its camera has no depth, or the holes there stay.
-        seed: of the draw.
-        number: the sample's, so that no two have the same.
+        sample: sample with known truth; holes with unknown truth remain.
+        seed: random seed.
+        number: number of the sample, so that samples differ.
     """
     rng = generator(seed, number, "completion", "random holes")
     share = float(np.isnan(sample.depth_m).mean())
@@ -39,6 +39,6 @@ def with_random_holes(sample: Sample, seed: int, number: int) -> Sample:
         left = int(rng.integers(width - columns + 1))
         block = np.zeros_like(out)
         block[top : top + rows, left : left + columns] = True
-        out.flat[np.flatnonzero(block & ~out)[:missing]] = True  # The last one is cut to size.
+        out.flat[np.flatnonzero(block & ~out)[:missing]] = True  # The last block is cut to size.
     depth_m = np.where(out, np.float32(np.nan), closed).astype(np.float32)
     return dataclasses.replace(sample, depth_m=depth_m)

@@ -1,4 +1,4 @@
-"""How long and in what portions the network learns."""
+"""Training settings of the compact network."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from starling.learning.networks.training.settings import Schedule
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Settings(Schedule):
-    """The defaults take under half an hour on one processor core."""
+    """Training settings. The defaults take less than half an hour on one processor core."""
 
     steps: int = 1500
     crop_px: tuple[int, int] = (256, 384)

@@ -1,1 +1,1 @@
-"""A virtual real camera: what scenes of a true device would be, with the truth known."""
+"""A virtual real camera: simulated captures of a "true" device with known ground truth."""

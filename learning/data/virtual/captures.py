@@ -1,4 +1,4 @@
-"""Capture sets of the virtual camera: what it sees, beside what its users believe is there."""
+"""Capture sets of the virtual camera, with the assumed scenes."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ def write(
     force: bool = False,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Let the camera look at builtin scenes, each a room of its own, and write a capture set.
+    """Simulate builtin scenes with the virtual camera, each a room, and write a capture set.
 
-    `capture.toml` holds the data sheet's geometry, `scene.toml` the scenes as they are believed to
-    be: the unit's own geometry, the true reflectances and the light stay untold. Reference depth is
-    the true one in the true camera's view.
+    `capture.toml` holds the geometry of the data sheet and `scene.toml` the assumed scenes. The
+    unit's true geometry, reflectances and light are not written. Reference depth is the true one in
+    the true camera's view.
 
     Args:
-        out: folder to make.
+        out: output folder.
         names: builtin scenes, each once.
-        seed: of the set; each capture's conditions follow from it and the scene's name.
-        samples: paths a coarse pixel of indirect light.
-        force: replace a set made before.
+        seed: seed of the set; each capture's conditions follow from it and the scene's name.
+        samples: paths per coarse pixel of indirect light.
+        force: replace an earlier set.
         track: wraps the loop over scenes.
 
     Returns:
         Share of no-depth pixels by scene.
 
     Raises:
-        InputError: as `starling.learning.data.simulated_captures.write`.
+        InputError: see `starling.learning.data.simulated_captures.write`.
     """
     return simulated_captures.write(
         out,

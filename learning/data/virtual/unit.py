@@ -1,8 +1,8 @@
-"""The virtual camera under its scenes: what it sees of a scene that is believed to be another.
+"""The virtual camera: simulates an assumed scene under its true conditions.
 
-`camera.toml` is one unit as it really is, `effects.toml` the settings under which it looks at the
-world and how they differ from capture to capture. Both were set from the effect table's text by
-someone who had not seen the sensors that train on it (README.md beside them).
+`camera.toml` is the true unit. `effects.toml` holds its true settings and their variation from
+capture to capture. Both were chosen from the effect table's text by a person who had not seen the
+sensors that train on it (README.md in this folder).
 """
 
 from __future__ import annotations
@@ -17,59 +17,59 @@ import numpy as np
 
 from starling.sim import randomness, simulate
 from starling.sim.effects import setting as setting
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.scene import Body, Scene
 from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import Shot
 
 _STAGE = "virtual camera"
-_FACTOR = "body.reflectance_factor"
-_DYE = "body.reflectance"
-_MATT = ("diffuse", "glossy")  # Kinds whose reflectance is a dye's; others are Fresnel's.
-_PLACES = ("wall", "table", "floor", "back")  # Bodies that nobody dyes.
-_DARKEST, _BRIGHTEST = 0.02, 0.9
+_FACTOR = "body.reflectance_factor"  # Row: factor of the assumed reflectance.
+_DYE = "body.reflectance"  # Row: independent reflectance of a dyed body.
+_MATT = ("diffuse", "glossy")  # Kinds with a free reflectance; others follow Fresnel's equations.
+_PLACES = ("wall", "table", "floor", "back")  # Bodies that are not dyed.
+_DARKEST, _BRIGHTEST = 0.02, 0.9  # Range of true reflectances.
 
 
 def camera() -> Sensor:
-    """The unit as it really is."""
+    """Return the true unit."""
     return presets.from_table(_read("camera.toml"))
 
 
-def conditions(believed: Scene, seed: int) -> tuple[Sensor, Scene]:
-    """Draw one capture's conditions.
+def conditions(assumed: Scene, seed: int) -> tuple[Sensor, Scene]:
+    """Draw the conditions of one capture.
 
     Args:
-        believed: the scene as its model says; true reflectances differ body by body.
-        seed: of the capture.
+        assumed: the assumed scene; true reflectances differ body by body.
+        seed: seed of the capture.
 
     Returns:
-        The unit in this capture's state, and the scene as it truly is.
+        The unit under these conditions, and the true scene.
     """
     table = _read("effects.toml")
-    settings = _drawn(table, randomness.generator(seed, 0, _STAGE, "settings"))
-    dyed = _dyed(believed, table["vary"], randomness.generator(seed, 0, _STAGE, "dyes"))
+    settings = _draw_settings(table, randomness.generator(seed, 0, _STAGE, "settings"))
+    dyed = _draw_reflectances(assumed, table["vary"], randomness.generator(seed, 0, _STAGE, "dyes"))
     return setting.apply(camera(), dyed, settings)
 
 
-def capture(believed: Scene, seed: int, *, samples: int = 16) -> Shot:
-    """Let the unit look at a scene under one capture's conditions.
+def capture(assumed: Scene, seed: int, *, samples: int = 16) -> Shot:
+    """Simulate the unit in a scene under the conditions of one capture.
 
     Args:
-        believed: as in `conditions`.
-        seed: of the capture: its conditions and its noise.
-        samples: paths a coarse pixel of indirect light.
+        assumed: the assumed scene, see `conditions`.
+        seed: seed of the conditions and of the noise.
+        samples: paths per coarse pixel of indirect light.
     """
-    sensor, scene = conditions(believed, seed)
-    return simulate.simulate(Stage(scene), sensor, seed=seed, samples=samples)
+    sensor, scene = conditions(assumed, seed)
+    return simulate.simulate(MitsubaScene(scene), sensor, seed=seed, samples=samples)
 
 
 def _read(name: str) -> dict[str, Any]:
     return tomllib.loads((resources.files("starling.learning.data.virtual") / name).read_text())
 
 
-def _drawn(table: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
-    """Settings of one capture; those of a group share one random number."""
+def _draw_settings(table: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """Draw the settings of one capture; those of a group share one random number."""
     settings = setting.parse(table["effect"])
     shared: dict[str, float] = {}
     for row in table["vary"]:
@@ -90,17 +90,17 @@ def _between(row: Mapping[str, Any], share: float) -> float:
     return float(low + share * (high - low))
 
 
-def _dyed(scene: Scene, rows: list[dict[str, Any]], rng: np.random.Generator) -> Scene:
-    """Give every matt body a reflectance that its model does not know."""
+def _draw_reflectances(scene: Scene, rows: list[dict[str, Any]], rng: np.random.Generator) -> Scene:
+    """Draw a true reflectance for every matt body."""
     factor, dye = (next(row for row in rows if row["effect"] == name) for name in (_FACTOR, _DYE))
 
     def true(body: Body) -> Body:
-        share, chance, other = rng.random(3)
+        share, chance, dye_share = rng.random(3)
         material = body.material
         if material.kind not in _MATT:
             return body
         if chance < dye["probability"] and body.name not in _PLACES:
-            reflectance = _between(dye, other)
+            reflectance = _between(dye, dye_share)
         else:
             changed = material.reflectance * _between(factor, share)
             reflectance = float(np.clip(changed, _DARKEST, _BRIGHTEST))

@@ -1,1 +1,1 @@
-"""How well probabilities of no-depth pixels hold: ranking, sharpness, calibration, intervals."""
+"""Metrics of predicted probabilities: ranking, proper scores, calibration, intervals."""

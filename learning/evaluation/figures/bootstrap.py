@@ -1,4 +1,4 @@
-"""How sure a difference of two methods is, when what was drawn is rooms, not pixels."""
+"""Intervals of the difference of two methods by a bootstrap over rooms."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy import stats
 from starling.patterns import errors
 from starling.sim.randomness import generator
 
-_LEVEL = 0.95
-_DRAWS = 10_000
+_LEVEL = 0.95  # Confidence level.
+_DRAWS = 10_000  # Bootstrap draws.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -24,49 +24,49 @@ class Difference:
     low: float
     high: float
     rooms: int
-    above: int  # Rooms whose own difference is above 0.
+    above: int  # Rooms with a difference above 0.
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether the interval lies on one side of 0."""
+        """Whether the interval excludes 0."""
         return self.low > 0 or self.high < 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Share:
-    """What share of one method's mean over rooms another takes away, with its 95 % interval."""
+    """Relative reduction of one method's mean over rooms by another, with its 95 % interval."""
 
     share: float
     low: float
     high: float
     rooms: int
-    less: int  # Rooms in which it takes something away.
+    less: int  # Rooms in which the second method is lower.
 
 
 def paired_difference(
     first: Sequence[float], second: Sequence[float], room: Sequence[str], *, seed: int
 ) -> Difference:
-    """Bootstrap the mean over rooms of `first - second`, drawing whole rooms.
+    """Bootstrap the mean over rooms of `first - second` by resampling whole rooms.
 
-    Scenes of one room are no independent evidence, so they are averaged first and drawn together
+    Scenes of one room are not independent, so that they are averaged first and resampled together
     (cluster bootstrap; Davison and Hinkley, Bootstrap Methods and their Application, 1997, sec.
-    3.8). With few rooms a plain percentile interval is too narrow, by the variance's n - 1 over n
-    and by the normal's lighter tails: its percentiles are moved outwards to Student's (the expanded
-    percentile interval; Hesterberg, What Teachers Should Know About the Bootstrap, The American
-    Statistician 69, 2015). No interval from n rooms knows of a kind of room not among them.
+    3.8). With few rooms the percentile interval is too narrow: its variance is too small by (n - 1)
+    / n and it has the tails of a normal distribution. The percentiles are therefore widened to
+    those of Student's distribution (expanded percentile interval; Hesterberg, What Teachers Should
+    Know About the Bootstrap, The American Statistician 69, 2015). The interval does not cover kinds
+    of rooms that are not among the n rooms.
 
     Args:
-        first: a figure of each scene (or room) by one method.
-        second: the same figure of the same scenes by another.
-        room: the room of each.
-        seed: fixes the 10 000 draws.
+        first: a metric of each scene (or room) by one method.
+        second: the same metric of the same scenes by another method.
+        room: room of each scene.
+        seed: seed of the 10 000 draws.
 
     Raises:
-        InputError: if the lengths differ, a figure is no finite number, or there are fewer than
-            two rooms.
+        InputError: if the lengths differ, a value is not finite, or there are fewer than two rooms.
     """
-    one, other = _by_room(first, second, room)
-    rooms = one - other
+    first_means, second_means = _by_room(first, second, room)
+    rooms = first_means - second_means
     count = len(rooms)
     low, high = _ends(rooms[_draws(count, seed)].mean(axis=1), count)
     return Difference(
@@ -81,40 +81,40 @@ def paired_difference(
 def paired_share(
     first: Sequence[float], second: Sequence[float], room: Sequence[str], *, seed: int
 ) -> Share:
-    """Bootstrap 1 less the mean over rooms of `second` over that of `first`, drawing whole rooms.
+    """Bootstrap 1 less the ratio of the means over rooms, `second` over `first`.
 
-    Both means are drawn together: how hard the rooms are, which both methods share, cancels. As for
-    `paired_difference` percentiles are moved outwards.
+    Whole rooms are resampled. Both means are resampled together, so that the common difficulty of
+    rooms cancels. Percentiles are widened as for `paired_difference`.
 
     Args:
-        first: a figure of each scene (or room) by one method, none below 0.
-        second: the same figure of the same scenes by another.
-        room: the room of each.
-        seed: fixes the 10 000 draws.
+        first: a metric of each scene (or room) by one method, not below 0.
+        second: the same metric of the same scenes by another method.
+        room: room of each scene.
+        seed: seed of the 10 000 draws.
 
     Raises:
-        InputError: as `paired_difference`, or if the first has a room below or at 0.
+        InputError: see `paired_difference`; or if the first has a room at or below 0.
     """
-    one, other = _by_room(first, second, room)
-    if not (one > 0).all():
+    first_means, second_means = _by_room(first, second, room)
+    if not (first_means > 0).all():
         rule, advice = "must be > 0 in every room", "Leave out rooms without an error."
-        raise errors.refuse("first", rule, one.min(), advice)
-    count = len(one)
+        raise errors.refuse("first", rule, first_means.min(), advice)
+    count = len(first_means)
     drawn = _draws(count, seed)
-    low, high = _ends(1 - other[drawn].mean(axis=1) / one[drawn].mean(axis=1), count)
+    low, high = _ends(1 - second_means[drawn].mean(axis=1) / first_means[drawn].mean(axis=1), count)
     return Share(
-        share=float(1 - other.mean() / one.mean()),
+        share=float(1 - second_means.mean() / first_means.mean()),
         low=low,
         high=high,
         rooms=count,
-        less=int(np.count_nonzero(other < one)),
+        less=int(np.count_nonzero(second_means < first_means)),
     )
 
 
 def _by_room(
     first: Sequence[float], second: Sequence[float], room: Sequence[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Means of both figures in each room."""
+    """Mean of both metrics in each room."""
     if not len(first) == len(second) == len(room):
         raise errors.refuse(
             "first, second and room",
@@ -132,21 +132,21 @@ def _by_room(
         )
     names, member = np.unique(np.asarray(room, str), return_inverse=True)
     if len(names) < 2:
-        raise errors.refuse("rooms", "must be at least 2", len(names), "One room tells no spread.")
+        raise errors.refuse("rooms", "must be at least 2", len(names), "One room has no spread.")
     scenes = np.bincount(member)
-    one, other = (np.bincount(member, each) / scenes for each in both)
-    return one, other
+    first_means, second_means = (np.bincount(member, each) / scenes for each in both)
+    return first_means, second_means
 
 
 def _draws(count: int, seed: int) -> NDArray[np.int64]:
-    """Rooms of each draw (draws, rooms)."""
+    """Resampled rooms (draws, rooms)."""
     rng = generator(seed, 0, "learning", "bootstrap")
     return rng.integers(0, count, (_DRAWS, count))
 
 
 def _ends(drawn: NDArray[np.float64], count: int) -> tuple[float, float]:
-    """The interval of what was drawn of so many rooms."""
+    """Ends of the interval from the bootstrap distribution over `count` rooms."""
     tail = (1 - _LEVEL) / 2
-    wider = stats.norm.cdf(np.sqrt(count / (count - 1)) * stats.t.ppf(tail, count - 1))
-    low, high = np.quantile(drawn, [wider, 1 - wider])
+    tail_share = stats.norm.cdf(np.sqrt(count / (count - 1)) * stats.t.ppf(tail, count - 1))
+    low, high = np.quantile(drawn, [tail_share, 1 - tail_share])
     return float(low), float(high)

@@ -1,4 +1,4 @@
-"""All figures of one method: by room, their mean and their worst."""
+"""All metrics of one method: by room, their mean and their worst."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ _LESS_IS_BETTER = frozenset({"brier", "log_loss", "ece"})
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Classification:
-    """Figures of the pixels of one room, or of several rooms together."""
+    """Metrics of the pixels of one room, or of several rooms pooled."""
 
     auc: float  # Area under the ROC curve.
     tpr_at_fpr4: float  # True-positive rate at a false-positive rate of 4 %.
-    tpr_at_fpr10: float  # And of 10 %.
+    tpr_at_fpr10: float  # True-positive rate at a false-positive rate of 10 %.
     brier: float
-    brier_skill: float  # Against telling the pixels' own share.
+    brier_skill: float  # Relative to predicting the pixels' own share.
     log_loss: float  # [nat]
     ece: float  # Expected calibration error, 15 bins of equal count.
 
 
 def classification(judged: Judged) -> Classification:
-    """Measure all figures.
+    """Compute all metrics.
 
     Raises:
-        InputError: if all pixels have depth, or none has.
+        InputError: if all or none of the pixels have depth.
     """
     curve = roc(judged)
     return Classification(
@@ -47,13 +47,13 @@ def classification(judged: Judged) -> Classification:
 
 
 def by_room(scenes: Iterable[tuple[str, Judged]]) -> dict[str, Classification]:
-    """Measure each room over the pixels of all its scenes; rooms in alphabetical order.
+    """Compute the metrics of each room over the pixels of all its scenes, in alphabetical order.
 
     Args:
         scenes: room and judged pixels of each scene.
 
     Raises:
-        InputError: if a room's pixels are all of one kind; the line names the room.
+        InputError: if all or none of a room's pixels have depth; the message names the room.
     """
     rooms: dict[str, list[Judged]] = {}
     for room, judged in scenes:
@@ -68,7 +68,7 @@ def by_room(scenes: Iterable[tuple[str, Judged]]) -> dict[str, Classification]:
 
 
 def mean(rooms: Mapping[str, Classification]) -> Classification:
-    """Average over rooms, which count alike.
+    """Average over rooms with equal weights.
 
     Raises:
         InputError: if there is no room.
@@ -79,7 +79,7 @@ def mean(rooms: Mapping[str, Classification]) -> Classification:
 
 
 def worst(rooms: Mapping[str, Classification]) -> Classification:
-    """Take the worst room of each figure by itself.
+    """Return the worst room of each metric separately.
 
     Raises:
         InputError: if there is no room.

@@ -1,4 +1,4 @@
-"""Predicted probabilities beside what happened, at the pixels that count."""
+"""Predicted probabilities and outcomes at the counted pixels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from starling.patterns.errors import refuse
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """Pixels with a predicted probability and a known answer, in no order."""
+    """Pixels with predicted probability and known outcome, unordered."""
 
     probability: NDArray[np.float64]  # (n,) that a pixel has no depth, 0 to 1.
     ndp: NDArray[np.bool_]  # (n,) whether it has none.
@@ -29,12 +29,12 @@ def judge(
     ndp: NDArray[np.bool_],
     counted: NDArray[np.bool_] | None = None,
 ) -> Judged:
-    """Take the pixels that count.
+    """Select the counted pixels.
 
     Args:
         probability: any shape, 0 to 1 where counted.
         ndp: same shape, True where the device has no depth.
-        counted: same shape, where the answer counts; None = everywhere.
+        counted: same shape, where the outcome counts; None = everywhere.
 
     Raises:
         InputError: if the shapes differ, no pixel counts, or a counted probability is outside
@@ -49,29 +49,29 @@ def judge(
             "Give three images of one view.",
         )
     if not where.any():
-        raise refuse("counted", "must hold a pixel", 0, "Take a scene with known reference.")
-    taken = probability[where].astype(np.float64)
-    outside = ~((taken >= 0) & (taken <= 1))
+        raise refuse("counted", "must hold a pixel", 0, "Use a scene with known reference depth.")
+    selected = probability[where].astype(np.float64)
+    outside = ~((selected >= 0) & (selected <= 1))
     if outside.any():
         raise refuse(
             "probability",
             "must be in [0, 1] at every counted pixel",
-            f"{taken[outside][0]:g} and {np.count_nonzero(outside) - 1} more such",
+            f"{selected[outside][0]:g} and {np.count_nonzero(outside) - 1} more",
             "Give a probability, not a logit.",
         )
-    return Judged(taken, ndp[where].astype(bool))
+    return Judged(selected, ndp[where].astype(bool))
 
 
-def pool(several: Iterable[Judged]) -> Judged:
-    """Put the pixels of several scenes together.
+def pool(scenes: Iterable[Judged]) -> Judged:
+    """Pool the pixels of several scenes.
 
     Raises:
         InputError: if there is none.
     """
-    several = list(several)
-    if not several:
+    scenes = list(scenes)
+    if not scenes:
         raise refuse("judged scenes", "must be at least one", 0, "Give a scene.")
     return Judged(
-        np.concatenate([judged.probability for judged in several]),
-        np.concatenate([judged.ndp for judged in several]),
+        np.concatenate([judged.probability for judged in scenes]),
+        np.concatenate([judged.ndp for judged in scenes]),
     )

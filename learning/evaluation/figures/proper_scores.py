@@ -1,4 +1,4 @@
-"""Proper scores of probabilities: best, in expectation, when the probabilities are the true ones.
+"""Proper scores of probabilities, whose expectation is best for the true probabilities.
 
 Sources: Brier, Verification of forecasts expressed in terms of probability, Monthly Weather Review
 78, 1950; Gneiting and Raftery, Strictly proper scoring rules, JASA 102, 2007.
@@ -10,7 +10,7 @@ import numpy as np
 
 from starling.learning.evaluation.figures.judged import Judged
 
-_SUREST = 1e-6  # A probability of 0 that proves wrong would cost infinitely much.
+_SUREST = 1e-6  # A wrong probability of 0 would have an infinite log loss.
 
 
 def brier(judged: Judged) -> float:
@@ -19,19 +19,19 @@ def brier(judged: Judged) -> float:
 
 
 def brier_skill(judged: Judged) -> float:
-    """1 - Brier score over that of always telling these pixels' own share; 1 is best.
+    """1 - Brier score over that of always predicting these pixels' own share; 1 is best.
 
-    0 is no better than knowing the share alone, which no method is told. NaN where the pixels are
-    all of one kind.
+    0 is no better than the share alone, which no method knows. NaN if all or none of the pixels
+    have depth.
     """
     uncertainty = judged.share * (1 - judged.share)
     return 1 - brier(judged) / uncertainty if uncertainty else float("nan")
 
 
 def log_loss(judged: Judged) -> float:
-    """Mean negative logarithm of the probability of what happened [nat]; 0 is best.
+    """Mean negative logarithm of the probability of the outcome [nat]; 0 is best.
 
-    Probabilities count as at least 1e-6 and at most 1 - 1e-6.
+    Probabilities are clipped to [1e-6, 1 - 1e-6].
     """
     probability = np.clip(judged.probability, _SUREST, 1 - _SUREST)
     return float(-np.mean(np.log(np.where(judged.ndp, probability, 1 - probability))))

@@ -1,4 +1,4 @@
-"""Whether probabilities mean what they say: of the pixels told 0.3, do 30 % have no depth?"""
+"""Calibration of probabilities: of the pixels with predicted 0.3, do 30 % have no depth?"""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ BINS = 15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reliability:
-    """Told against observed, in bins of equally many pixels, by ascending probability."""
+    """Predicted and observed shares in bins of equally many pixels, by ascending probability."""
 
-    told: NDArray[np.float64]  # (bins,) mean probability.
+    predicted: NDArray[np.float64]  # (bins,) mean probability.
     observed: NDArray[np.float64]  # (bins,) share without depth.
     pixels: NDArray[np.int64]  # (bins,)
 
     @property
     def expected_calibration_error(self) -> float:
-        """Mean absolute difference of told and observed (ECE), weighted by pixels; 0 is best."""
-        gap = np.abs(self.told - self.observed)
+        """Mean absolute difference of predicted and observed (ECE), weighted by pixels."""
+        gap = np.abs(self.predicted - self.observed)
         return float(np.average(gap, weights=self.pixels))
 
 
 def reliability(judged: Judged, bins: int = BINS) -> Reliability:
-    """Sort pixels into bins of equal count; those of one probability stay in one bin.
+    """Sort pixels into bins of equal count. Pixels of one probability stay in one bin.
 
-    So the curve does not depend on the order of pixels, and fewer bins come back where many pixels
-    share a probability. Equal counts, as most pixels of a depth image are told nearly 0, where bins
-    of equal width would put almost all in one.
+    The curve thus does not depend on the order of pixels, and there are fewer bins where many
+    pixels share a probability. Bins of equal width would hold almost all pixels of a depth image in
+    one bin, because most probabilities are nearly 0.
 
     Source: Nguyen and O'Connor, Posterior calibration and exploratory analysis for natural language
     processing models, EMNLP 2015, sec. 3.
@@ -50,7 +50,7 @@ def reliability(judged: Judged, bins: int = BINS) -> Reliability:
     starts = np.append(0, ends[:-1])
     pixels = ends - starts
     return Reliability(
-        told=np.add.reduceat(probability, starts) / pixels,
+        predicted=np.add.reduceat(probability, starts) / pixels,
         observed=np.add.reduceat(ndp.astype(np.float64), starts) / pixels,
         pixels=pixels,
     )

@@ -1,4 +1,4 @@
-"""Receiver operating characteristic: how well probabilities rank pixels with and without depth."""
+"""Receiver operating characteristic: ranking of pixels with and without depth."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from starling.patterns import errors
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Roc:
-    """Corners of the curve, from (0, 0) to (1, 1); straight between them."""
+    """Corners of the curve, from (0, 0) to (1, 1), connected by straight lines."""
 
     false_positive_rate: NDArray[np.float64]  # (k,) ascending.
     true_positive_rate: NDArray[np.float64]  # (k,) ascending.
-    threshold: NDArray[np.float64]  # (k,) descending: marked are the pixels at or above it.
+    threshold: NDArray[np.float64]  # (k,) descending; pixels at or above it are positive.
 
     @property
     def area(self) -> float:
@@ -25,16 +25,16 @@ class Roc:
         return float(np.trapezoid(self.true_positive_rate, self.false_positive_rate))
 
     def true_positive_rate_at(self, false_positive_rate: float) -> float:
-        """Highest true-positive rate at a false-positive rate, both 0 to 1.
+        """True-positive rate at a false-positive rate, both 0 to 1; the highest one if not unique.
 
-        Between two corners lies what drawing among the tied pixels reaches in the mean.
+        Values between two corners are the expectation of a random choice among tied pixels.
 
         Raises:
             InputError: if the rate is outside [0, 1].
         """
         errors.in_interval("false_positive_rate", false_positive_rate, 0.0, 1.0)
         across, up = self.false_positive_rate, self.true_positive_rate
-        # Not np.interp: where the curve rises straight up it would start from the wrong end.
+        # np.interp would use the lower end of vertical segments.
         last = int(np.searchsorted(across, false_positive_rate, side="right")) - 1
         if last == len(across) - 1:
             return float(up[last])
@@ -43,12 +43,12 @@ class Roc:
 
 
 def roc(judged: Judged) -> Roc:
-    """Build the curve: one corner for every distinct probability, so that ties have no order.
+    """Compute the curve, with one corner for each distinct probability.
 
     Source: Fawcett, An introduction to ROC analysis, Pattern Recognition Letters 27, 2006.
 
     Raises:
-        InputError: if all pixels have depth, or none has.
+        InputError: if all or none of the pixels have depth.
     """
     positives = int(np.count_nonzero(judged.ndp))
     negatives = judged.ndp.size - positives
@@ -57,14 +57,14 @@ def roc(judged: Judged) -> Roc:
             "no-depth pixels",
             "must be some and not all of the counted ones",
             f"{positives} of {judged.ndp.size}",
-            "A curve needs both kinds: take more scenes.",
+            "A curve needs both kinds; use more scenes.",
         )
     order = np.argsort(-judged.probability)
     probability, ndp = judged.probability[order], judged.ndp[order]
     ends = np.append(np.flatnonzero(np.diff(probability)), probability.size - 1)
-    found = np.cumsum(ndp)[ends]
+    true_positives = np.cumsum(ndp)[ends]
     return Roc(
-        false_positive_rate=np.append(0.0, (ends + 1 - found) / negatives),
-        true_positive_rate=np.append(0.0, found / positives),
+        false_positive_rate=np.append(0.0, (ends + 1 - true_positives) / negatives),
+        true_positive_rate=np.append(0.0, true_positives / positives),
         threshold=np.append(np.inf, probability[ends]),
     )

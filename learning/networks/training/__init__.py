@@ -1,1 +1,1 @@
-"""How networks learn: what they see, the batches drawn, and the loop that outlives a kill."""
+"""Training of networks: input channels, batches, and a loop that can be interrupted."""

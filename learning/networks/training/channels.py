@@ -1,4 +1,4 @@
-"""What a network sees of a scene: images of about unit size, by name."""
+"""Named input channels of networks, scaled to about unit size."""
 
 from __future__ import annotations
 
@@ -17,26 +17,27 @@ from starling.sim.geometry.planes import fit_planes, incidence_cosine
 from starling.sim.reason import Reason
 from starling.sim.stereo.filled import filled
 
-PLANE_RADIUS_PX = 3  # Normals are taken over 7x7 pixels.
-LOGIT_SCALE = 0.25  # A power of two, so that the logit is got back exactly.
+PLANE_RADIUS_PX = 3  # Normals are estimated over 7x7 pixels.
+LOGIT_SCALE = 0.25  # A power of two, so that the logit is recovered exactly.
 
-# Disparities stay in pixels whatever the camera: windows, occlusions and noise are measured in it.
+# Disparity stays in pixels for all cameras: windows, occlusions and noise scale with pixels.
 GEOMETRY: dict[str, str] = {
-    "disparity": "reference disparity / 32 px, unknown pixels as the nearest known",
+    "disparity": "reference disparity / 32 px; unknown pixels take the nearest known value",
     "known": "1 where the reference is known",
     "across": "disparity gradient along the row [px / px]",
-    "down": "along the column",
+    "down": "disparity gradient along the column [px / px]",
     "incidence": "cosine between normal and ray; 1 = facing the camera",
-    "off_axis": "tangent of the ray's angle off the optical axis: lenses and lasers dim there",
+    "off_axis": "tangent of the ray's angle to the optical axis, where lenses and lasers dim",
     "column": "column / 1280 px",
-    "right_column": "column in the right image / 32 px, within one: below 0 it lies outside",
+    "right_column": "column in the right image / 32 px, clipped to +-1; below 0 lies outside",
 }
-REFLECTANCE: dict[str, str] = {"reflectance": "near-infrared, 0 to 1, its square root"}
-PHYSICS: dict[str, str] = {  # All no more precise than physics is, 4 px; so the reasons.
-    "logit": "logit of what physics tells, times `LOGIT_SCALE`",
-    "infrared": "simulated left image, its square root",
-    "contrast": "local deviation over mean",
-    "disparity_error": "simulated less reference disparity / 4 px, within one; 0 where unknown",
+REFLECTANCE: dict[str, str] = {"reflectance": "square root of near-infrared reflectance, 0 to 1"}
+# All channels of physics and reasons are smoothed by the uncertainty of physics, 4 px.
+PHYSICS: dict[str, str] = {
+    "logit": "logit of the simulated probability of no depth, times `LOGIT_SCALE`",
+    "infrared": "square root of the simulated left image",
+    "contrast": "local standard deviation over local mean",
+    "disparity_error": "simulated less reference disparity / 4 px, clipped to +-1; 0 if unknown",
     "matched": "1 where a draw has a disparity",
 }
 REASONS: dict[str, tuple[Reason, ...]] = {
@@ -48,39 +49,39 @@ REASONS: dict[str, tuple[Reason, ...]] = {
     "reason_ambiguous": (Reason.AMBIGUOUS,),
     "reason_filtered": (Reason.SPECKLE, Reason.POST_FILTER, Reason.OUT_OF_RANGE, Reason.UNKNOWN),
 }
-ODD = ("down",)  # Change sign when the image is turned upside down.
+ODD = ("down",)  # Channels that change sign when the image is flipped vertically.
 
 
 def names(*, with_reflectance: bool, with_physics: bool) -> tuple[str, ...]:
-    """Channels in their order."""
+    """Return the names of the channels in order."""
     reflectance = tuple(REFLECTANCE) if with_reflectance else ()
     physics = (*PHYSICS, *REASONS) if with_physics else ()
     return (*GEOMETRY, *reflectance, *physics)
 
 
 def channels(example: Example, *, with_reflectance: bool, with_physics: bool) -> Image:
-    """Stack what a network sees, (c, h, w) in the order of `names`.
+    """Stack the input channels, (c, h, w) in the order of `names`.
 
     Raises:
-        InputError: if nothing is known of the reference, or what is asked for is missing or of
-            another size than the geometry says.
+        InputError: if no reference depth is known, or a requested image is missing or of another
+            size than the geometry states.
     """
     check_size(example.info, "depth_m", example.depth_m)
-    seen = _geometry(example)
+    images = _geometry(example)
     if with_reflectance:
-        seen |= {"reflectance": np.sqrt(_reflectance(example))}
+        images |= {"reflectance": np.sqrt(_reflectance(example))}
     if with_physics:
-        seen |= physics_images(example)
+        images |= physics_images(example)
     order = names(with_reflectance=with_reflectance, with_physics=with_physics)
-    return np.stack([seen[name] for name in order], dtype=np.float32)
+    return np.stack([images[name] for name in order], dtype=np.float32)
 
 
-def saying_nothing(share: float, *, with_reflectance: bool) -> tuple[tuple[int, float], ...]:
-    """Physics' channels by number, and the value of each that tells no pixel from another.
+def uninformative(share: float, *, with_reflectance: bool) -> tuple[tuple[int, float], ...]:
+    """Return the numbers of the physics channels, each with an uninformative value.
 
     Args:
-        share: of pixels without depth, 0 to 1: all that the logit says then.
-        with_reflectance: whether reflectance stands before them.
+        share: share of pixels without depth, 0 to 1, from which the logit is computed.
+        with_reflectance: whether reflectance precedes these channels.
     """
     order = names(with_reflectance=with_reflectance, with_physics=True)
     logit = math.log(share / (1 - share)) * LOGIT_SCALE
@@ -90,18 +91,18 @@ def saying_nothing(share: float, *, with_reflectance: bool) -> tuple[tuple[int, 
 
 
 def check_size(info: CaptureInfo, name: str, image: NDArray) -> None:
-    """Refuse an image of another size than the geometry says.
+    """Refuse an image of another size than the geometry states.
 
     Raises:
-        InputError: if it is.
+        InputError: if the sizes differ.
     """
     if image.shape != info.shape:
-        rule = f"must be {info.width}x{info.height} as the geometry says"
+        rule = f"must be {info.width}x{info.height} as the geometry states"
         raise errors.refuse(name, rule, f"shape {image.shape}", "Correct the one that is wrong.")
 
 
 def _geometry(example: Example) -> dict[str, Image]:
-    camera = Pinhole.of(example.info)
+    camera = Pinhole.from_camera(example.info)
     disparity = example.info.disparity_px(example.depth_m)
     known = np.isfinite(disparity)
     disparity = filled(disparity, known)
@@ -121,7 +122,7 @@ def _geometry(example: Example) -> dict[str, Image]:
 
 def _reflectance(example: Example) -> Image:
     if example.reflectance is None:
-        rule = "must be given to a method that was asked to use it"
+        rule = "must be given for a method that uses it"
         remedy = "Take captures with infrared images, or a method without reflectance."
         raise errors.refuse("reflectance", rule, f"none for {example.scene}", remedy)
     check_size(example.info, "reflectance", example.reflectance)
@@ -129,43 +130,45 @@ def _reflectance(example: Example) -> Image:
     return np.clip(reflectance, 0, 1)
 
 
-def given_physics(example: Example) -> Physics:
-    """What was simulated of a scene.
+def require_physics(example: Example) -> Physics:
+    """Return the simulation of a scene.
 
     Raises:
-        InputError: if there is nothing, or it is of another size or not finite.
+        InputError: if there is none, or it is of another size or not finite.
     """
     if example.physics is None:
-        rule = "must be given to a method that builds on it"
+        rule = "must be given for a method that uses it"
         raise errors.refuse("physics", rule, f"none for {example.scene}", "Simulate the scene.")
     for name in (field.name for field in dataclasses.fields(Physics) if field.name != "draws"):
         image = getattr(example.physics, name)
         check_size(example.info, f"physics {name}", image)
         missing = int(np.count_nonzero(~np.isfinite(image)))
         if missing and not name.endswith("_px"):
-            found = f"{missing} pixels in {example.scene} that are not"
-            raise errors.refuse(f"physics {name}", "must be finite", found, "Simulate again.")
+            got = f"{missing} pixels in {example.scene} that are not"
+            raise errors.refuse(f"physics {name}", "must be finite", got, "Simulate again.")
     return example.physics
 
 
 def physics_images(example: Example) -> dict[str, Image]:
-    """What physics says, smoothed: sharp, its edges' places would be learnt by heart, which differ
-    from scene to scene by the reference's registration.
+    """Return the channels of physics, smoothed.
+
+    Sharp edges would be overfitted, because their position depends on the registration of the
+    reference, which differs from scene to scene.
 
     Returns:
         (h, w) each, by the names of `PHYSICS` and `REASONS`.
 
     Raises:
-        InputError: as `given_physics`, or if nothing is known of the reference.
+        InputError: see `require_physics`; or if no reference depth is known.
     """
-    physics = given_physics(example)
+    physics = require_physics(example)
     reference_px = example.info.disparity_px(example.depth_m)
     reference_px = filled(reference_px, np.isfinite(reference_px))
-    told = physics_probability(physics)
+    probability = physics_probability(physics)
     matched = np.isfinite(physics.disparity_px)
     error = np.where(matched, physics.disparity_px - reference_px, 0)
-    found = {
-        "logit": (np.log(told) - np.log1p(-told)) * np.float32(LOGIT_SCALE),
+    physics_channels = {
+        "logit": (np.log(probability) - np.log1p(-probability)) * np.float32(LOGIT_SCALE),
         "infrared": np.sqrt(np.clip(physics.infrared, 0, 1)),
         "contrast": np.clip(physics.contrast, 0, 2),
         "disparity_error": np.clip(error / np.float32(4), -1, 1),
@@ -176,5 +179,5 @@ def physics_images(example: Example) -> dict[str, Image]:
     }
     return {
         name: image if name == "logit" else as_precise_as_physics(image)
-        for name, image in (found | reasons).items()
+        for name, image in (physics_channels | reasons).items()
     }

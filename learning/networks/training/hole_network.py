@@ -1,4 +1,4 @@
-"""Fitting a network that gives logits of no depth, whatever it is built of."""
+"""Training of any network that predicts logits of no depth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from torch import nn
 from starling.learning.data.example import Example, Mask
 from starling.learning.networks.training import samples as drawing
 from starling.learning.networks.training import weights
-from starling.learning.networks.training.channels import ODD, channels, names, saying_nothing
+from starling.learning.networks.training.channels import ODD, channels, names, uninformative
 from starling.learning.networks.training.learner import HoleLearner, initialised
 from starling.learning.networks.training.loop import train
 from starling.learning.networks.training.settings import Settings
@@ -32,40 +32,39 @@ def fit_hole_network(
     seed: int,
     track: progress.Progress,
 ) -> nn.Module:
-    """Learn, or go on with what lies in the folder, and leave the weights there.
+    """Train, or continue from the folder's checkpoint, and save the weights there.
 
     Args:
         examples: at least one.
         build: makes the network from the share of holes, 0 to 1.
-        settings: steps, batches and rates.
-        name: the method's.
-        with_reflectance: whether it sees the smoothed infrared image.
-        with_physics: whether it sees the simulator's answers.
+        settings: steps, batches and learning rates.
+        name: name of the method.
+        with_reflectance: whether the smoothed infrared image is an input.
+        with_physics: whether the simulation is an input.
         folder: gets checkpoint, loss curve and weights.
-        seed: fixes first weights and crops.
-        track: wraps loops that take long.
+        seed: seed of initial weights and crops.
+        track: wraps long loops.
 
     Raises:
-        InputError: as `starling.learning.networks.training.samples.collect`, `starling.learning.networks.training.loop.train`, and
-            `starling.learning.networks.training.weights.load` of weights to start from.
+        InputError: see `collect` and `train`; and `weights.load` for initial weights.
     """
-    seen = names(with_reflectance=with_reflectance, with_physics=with_physics)
+    inputs = names(with_reflectance=with_reflectance, with_physics=with_physics)
     samples = drawing.collect(
         examples,
         partial(channels, with_reflectance=with_reflectance, with_physics=with_physics),
-        odd=tuple(seen.index(channel) for channel in ODD),
-        wanted=_ndp,
+        odd=tuple(inputs.index(channel) for channel in ODD),
+        target=_ndp,
         track=track,
     )
     share = drawing.share(samples)
     if with_physics:
-        hideable = saying_nothing(share, with_reflectance=with_reflectance)
+        hideable = uninformative(share, with_reflectance=with_reflectance)
         samples = [dataclasses.replace(sample, hideable=hideable) for sample in samples]
     network = initialised(partial(build, share), seed)
     if settings.start is not None:
-        weights.load(settings.start, name, network, seen)
+        weights.load(settings.start, name, network, inputs)
         network.requires_grad_(True).train()
-    learnt = train(
+    trained = train(
         HoleLearner(network, settings),
         drawing.Crops(samples=samples, settings=settings, seed=seed),
         settings,
@@ -73,8 +72,8 @@ def fit_hole_network(
         folder=folder,
         track=track,
     )["holes"]
-    weights.save(folder, name, learnt, seen, examples[0].info.shape)
-    return learnt
+    weights.save(folder, name, trained, inputs, examples[0].info.shape)
+    return trained
 
 
 def _ndp(example: Example) -> Mask:

@@ -1,4 +1,4 @@
-"""What learns: networks, their optimizers, and one step of each kind of training."""
+"""Networks in training, their optimisers, and one step of each kind of training."""
 
 from __future__ import annotations
 
@@ -14,68 +14,68 @@ from torch.nn import functional
 from starling.learning.networks.training.samples import Batch
 from starling.learning.networks.training.settings import Schedule, Settings
 
-_Some = TypeVar("_Some")
+_Batch = TypeVar("_Some")
 _Network = TypeVar("_Network", bound=nn.Module)
-Draw = Callable[[str], _Some]  # Gives what a part of this step learns from.
+Draw = Callable[[str], _Batch]  # Draws the batch of one part of a step, by name.
 
-_WARM_UP = 0.1  # Share of the steps in which the rate rises.
-STEEPEST = 1.0  # Gradients longer than this are cut to it.
+_WARM_UP = 0.1  # Share of the steps in which the learning rate rises.
+STEEPEST = 1.0  # Gradients are clipped to this length.
 
 
 def device() -> torch.device:
-    """The GPU where there is one, else the processor."""
+    """Return the GPU if there is one, else the processor."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
-def sparing(where: torch.device) -> torch.autocast:
-    """16-bit arithmetic on a GPU, which loses nothing that training needs; none elsewhere."""
-    return torch.autocast(where.type, torch.bfloat16, enabled=where.type == "cuda")
+def mixed_precision(target: torch.device) -> torch.autocast:
+    """Use 16-bit arithmetic on a GPU, which is sufficient for training; no effect elsewhere."""
+    return torch.autocast(target.type, torch.bfloat16, enabled=target.type == "cuda")
 
 
 def initialised(build: Callable[[], _Network], seed: int) -> _Network:
-    """Build a network whose first weights the seed fixes, and leave torch's own draws alone."""
+    """Build a network with initial weights from a seed, without changing torch's random state."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return placed(build())
+        return to_device(build())
 
 
-def placed(network: _Network) -> _Network:
-    """Put a network where it is to run, with the memory layout that convolutions like."""
+def to_device(network: _Network) -> _Network:
+    """Move a network to its device, in the memory layout that is fast for convolutions."""
     network = network.to(device())
     return nn.utils.convert_conv2d_weight_memory_format(network, torch.channels_last)
 
 
-class Learner(ABC, Generic[_Some]):
-    """Networks under training; everything a restart needs is in them and the optimizers."""
+class Learner(ABC, Generic[_Batch]):
+    """Networks in training. They and the optimisers hold the whole state for a restart."""
 
     def __init__(self, networks: Mapping[str, nn.Module], optimizers: list[optim.Optimizer]):
         self.networks = nn.ModuleDict(dict(networks))
         self.optimizers = optimizers
 
     @abstractmethod
-    def update(self, draw: Draw[_Some], step: int) -> dict[str, float]:
-        """Take a step and name the losses before it."""
+    def update(self, draw: Draw[_Batch], step: int) -> dict[str, float]:
+        """Take a step and return the losses before it, by name."""
 
     def state(self) -> dict[str, Any]:
-        """Everything that changes in training."""
+        """Return everything that changes in training."""
         return {
             "networks": self.networks.state_dict(),
             "optimizers": [optimizer.state_dict() for optimizer in self.optimizers],
         }
 
     def set_rate(self, rate: float) -> None:
-        """Give all optimizers one learning rate."""
+        """Set one learning rate for all optimisers."""
         self.set_rates(*[rate] * len(self.optimizers))
 
     def set_rates(self, *rates: float) -> None:
-        """Give each optimizer its learning rate."""
+        """Set the learning rate of each optimiser."""
         for optimizer, rate in zip(self.optimizers, rates, strict=True):
             for group in optimizer.param_groups:
                 group["lr"] = rate
 
 
-def decaying(network: nn.Module, decay: float) -> optim.AdamW:
-    """Optimizer that lets weights decay, but no biases."""
+def decaying_adam(network: nn.Module, decay: float) -> optim.AdamW:
+    """Build an optimiser with decay of weights, but not of biases."""
     parameters = list(network.parameters())
     groups = [
         {"params": [p for p in parameters if p.ndim > 1]},
@@ -85,49 +85,49 @@ def decaying(network: nn.Module, decay: float) -> optim.AdamW:
 
 
 def descend(optimizer: optim.Optimizer, loss: Tensor, *, steepest: float = math.inf) -> None:
-    """One step down the loss; gradients longer than `steepest` are cut to it."""
+    """Take one gradient step; gradients longer than `steepest` are clipped."""
     optimizer.zero_grad()
     loss.backward()
-    moved = [one for group in optimizer.param_groups for one in group["params"]]
-    nn.utils.clip_grad_norm_(moved, steepest)
+    parameters = [value for group in optimizer.param_groups for value in group["params"]]
+    nn.utils.clip_grad_norm_(parameters, steepest)
     optimizer.step()
 
 
 class HoleLearner(Learner[Batch]):
-    """Learns logits of no depth, `networks["holes"]`, by log loss.
+    """Trains logits of no depth, `networks["holes"]`, by log loss.
 
-    Every counted pixel weighs the same, however rare holes are: log loss is a proper scoring rule
-    (Gneiting and Raftery, JASA 2007), least for the true probabilities, and weighting a class up
-    would shift them. What rarity costs, a slow start, the first bias at the share's logit saves.
+    Every counted pixel has the same weight, although holes are rare. Log loss is a proper scoring
+    rule (Gneiting and Raftery, JASA 2007) with its minimum at the true probabilities, which class
+    weights would shift. Starting the bias at the logit of the share of holes avoids a slow start.
     """
 
     def __init__(self, network: nn.Module, settings: Settings) -> None:
         self.settings = settings
-        super().__init__({"holes": network}, [decaying(network, settings.weight_decay)])
+        super().__init__({"holes": network}, [decaying_adam(network, settings.weight_decay)])
 
     def update(self, draw: Draw[Batch], step: int) -> dict[str, float]:
         self.set_rate(one_cycle(step, self.settings))
         batch = draw("crops")
-        with sparing(batch.seen.device):
+        with mixed_precision(batch.inputs.device):
             loss = log_loss(self.networks, batch)
         descend(self.optimizers[0], loss, steepest=STEEPEST)
         return {"log_loss": loss.item()}
 
 
 def log_loss(networks: nn.ModuleDict, batch: Batch) -> Tensor:
-    """Mean log loss () of `networks["holes"]` over the counted pixels."""
-    logit = networks["holes"](batch.seen).float()
+    """Return the mean log loss () of `networks["holes"]` over counted pixels."""
+    logit = networks["holes"](batch.inputs).float()
     loss = functional.binary_cross_entropy_with_logits(logit, batch.target, reduction="none")
     return mean(loss, batch.counted)
 
 
 def mean(values: Tensor, counted: Tensor) -> Tensor:
-    """Mean of the counted pixels; 0 where none counts."""
+    """Return the mean over counted pixels; 0 if none counts."""
     return (values * counted).sum() / counted.sum().clamp(min=1)
 
 
 def one_cycle(step: int, settings: Schedule) -> float:
-    """Learning rate: a straight rise, then half a cosine to 0 (Smith, arXiv 1803.09820)."""
+    """Return the learning rate: linear rise, then half a cosine to 0 (Smith, arXiv 1803.09820)."""
     rise = max(1.0, _WARM_UP * settings.steps)
     if step < rise:
         return settings.rate * (step + 1) / (rise + 1)

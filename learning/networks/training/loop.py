@@ -1,7 +1,7 @@
-"""The loop all networks are trained in: steps, averages, and going on after a kill.
+"""The training loop of all networks: steps, weight averages, checkpoints.
 
-What a step draws depends on the seed and its number alone, so training that was killed goes on from
-its last checkpoint to the very same bits, on one machine with one number of threads.
+The draw of a step depends on the seed and the step's number only. Training that was interrupted
+continues from its last checkpoint with bit-identical results on one machine and thread count.
 """
 
 from __future__ import annotations
@@ -27,72 +27,72 @@ CHECKPOINT = "training.pt"
 CURVE = "loss.csv"
 
 
-_Some = TypeVar("_Some", covariant=True)
+_Batch = TypeVar("_Some", covariant=True)
 
 
-class Lot(Protocol[_Some]):
-    """What the steps of a training draw from: equal arguments give equal portions.
+class BatchSource(Protocol[_Batch]):
+    """Source of batches. Equal arguments give equal batches.
 
-    A portion is a dataclass of images (b, c, h, w).
+    A batch is a dataclass of images (b, c, h, w).
     """
 
     @property
     def identity(self) -> str:
-        """Text that changes when what is drawn does."""
+        """Text that changes when the drawn data change."""
         ...
 
-    def batch(self, step: int, part: str) -> _Some:
-        """What one part of a step learns from."""
+    def batch(self, step: int, part: str) -> _Batch:
+        """Draw the batch of one part of a step."""
         ...
 
 
 @dataclass(slots=True)
 class _Run:
-    """Where a training stands."""
+    """State of a training run."""
 
-    averaged: nn.ModuleDict  # Running average of the weights: what is used in the end.
+    averaged: nn.ModuleDict  # Running average of the weights, the result of training.
     step: int = 0
     curve: list[dict[str, float]] = field(default_factory=list)
 
 
 def train(
     learner: Learner[Any],
-    lot: Lot[Any],
+    batches: BatchSource[Any],
     settings: Schedule,
     *,
     kind: str,
     folder: Path,
     track: progress.Progress = progress.silent,
 ) -> nn.ModuleDict:
-    """Train to the end, or go on where `folder`'s checkpoint stands.
+    """Train to the end, or continue from the checkpoint in `folder`.
 
-    The weights given back are averages over the last steps (Polyak and Juditsky, SIAM J. Control
+    The returned weights are averages over the last steps (Polyak and Juditsky, SIAM J. Control
     Optim. 1992).
 
     Args:
-        learner: freshly initialised, for portions as the lot has them.
-        lot: what is learnt from.
-        settings: how long.
-        kind: the method, which the checkpoint is marked with.
+        learner: freshly initialised.
+        batches: source of batches.
+        settings: steps and averaging.
+        kind: name of the training, stored in the checkpoint.
         folder: gets `training.pt` and `loss.csv`.
         track: wraps the loop over steps.
 
     Returns:
-        The averaged networks, ready for use.
+        The averaged networks.
 
     Raises:
-        InputError: if a loss is no number (says at which batch), or the checkpoint is damaged or
-            of another training.
+        InputError: if a loss is not finite (the message names the batch), or the checkpoint is
+            damaged or of another training.
     """
     run = _Run(copy.deepcopy(learner.networks).requires_grad_(False))
-    identity = lot.identity
+    identity = batches.identity
     path = folder / CHECKPOINT
     if path.exists():
         _resume(run, learner, checkpoint.load(path, kind), identity)
     save = partial(_save, run, learner, folder=folder, kind=kind, identity=identity)
     steps = range(run.step, settings.steps)
     for step in track(steps, f"train {kind}"):
-        _step(run, learner, lot, settings, step)
+        _step(run, learner, batches, settings, step)
         run.step = step + 1
         if run.step % settings.save_every == 0:
             save()
@@ -101,16 +101,18 @@ def train(
     return run.averaged.eval()
 
 
-def _step(run: _Run, learner: Learner[Any], lot: Lot[Any], settings: Schedule, step: int) -> None:
-    where = next(learner.networks.parameters()).device
+def _step(
+    run: _Run, learner: Learner[Any], batches: BatchSource[Any], settings: Schedule, step: int
+) -> None:
+    target = next(learner.networks.parameters()).device
 
     def draw(part: str) -> Any:
-        return _moved(lot.batch(step, part), where)
+        return _to_device(batches.batch(step, part), target)
 
     losses = learner.update(draw, step)
     for name, value in losses.items():
         _check_number(name, value, step)
-    # Young averages forget faster: the first weights say nothing.
+    # The average forgets faster at first, because the initial weights are arbitrary.
     keep = min(settings.averaging, (1 + step) / (10 + step))
     with torch.no_grad():
         pairs = zip(run.averaged.parameters(), learner.networks.parameters(), strict=True)
@@ -125,15 +127,15 @@ def _check_number(name: str, value: float, step: int) -> None:
         raise refuse(f"loss {name}", "must be a finite number", value, remedy)
 
 
-def _moved(portion: Any, where: torch.device) -> Any:
-    """The same on a device, with the memory layout that convolutions like."""
-    images = [getattr(portion, one.name) for one in fields(portion)]
+def _to_device(batch: Any, target: torch.device) -> Any:
+    """Copy a batch to a device, in the memory layout that is fast for convolutions."""
+    images = [getattr(batch, image.name) for image in fields(batch)]
     layout = torch.channels_last
-    return type(portion)(*(one.to(device=where, memory_format=layout) for one in images))
+    return type(batch)(*(image.to(device=target, memory_format=layout) for image in images))
 
 
 def _save(run: _Run, learner: Learner[Any], *, folder: Path, kind: str, identity: str) -> None:
-    # The curve first: a kill in between leaves it too long, and going on writes it anew.
+    # Write the curve first: after a kill in between, resumed training overwrites its last lines.
     output.write_file(folder / CURVE, _csv(run.curve).encode(), force=True)
     content = learner.state() | {
         "identity": identity,
@@ -146,7 +148,7 @@ def _save(run: _Run, learner: Learner[Any], *, folder: Path, kind: str, identity
 
 def _resume(run: _Run, learner: Learner[Any], content: dict[str, Any], identity: str) -> None:
     if content["identity"] != identity:
-        rule = "must be of this training, with the same scenes, settings and seed"
+        rule = "must belong to this training, with the same scenes, settings and seed"
         remedy = "Choose an empty folder."
         raise refuse("checkpoint", rule, content["identity"], remedy)
     checkpoint.restore(learner.networks, content["networks"])

@@ -1,4 +1,4 @@
-"""Scenes to learn from, and the batches of crops drawn from them."""
+"""Training scenes, and the batches of crops drawn from them."""
 
 from __future__ import annotations
 
@@ -20,48 +20,49 @@ from starling.patterns.errors import refuse
 from starling.sim.console import progress
 from starling.sim.randomness import generator
 
-# Pixels this near a cut through the image do not count, as their neighbours are missing; at most a
-# quarter of the crop.
+# Pixels nearer than this to a cut do not count, because their neighbours are missing [px]. The
+# margin is at most a quarter of the crop.
 CUT_PX = 32
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Sample:
-    """What is seen of a scene and what should come out."""
+class SceneSample:
+    """Input channels and target of a scene."""
 
     scene: str
     room: str
-    seen: Image  # (c, h, w)
-    odd: tuple[int, ...]  # Channels of `seen` that change sign upside down.
+    inputs: Image  # (c, h, w)
+    odd: tuple[int, ...]  # Channels that change sign when flipped vertically.
     target: Image  # (h, w)
     counted: Mask  # (h, w)
-    hideable: tuple[tuple[int, float], ...] = ()  # Channels, and the value that says nothing.
+    # Number and uninformative value of each channel that can be hidden.
+    hideable: tuple[tuple[int, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Batch:
     """Crops of one step."""
 
-    seen: Tensor  # (b, c, h, w)
+    inputs: Tensor  # (b, c, h, w)
     target: Tensor  # (b, 1, h, w)
     counted: Tensor  # (b, 1, h, w), 1 where the target counts, else 0.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Crops:
-    """What the steps of a training draw from."""
+    """Source of the crops of a training."""
 
-    samples: Sequence[Sample]  # At least one.
+    samples: Sequence[SceneSample]  # At least one.
     settings: Settings
-    seed: int  # Fixes all crops.
+    seed: int  # Seed of all crops.
 
     @property
     def identity(self) -> str:
-        """Text that changes when what is drawn does."""
+        """Text that changes when the drawn data change."""
         return f"{self.settings} seed {self.seed} data {digest(self.samples):08x}"
 
     def batch(self, step: int, part: str) -> Batch:
-        """Crops of a step, for one part of it."""
+        """Draw the crops of one part of a step."""
         return draw(
             self.samples,
             count=self.settings.batch,
@@ -78,36 +79,36 @@ def collect(
     see: Callable[[Example], Image],
     *,
     odd: tuple[int, ...],
-    wanted: Callable[[Example], NDArray],
+    target: Callable[[Example], NDArray],
     track: progress.Progress = progress.silent,
-) -> list[Sample]:
+) -> list[SceneSample]:
     """Make samples of all examples.
 
     Args:
-        examples: scenes whose holes are known, all of one size.
-        see: gives the channels (c, h, w).
-        odd: the channels that change sign upside down.
-        wanted: gives the target (h, w).
+        examples: scenes with known holes, all of one size.
+        see: returns the input channels (c, h, w).
+        odd: channels that change sign when flipped vertically.
+        target: returns the target (h, w).
         track: wraps the loop over examples.
 
     Raises:
-        InputError: if nothing can be learnt from them (`starling.learning.data.learnable`), they differ in size,
-            or one lacks what is to be seen of it.
+        InputError: if the examples cannot be learnt from (`starling.learning.data.learnable`),
+            differ in size, or lack an input.
     """
     check_learnable(examples)
     samples = []
     for example in track(examples, "channels"):
         check_same_size(example, examples[0].info.shape)
-        seen = see(example)
+        inputs = see(example)
         ndp, counted = known_holes(example)
         check_size(example.info, "ndp", ndp)
         samples.append(
-            Sample(
+            SceneSample(
                 scene=example.scene,
                 room=example.room,
-                seen=seen,
+                inputs=inputs,
                 odd=odd,
-                target=wanted(example).astype(np.float32),
+                target=target(example).astype(np.float32),
                 counted=counted,
             )
         )
@@ -115,36 +116,36 @@ def collect(
 
 
 def check_same_size(example: Example, shape: tuple[int, int]) -> None:
-    """Refuse a scene of another size than those learnt from, whose patterns have other sizes too.
+    """Refuse a scene of another size than the training scenes, because patterns scale with size.
 
     Raises:
-        InputError: if it has.
+        InputError: if the sizes differ.
     """
     if example.info.shape != shape:
-        rule = f"must have the size learnt from, {shape[1]}x{shape[0]}"
-        found = f"{example.info.width}x{example.info.height} in {example.scene}"
-        raise refuse("example", rule, found, "Keep to one resolution, or train for this one.")
+        rule = f"must have the size of the training scenes, {shape[1]}x{shape[0]}"
+        got = f"{example.info.width}x{example.info.height} in {example.scene}"
+        raise refuse("example", rule, got, "Keep to one resolution, or train for this one.")
 
 
-def share(samples: Sequence[Sample]) -> float:
-    """Mean of the targets over the counted pixels, each scene with equal weight."""
-    means = [float(one.target[one.counted].mean()) for one in samples if one.counted.any()]
+def share(samples: Sequence[SceneSample]) -> float:
+    """Mean of the targets over counted pixels; each scene has the same weight."""
+    means = [float(item.target[item.counted].mean()) for item in samples if item.counted.any()]
     return float(np.mean(means))
 
 
-def digest(samples: Sequence[Sample]) -> int:
-    """Number that changes when anything of the samples does."""
+def digest(samples: Sequence[SceneSample]) -> int:
+    """Checksum of all samples."""
     value = 0
     for sample in samples:
         name = f"{sample.scene} {sample.room} {sample.odd} {sample.hideable}"
         value = zlib.crc32(name.encode(), value)
-        for array in (sample.seen, sample.target, sample.counted):
+        for array in (sample.inputs, sample.target, sample.counted):
             value = zlib.crc32(np.ascontiguousarray(array).data, value)
     return value
 
 
 def draw(
-    samples: Sequence[Sample],
+    samples: Sequence[SceneSample],
     *,
     count: int,
     crop_px: tuple[int, int],
@@ -153,26 +154,26 @@ def draw(
     step: int,
     part: str,
 ) -> Batch:
-    """Draw the crops of a step: equal arguments give equal crops, whatever came before.
+    """Draw the crops of a step. Equal arguments give equal crops.
 
-    Scenes come in turn, in an order that is shuffled each time round, so that each weighs the same.
-    Half of the crops are turned upside down. They are never mirrored: the right imager stays on
-    the right. Nor is depth scaled: disparity would have to follow, and the holes with it.
+    The order of scenes is shuffled in each epoch, so that each has the same weight. Half of the
+    crops are flipped vertically. Crops are never mirrored, because the right imager is on the
+    right. Depth is not scaled, because disparity and holes would change with it.
 
-    In a share `hidden` of the crops the channels that may be hidden say nothing, all together: so
-    the others are learnt from as if alone (Neverova et al., ModDrop, PAMI 2016).
+    In a share `hidden` of the crops all hideable channels are uninformative, so that the network
+    also learns from the other channels alone (Neverova et al., ModDrop, PAMI 2016).
     """
     rng = generator(seed, step, "training", part)
     hide = generator(seed, step, "training", f"{part} hidden").random(count) < hidden
     crops = []
     for place, hides in enumerate(hide, start=step * count):
-        number = turns.chosen(place, len(samples), seed, "training", f"{part} order")
+        number = turns.sample_at(place, len(samples), seed, "training", f"{part} order")
         crops.append(_crop(samples[number], crop_px, hides, rng))
     return _batch(crops)
 
 
 def _crop(
-    sample: Sample, crop_px: tuple[int, int], hides: bool, rng: np.random.Generator
+    sample: SceneSample, crop_px: tuple[int, int], hides: bool, rng: np.random.Generator
 ) -> tuple[Image, Image, Mask]:
     height, width = sample.target.shape
     rows, columns = (min(*pair) for pair in zip(crop_px, (height, width), strict=True))
@@ -180,25 +181,25 @@ def _crop(
     left = int(rng.integers(width - columns + 1))
     window = slice(top, top + rows), slice(left, left + columns)
     counted = sample.counted[window].copy()
-    above, beside = min(CUT_PX, rows // 4), min(CUT_PX, columns // 4)
-    counted[: above if top else 0] = False
-    counted[rows - (above if top + rows < height else 0) :] = False
-    counted[:, : beside if left else 0] = False
-    counted[:, columns - (beside if left + columns < width else 0) :] = False
-    seen, target = sample.seen[:, *window], sample.target[window]
+    row_margin, column_margin = min(CUT_PX, rows // 4), min(CUT_PX, columns // 4)
+    counted[: row_margin if top else 0] = False
+    counted[rows - (row_margin if top + rows < height else 0) :] = False
+    counted[:, : column_margin if left else 0] = False
+    counted[:, columns - (column_margin if left + columns < width else 0) :] = False
+    inputs, target = sample.inputs[:, *window], sample.target[window]
     if rng.random() < 0.5:
-        seen, target, counted = seen[:, ::-1].copy(), target[::-1], counted[::-1]
-        seen[list(sample.odd)] *= -1
+        inputs, target, counted = inputs[:, ::-1].copy(), target[::-1], counted[::-1]
+        inputs[list(sample.odd)] *= -1
     if hides and sample.hideable:
-        seen = seen.copy()
+        inputs = inputs.copy()
         for channel, value in sample.hideable:
-            seen[channel] = value
-    return seen, target, counted
+            inputs[channel] = value
+    return inputs, target, counted
 
 
 def _batch(crops: Sequence[tuple[Image, Image, Mask]]) -> Batch:
     def stacked(arrays: Sequence[NDArray]) -> Tensor:
         return torch.from_numpy(np.stack(arrays, dtype=np.float32))
 
-    seen, target, counted = zip(*crops, strict=True)
-    return Batch(stacked(seen), stacked(target)[:, None], stacked(counted)[:, None])
+    inputs, target, counted = zip(*crops, strict=True)
+    return Batch(stacked(inputs), stacked(target)[:, None], stacked(counted)[:, None])

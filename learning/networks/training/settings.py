@@ -1,4 +1,4 @@
-"""How long and in what portions a network learns."""
+"""Training settings of networks."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class Schedule:
     """Steps, batches and rates."""
 
     steps: int
-    batch: int = 8  # Crops a step; scenes come in turn.
+    batch: int = 8  # Crops a step.
     crop_px: tuple[int, int]  # (h, w)
     rate: float = 2e-3  # Highest learning rate.
     weight_decay: float
-    averaging: float  # Share that the running average of weights keeps a step.
+    averaging: float  # Decay of the running average of weights per step.
     save_every: int  # Steps between checkpoints.
 
     def __post_init__(self) -> None:
@@ -32,16 +32,16 @@ class Schedule:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Settings(Schedule):
-    """Those of networks that tell where depth is missing; they take minutes on two cores."""
+    """Settings of networks that predict no-depth pixels; training takes minutes on two cores."""
 
     steps: int = 600
-    crop_px: tuple[int, int] = (192, 384)  # Wide, as occlusions lie along rows.
+    crop_px: tuple[int, int] = (192, 384)  # (h, w); wide, because occlusions extend along rows.
     weight_decay: float = 1e-2
     averaging: float = 0.99
     save_every: int = 50
-    hidden: float = 0.75  # Share of crops in which physics, where it is seen, is hidden.
-    start: Path | None = None  # Folder with weights to go on from; None begins anew.
+    hidden: float = 0.75  # Share of crops in which the physics channels are hidden.
+    start: Path | None = None  # Folder with initial weights; None starts from scratch.
 
     def __post_init__(self) -> None:
-        Schedule.__post_init__(self)  # `super()` does not reach it through slots.
+        Schedule.__post_init__(self)  # `super()` does not work in a dataclass with slots.
         errors.in_interval("hidden", self.hidden, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Depth images as image translation sees them: depth in, the same with the device's holes out."""
+"""Image translation of depth images: maps reference depth to depth with the device's holes."""
 
 from __future__ import annotations
 
@@ -18,26 +18,28 @@ from starling.learning.networks.training import weights
 from starling.learning.networks.training.channels import check_size
 from starling.learning.networks.training.learner import Learner
 from starling.learning.networks.training.loop import train
-from starling.learning.networks.training.samples import Batch, Sample, check_same_size
+from starling.learning.networks.training.samples import Batch, SceneSample, check_same_size
 from starling.learning.networks.training.settings import Settings
 from starling.learning.networks.unet import UNet
 from starling.patterns.errors import refuse
 from starling.sim.console import progress
 
-UNIT_M = 4.0  # Depth of value 1 in the images [m].
-FARTHEST_M = 16.0  # Greater depths look like this one [m].
-# The rate of Isola et al. and Zhu et al.; ten times higher the adversaries run away.
+UNIT_M = 4.0  # Depth of image value 1 [m].
+FARTHEST_M = 16.0  # Greater depths are clipped [m].
+# Learning rate of Isola et al. and Zhu et al.; training diverges at ten times this rate.
 ADVERSARIAL = Settings(steps=3000, batch=4, rate=2e-4)
-_BETAS = (0.5, 0.999)  # Likewise.
+_BETAS = (0.5, 0.999)  # Adam's decay rates of Isola et al. and Zhu et al.
 
 
 def adversary(*networks: nn.Module) -> optim.Optimizer:
-    """What trains one side of the game."""
-    return optim.Adam(itertools.chain(*(one.parameters() for one in networks)), betas=_BETAS)
+    """Build the optimiser of generators or of discriminators."""
+    return optim.Adam(
+        itertools.chain(*(network.parameters() for network in networks)), betas=_BETAS
+    )
 
 
 class Translator(nn.Module):
-    """Depth image (b, 1, h, w) to depth image; gives back what it gets before it has learnt."""
+    """Maps a depth image (b, 1, h, w) to a depth image; the identity before training."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -48,7 +50,7 @@ class Translator(nn.Module):
 
 
 class PatchDiscriminator(nn.Module):
-    """Logits that patches of 46x46 pixels are real, (b, 1, h / 8, w / 8) or so.
+    """Logits that patches of 46x46 pixels are real, about (b, 1, h / 8, w / 8).
 
     Source: Isola et al., Image-to-image translation with conditional adversarial networks,
     CVPR 2017, sec. 3.2.2, here a tenth as wide and without normalisation.
@@ -69,58 +71,58 @@ class PatchDiscriminator(nn.Module):
         return self.last(image)
 
 
-def judged(logit: Tensor, real: bool) -> Tensor:
-    """Squared distance () from the verdict (Mao et al., Least squares GANs, ICCV 2017)."""
+def least_squares_loss(logit: Tensor, real: bool) -> Tensor:
+    """Squared distance () of logits from the label (Mao et al., Least squares GANs, ICCV 2017)."""
     return ((logit.float() - float(real)) ** 2).mean()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Sight:
-    """What a translator is given of a scene: the depth image first."""
+class TranslatorInput:
+    """Input channels of a translator, with the depth image first."""
 
     names: tuple[str, ...]
-    odd: tuple[int, ...]  # Those that change sign upside down.
-    see: Callable[[Example], Image]  # (c, h, w)
+    odd: tuple[int, ...]  # Channels that change sign when flipped vertically.
+    see: Callable[[Example], Image]  # Returns (c, h, w).
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TranslationPredictor:
-    """A translator; its answer is always the same, so its probabilities are no frequencies."""
+    """A trained translator. It is deterministic, so that its probabilities are not frequencies."""
 
     network: nn.Module
-    shape: tuple[int, int]  # (h, w) learnt from.
-    sight: Sight
+    shape: tuple[int, int]  # (h, w) of the training images.
+    inputs: TranslatorInput
 
     def depth_m(self, example: Example) -> Image:
-        """The device's depth (h, w) [m] as the network draws it, below 0 and all.
+        """Predict the device's depth (h, w) [m]; values may be negative.
 
         Raises:
-            InputError: if the example has another size than was learnt from.
+            InputError: if the example has another size than the training images.
         """
         check_same_size(example, self.shape)
-        return inference.apply(self.network, self.sight.see(example)) * np.float32(UNIT_M)
+        return inference.apply(self.network, self.inputs.see(example)) * np.float32(UNIT_M)
 
     def probability(self, example: Example) -> Image:
-        """How far each depth has gone from the reference towards zero, (h, w), 0 to 1.
+        """Return how far each depth moved from the reference towards zero, (h, w), 0 to 1.
 
-        From 0.5 on, nearer to zero than to the reference, the seed's yes or no says no depth. Where
-        the reference is unknown there is nothing to lose: 1.
+        From 0.5 on, the depth is nearer to zero than to the reference, which the seed paper counts
+        as no depth. It is 1 where the reference is unknown.
 
         Raises:
-            InputError: if the example has another size than was learnt from.
+            InputError: if the example has another size than the training images.
         """
-        drawn = self.depth_m(example)
+        predicted = self.depth_m(example)
         reference = depth_image(example)[0] * np.float32(UNIT_M)
         known = reference > 0
-        kept = np.where(known, drawn, 0) / np.where(known, reference, 1)
-        return (1 - np.clip(kept, 0, 1)).astype(np.float32)
+        ratio = np.where(known, predicted, 0) / np.where(known, reference, 1)
+        return (1 - np.clip(ratio, 0, 1)).astype(np.float32)
 
 
 def depth_image(example: Example) -> Image:
-    """Reference depth (1, h, w), 1 at `UNIT_M`; 0 where unknown, as devices write it.
+    """Return reference depth (1, h, w), 1 at `UNIT_M`; 0 where unknown, as devices write it.
 
     Raises:
-        InputError: if it has another size than the geometry says, or nothing is known.
+        InputError: if it has another size than the geometry states, or nothing is known.
     """
     check_size(example.info, "depth_m", example.depth_m)
     known = np.isfinite(example.depth_m)
@@ -130,7 +132,7 @@ def depth_image(example: Example) -> Image:
     return (depth / UNIT_M).astype(np.float32)[None]
 
 
-DEPTH = Sight(names=("depth",), odd=(), see=depth_image)
+DEPTH = TranslatorInput(names=("depth",), odd=(), see=depth_image)
 
 
 def fit_translation(
@@ -139,58 +141,60 @@ def fit_translation(
     generator: str,
     settings: Settings,
     *,
-    sight: Sight,
+    inputs: TranslatorInput,
     name: str,
     folder: Path,
     seed: int,
     track: progress.Progress,
 ) -> TranslationPredictor:
-    """Learn, or go on with what lies in the folder, and leave the generator's weights there.
+    """Train, or continue from the folder's checkpoint, and save the generator's weights there.
 
     Args:
-        examples: at least one; what should come out is the reference depth with the device's
-            holes at 0.
-        learner: the adversaries.
-        generator: which of its networks is used in the end.
-        settings: steps, batches and rates.
-        sight: what the generator is given.
-        name: the method's.
+        examples: at least one; the target is the reference depth with the device's holes at 0.
+        learner: the generators and discriminators.
+        generator: name of the network that predicts.
+        settings: steps, batches and learning rates.
+        inputs: input channels of the generator.
+        name: name of the method.
         folder: gets checkpoint, loss curve and weights.
-        seed: fixes the crops.
-        track: wraps loops that take long.
+        seed: seed of the crops.
+        track: wraps long loops.
 
     Raises:
-        InputError: as `starling.learning.networks.training.samples.collect` and `starling.learning.networks.training.loop.train`.
+        InputError: see `starling.learning.networks.training.samples.collect` and
+            `starling.learning.networks.training.loop.train`.
     """
-    samples = _samples(examples, sight, track)
+    samples = _samples(examples, inputs, track)
     kind = f"{name} training"
     crops = drawing.Crops(samples=samples, settings=settings, seed=seed)
-    learnt = train(learner, crops, settings, kind=kind, folder=folder, track=track)
+    trained = train(learner, crops, settings, kind=kind, folder=folder, track=track)
     shape = examples[0].info.shape
-    weights.save(folder, name, learnt[generator], sight.names, shape)
-    return TranslationPredictor(learnt[generator], shape, sight)
+    weights.save(folder, name, trained[generator], inputs.names, shape)
+    return TranslationPredictor(trained[generator], shape, inputs)
 
 
 def load_translation(
-    folder: Path, name: str, network: nn.Module, sight: Sight
+    folder: Path, name: str, network: nn.Module, inputs: TranslatorInput
 ) -> TranslationPredictor:
-    """Read what `fit_translation` has left in a folder into a generator.
+    """Load the weights that `fit_translation` saved into a generator.
 
     Raises:
-        InputError: as `starling.learning.networks.training.weights.load`.
+        InputError: see `starling.learning.networks.training.weights.load`.
     """
-    shape = weights.load(folder, name, network, sight.names)
-    return TranslationPredictor(network, shape, sight)
+    shape = weights.load(folder, name, network, inputs.names)
+    return TranslationPredictor(network, shape, inputs)
 
 
-def _samples(examples: Sequence[Example], sight: Sight, track: progress.Progress) -> list[Sample]:
-    def wanted(example: Example) -> Image:
+def _samples(
+    examples: Sequence[Example], inputs: TranslatorInput, track: progress.Progress
+) -> list[SceneSample]:
+    def target(example: Example) -> Image:
         ndp: Mask = np.asarray(example.ndp)
         return np.where(ndp, 0, depth_image(example)[0])
 
-    return drawing.collect(examples, sight.see, odd=sight.odd, wanted=wanted, track=track)
+    return drawing.collect(examples, inputs.see, odd=inputs.odd, target=target, track=track)
 
 
 def linear_decay(step: int, settings: Settings) -> float:
-    """Learning rate: even for the first half, then straight to 0 (as Zhu et al., ICCV 2017)."""
+    """Return the learning rate: constant for half of the steps, then linear to 0 (Zhu et al.)."""
     return settings.rate * min(1.0, 2 * (1 - step / settings.steps))

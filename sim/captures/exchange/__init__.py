@@ -1,1 +1,1 @@
-"""Captures in the layouts of other programs, out and in."""
+"""Import and export of captures in the layouts of other programs."""

@@ -1,13 +1,13 @@
-"""The BOP challenge's layout: images, depths, masks and poses of objects, and their models.
+"""Export to the layout of the BOP challenge: images, depth, masks, object poses and models.
 
     camera.json, models/obj_000001.ply, models/models_info.json
     SPLIT/000000/scene_camera.json, scene_gt.json, scene_gt_info.json
     SPLIT/000000/gray/000000.png, depth/000000.png, mask/000000_000000.png, mask_visib/...
 
-Lengths are millimetres. Scenes are rooms; every frame of a room's views is an image.
+Lengths are in millimetres. Each room becomes a BOP scene; each frame becomes an image.
 
 Source: Hodan et al., BOP: benchmark for 6D object pose estimation, ECCV 2018, and the toolkit's
-page on the format of data sets.
+page on the data set format.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from starling.sim.stereo.depth import to_code
 
 _SPLIT = "train_starling"
 _MM = 1e3
-_CLOUD = 2000  # Points of the hull at most, between which the diameter is measured.
+_CLOUD = 2000  # Largest number of hull points for measuring the diameter.
 
 Models = Mapping[str, trimesh.Trimesh]
 
@@ -42,12 +42,12 @@ def export(captures: CaptureSet, meshes: Path, folder: Folder) -> int:
     """Write a data set of dropped objects.
 
     Args:
-        captures: with `objects` in their `frame.json`, and `label.png`.
-        meshes: folder in which the objects' files lie.
-        folder: where to.
+        captures: captures with `objects` in `frame.json`, and `label.png`.
+        meshes: folder with the objects' mesh files.
+        folder: output folder.
 
     Returns:
-        How many images were written.
+        Number of written images.
 
     Raises:
         InputError: if there are no objects, a mesh is missing, or a frame has no depth.
@@ -65,7 +65,7 @@ def export(captures: CaptureSet, meshes: Path, folder: Folder) -> int:
         scaled = mesh.copy()
         scaled.apply_scale(_MM)
         folder.write(f"models/obj_{ids[name]:06d}.ply", _bytes(scaled.export(file_type="ply")))
-        info[str(ids[name])] = _told(scaled)
+        info[str(ids[name])] = _model_info(scaled)
     folder.write("models/models_info.json", json.dumps(info, indent=1))
     camera = captures.info
     folder.write(
@@ -82,22 +82,22 @@ def export(captures: CaptureSet, meshes: Path, folder: Folder) -> int:
 
 
 def _models(captures: CaptureSet, meshes: Path) -> dict[str, trimesh.Trimesh]:
-    """Meshes of all objects that any frame shows, by file name, in metres."""
+    """Load the meshes [m] of all objects in any frame, by file name."""
     names = {
-        one["mesh"]
+        shown["mesh"]
         for scene in captures.scenes
-        for one in scene.frame(scene.frames[0]).record.get("objects", [])
+        for shown in scene.frame(scene.frames[0]).record.get("objects", [])
     }
     if not names:
         advice = "Generate it with a source of kind dropped."
         raise refuse("captures", "must show objects", captures.path, advice)
-    found = {}
+    models = {}
     for name in names:
         paths = sorted(meshes.rglob(name))
         if not paths:
             raise refuse("meshes", f"must hold {name}", meshes, "Give the plan's folder.")
-        found[name] = solids.joined([part for _, part in mesh_file.parts(paths[0])])
-    return found
+        models[name] = solids.join([part for _, part in mesh_file.parts(paths[0])])
+    return models
 
 
 def _scene(
@@ -109,31 +109,31 @@ def _scene(
 ) -> int:
     cameras: dict[str, Any] = {}
     truth: dict[str, Any] = {}
-    told: dict[str, Any] = {}
+    counts: dict[str, Any] = {}
     for scene in scenes:
         label = scene.label()
         for number in scene.frames:
             frame, image = scene.frame(number), str(len(cameras))
             _write_images(f"{place}/{{}}/{int(image):06d}.png", scene, frame, folder)
             cameras[image] = _camera(scene, frame)
-            truth[image], told[image] = [], []
-            for turn, one in enumerate(frame.record.get("objects", [])):
-                pose = np.array(one["left_from_mesh"])
+            truth[image], counts[image] = [], []
+            for turn, shown in enumerate(frame.record.get("objects", [])):
+                pose = np.array(shown["left_from_mesh"])
                 truth[image].append(
                     {
                         "cam_R_m2c": pose[:3, :3].ravel().tolist(),
                         "cam_t_m2c": (_MM * pose[:3, 3]).tolist(),
-                        "obj_id": ids[one["mesh"]],
+                        "obj_id": ids[shown["mesh"]],
                     }
                 )
-                body = frame.record["bodies"].index(one["body"]) + 1
-                whole = silhouette(models[one["mesh"]], pose, Pinhole.of(scene.info))
+                body = frame.record["bodies"].index(shown["body"]) + 1
+                whole = silhouette(models[shown["mesh"]], pose, Pinhole.from_camera(scene.info))
                 seen = np.zeros_like(whole) if label is None else (label == body) & whole
                 for kind, mask in (("mask", whole), ("mask_visib", seen)):
                     name = f"{place}/{kind}/{int(image):06d}_{turn:06d}.png"
                     folder.write(name, png.encode(np.where(mask, 255, 0).astype(np.uint8)))
-                told[image].append(_counts(whole, seen, frame))
-    for name, table in (("camera", cameras), ("gt", truth), ("gt_info", told)):
+                counts[image].append(_counts(whole, seen, frame))
+    for name, table in (("camera", cameras), ("gt", truth), ("gt_info", counts)):
         folder.write(f"{place}/scene_{name}.json", json.dumps(table, indent=1))
     return len(cameras)
 
@@ -141,7 +141,7 @@ def _scene(
 def _write_images(pattern: str, scene: CapturedScene, frame: Frame, folder: Folder) -> None:
     if frame.depth_m is None:
         name = f"frame {frame.number} of {scene.name}"
-        raise refuse(name, "must have depth", "none", "BOP's layout is of depth.")
+        raise refuse(name, "must have depth", "none", "BOP's layout needs depth.")
     code = to_code(frame.depth_m, scene.info.depth_unit_m)
     folder.write(pattern.format("depth"), png.encode(code))
     if frame.ir_left is not None:
@@ -150,31 +150,31 @@ def _write_images(pattern: str, scene: CapturedScene, frame: Frame, folder: Fold
 
 def _camera(scene: CapturedScene, frame: Frame) -> dict[str, Any]:
     info = scene.info
-    told: dict[str, Any] = {
+    camera: dict[str, Any] = {
         "cam_K": [info.fx_px, 0.0, info.cx_px, 0.0, info.fy_px, info.cy_px, 0.0, 0.0, 1.0],
         "depth_scale": info.depth_unit_m * _MM,
     }
     if "left_from_world" in frame.record:
         pose = np.array(frame.record["left_from_world"])
-        told["cam_R_w2c"] = pose[:3, :3].ravel().tolist()
-        told["cam_t_w2c"] = (_MM * pose[:3, 3]).tolist()
-    return told
+        camera["cam_R_w2c"] = pose[:3, :3].ravel().tolist()
+        camera["cam_t_w2c"] = (_MM * pose[:3, 3]).tolist()
+    return camera
 
 
 def silhouette(
     mesh: trimesh.Trimesh, left_from_mesh: NDArray[np.float64], camera: Pinhole
 ) -> NDArray[np.bool_]:
-    """Pixels (h, w) whose rays meet a mesh, as if nothing stood before it.
+    """Return the mask (h, w) of pixels whose rays meet a mesh, without occlusion.
 
-    Triangles are filled as polygons, whose outline counts as inside: up to half a pixel is added.
+    Triangles are filled as polygons including their outline, which adds up to half a pixel.
 
     Args:
-        mesh: in metres.
-        left_from_mesh: rigid.
-        camera: OpenCV frame.
+        mesh: mesh [m].
+        left_from_mesh: rigid pose of the mesh.
+        camera: intrinsics.
     """
     points = np.asarray(mesh.vertices) @ left_from_mesh[:3, :3].T + left_from_mesh[:3, 3]
-    found = np.zeros((camera.height, camera.width), np.uint8)
+    mask = np.zeros((camera.height, camera.width), np.uint8)
     ahead = points[:, 2] > 1e-3
     z = np.where(ahead, points[:, 2], 1.0)
     x = camera.fx_px * points[:, 0] / z + camera.cx_px
@@ -182,12 +182,12 @@ def silhouette(
     corners = np.stack([x, y], axis=1)[mesh.faces]
     fine = np.rint(16 * corners).clip(-(2**30), 2**30).astype(np.int32)  # Sixteenths of a pixel.
     for triangle in fine[ahead[mesh.faces].all(axis=1)]:
-        cv2.fillConvexPoly(found, triangle, 1, shift=4)
-    return found.astype(bool)
+        cv2.fillConvexPoly(mask, triangle, 1, shift=4)
+    return mask.astype(bool)
 
 
 def _counts(whole: NDArray[np.bool_], seen: NDArray[np.bool_], frame: Frame) -> dict[str, Any]:
-    assert frame.depth_m is not None  # `_write_images` has refused it.
+    assert frame.depth_m is not None  # `_write_images` has checked it.
     count = int(whole.sum())
     return {
         "bbox_obj": _box(whole),
@@ -200,7 +200,7 @@ def _counts(whole: NDArray[np.bool_], seen: NDArray[np.bool_], frame: Frame) -> 
 
 
 def _box(mask: NDArray[np.bool_]) -> list[int]:
-    """Left, top, width, height; BOP's -1 of nothing."""
+    """Return left, top, width, height; all -1 for an empty mask, as in BOP."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return [-1, -1, -1, -1]
@@ -208,8 +208,8 @@ def _box(mask: NDArray[np.bool_]) -> list[int]:
     return [left, top, int(columns[-1]) - left + 1, int(rows[-1]) - top + 1]
 
 
-def _told(mesh: trimesh.Trimesh) -> dict[str, float]:
-    """Size of a model [mm]: its box, and the largest distance between two of its points."""
+def _model_info(mesh: trimesh.Trimesh) -> dict[str, float]:
+    """Return a model's bounding box and diameter (largest distance of two points) [mm]."""
     low, high = mesh.bounds
     points = np.asarray(mesh.convex_hull.vertices)[:_CLOUD]
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)

@@ -1,4 +1,4 @@
-"""The work of `starling export`: captures in, another program's layout out."""
+"""`starling export`: write captures in the layout of another program."""
 
 from __future__ import annotations
 
@@ -21,30 +21,31 @@ def export(
 
     Args:
         captures: capture set, or one scene in it.
-        layout: whose.
-        out: folder to make.
-        meshes: folder of the objects' meshes, for BOP.
-        force: replace what was exported before.
+        layout: name of the layout.
+        out: folder to create.
+        meshes: folder with the objects' meshes (BOP only).
+        force: replace an earlier export.
 
     Returns:
         `{"out", "layout", "frames", "files", "seconds"}`.
 
     Raises:
-        InputError: as the layouts', or for the folder; nothing is left.
+        InputError: as the layout's `export`, or if the folder cannot be written; no partial output
+            remains.
     """
     started = time.perf_counter()
-    given = capture.open_set(captures)
-    refuse_own_input(out, given.path)
+    opened = capture.open_set(captures)
+    refuse_own_input(out, opened.path)
     with OutputFolder(out, force=force) as folder:
         if layout == "tum":
-            count = tum.export(given.scenes, folder)
+            count = tum.export(opened.scenes, folder)
         elif layout == "ros2":
-            count = ros2_bag.export(given.scenes, folder.partial / "bag")
+            count = ros2_bag.export(opened.scenes, folder.partial / "bag")
         else:
-            count = bop.export(given, meshes, folder)
+            count = bop.export(opened, meshes, folder)
         arguments = {"captures": captures, "layout": layout, "meshes": str(meshes)}
-        told = {"verb": "export", "arguments": arguments, "versions": record.versions()}
-        folder.write(RECORD, record.dumps({**told, "figures": {"frames": count}}))
+        result = {"verb": "export", "arguments": arguments, "versions": record.versions()}
+        folder.write(RECORD, record.dumps({**result, "figures": {"frames": count}}))
     return {
         "out": str(folder.path),
         "layout": layout,

@@ -1,20 +1,20 @@
-"""LabelFusion's layout of a log: images and depths by number, their times, and a trajectory.
+"""Import of LabelFusion logs: numbered images and depth, their times, and a trajectory.
 
     images/0000000001_rgb.png, 0000000001_depth.png     depth 16 bits, millimetres, 0 = none
     images/0000000001_utime.txt                         microseconds
     posegraph.posegraph         TIME tx ty tz qx qy qz qw: camera in its first frame, seconds
-    posegraph_smoothed.posegraph                        the same, smoothed; taken where it is there
+    posegraph_smoothed.posegraph                        the same, smoothed; preferred if present
     camera.cfg                                          fx fy cx cy [px], as ElasticFusion reads it
 
-Both images of a number are of one message, so `utime` is the depth's time too. Seconds of the
-trajectory times 1e6 are `utime`, and its poses have z forward and y down.
+Both images of a number come from one message, so `utime` is also the time of the depth. The
+trajectory's seconds times 1e6 equal `utime`. Its poses have z forward and y down.
 
 Source: Marion et al., Label Fusion: a pipeline for generating ground truth labels for real RGBD
-data of cluttered scenes, ICRA 2018, and its program at commit e4d90be: names, counting and kinds
-of images in `imagecapture.py` and `utils.py`; unit and order of the trajectory and the preference
-for the smoothed one in `rendertrainingimages.py`. Depth is written there only when asked for. Its
-own intrinsics are fixed in the code (528 528 320 240); `camera.cfg` is what ElasticFusion's flag
--cal takes, and the log may lack it.
+data of cluttered scenes, ICRA 2018. In its program at commit e4d90be, `imagecapture.py` and
+`utils.py` define names, numbers and types of images. `rendertrainingimages.py` defines unit and
+order of the trajectory, and prefers the smoothed one. Depth is extracted there on request only.
+Its intrinsics are hard-coded (528 528 320 240). `camera.cfg` is the argument of ElasticFusion's
+flag -cal; a log may lack it.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ _DEPTH = re.compile(r"(\d{10})_depth\.png")
 
 
 def read(path: Path, camera: Pinhole | None = None) -> Stream:
-    """Open a log; images are read when asked for.
+    """Open a log; images are read on demand.
 
     Args:
-        path: its folder.
-        camera: of the depth images; None takes `camera.cfg`.
+        path: folder of the log.
+        camera: intrinsics of the depth images; None reads `camera.cfg`.
 
     Raises:
-        InputError: if there are no depths, a time or the trajectory is missing or damaged, or the
-            camera is not known.
+        InputError: if there is no depth, a time or the trajectory is missing or damaged, or the
+            camera is unknown.
     """
     images = path / "images"
     numbers = sorted(match[1] for match in map(_DEPTH.fullmatch, _names(images)) if match)
@@ -75,7 +75,7 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
 
 
 def _names(images: Path) -> list[str]:
-    return [one.name for one in images.iterdir()] if images.is_dir() else []
+    return [path.name for path in images.iterdir()] if images.is_dir() else []
 
 
 def _time_s(path: Path) -> float:
@@ -86,10 +86,12 @@ def _time_s(path: Path) -> float:
 
 
 def _poses(path: Path) -> list[tuple[float, Pose]]:
-    found = next((path / name for name in _TRAJECTORIES if (path / name).is_file()), None)
-    if found is None:
+    trajectory = next((path / name for name in _TRAJECTORIES if (path / name).is_file()), None)
+    if trajectory is None:
         raise refuse("log", f"must hold {_TRAJECTORIES[-1]}", path, "Run ElasticFusion on it.")
-    rows = [_row(line, found) for line in stream_file.text(found).splitlines() if line.strip()]
+    rows = [
+        _row(line, trajectory) for line in stream_file.text(trajectory).splitlines() if line.strip()
+    ]
     return sorted(((row[0], quaternion.pose(row[1:4], row[4:])) for row in rows), key=_time_of)
 
 
@@ -98,7 +100,7 @@ def _time_of(timed: tuple[float, Pose]) -> float:
 
 
 def _row(line: str, path: Path) -> NDArray[np.float64]:
-    """Time, place and quaternion, 8 numbers."""
+    """Parse a line of 8 numbers: time, position and quaternion."""
     try:
         row = np.array(line.split(), float)
     except ValueError:
@@ -110,11 +112,11 @@ def _row(line: str, path: Path) -> NDArray[np.float64]:
 
 
 def _camera(path: Path, depth: Path) -> Pinhole:
-    advice = "LabelFusion's own is 528 528 320 240 of 640 x 480: give the camera."
+    advice = "Give the camera. LabelFusion's default is 528 528 320 240 at 640 x 480."
     try:
         fx, fy, cx, cy = map(float, path.read_text(encoding="utf-8").split())
     except (OSError, ValueError) as error:
-        raise refuse(_CAMERA, "must tell fx fy cx cy", error, advice) from error
+        raise refuse(_CAMERA, "must hold fx fy cx cy", error, advice) from error
     height, width = png.read(depth, "depth").shape
     return Pinhole(width=width, height=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
 

@@ -1,15 +1,15 @@
-"""A ROS 2 bag as a RealSense node would have recorded it.
+"""Export to a ROS 2 bag with the topics of a RealSense node.
 
     /camera/camera/infra1/image_rect_raw, infra2/image_rect_raw     mono8 or mono16
     /camera/camera/depth/image_rect_raw     16UC1 [mm], 0 = none
-    .../camera_info beside each; /tf (world -> camera_link), /tf_static
+    .../camera_info for each image topic; /tf (world -> camera_link), /tf_static
 
-Both infrared images are in the frame of the left one, and P of the right one tells the baseline
-(P[0, 3] = -fx b), as stereo programs expect and realsense-ros does since its pull request 1242.
-The frame `world` has the axes of the set's own world.
+Both infrared images are in the left imager's frame. P of the right image holds the baseline
+(P[0, 3] = -fx b). Stereo programs expect this, and realsense-ros does it since pull request 1242.
+The frame `world` has the axes of the capture set's world.
 
-Source: sensor_msgs/CameraInfo and REP 103 (body axes x forward, y left, z up; optical z forward,
-x right, y down); realsense2_camera's README (topics), its `ros_utils` (frames).
+Source: sensor_msgs/CameraInfo. REP 103: body axes x forward, y left, z up; optical axes z forward,
+x right, y down. realsense2_camera: README (topics), `ros_utils` (frames).
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 
 _CAMERA = "/camera/camera"
 _WORLD, _LINK = "world", "camera_link"
-_FIRST_S = 1.0  # A stamp of 0 asks tf2 for what is newest.
+_FIRST_S = 1.0  # First time stamp [s]; 0 has the special meaning "latest" in tf2.
 _MM = 1e-3
-_VERSION = 8  # Of bags: from 9 on (Jazzy) qualities of service are told in another form.
-# x right, y down, z forward, in x forward, y left, z up.
+_VERSION = 8  # Version of the bag format; from 9 on (Jazzy), QoS is stored in another form.
+# Axes of the optical frame (x right, y down, z forward) in the body frame.
 _BODY_FROM_OPTICAL = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
 _STREAMS = {"ir_left": "infra1", "ir_right": "infra2"}
 
@@ -46,14 +46,14 @@ Publish = Callable[[str, str, Any, float], None]  # Topic, type, message, time [
 
 
 def export(scenes: Sequence[CapturedScene], path: Path) -> int:
-    """Write scenes that follow each other in time.
+    """Write scenes in order of time.
 
     Args:
-        scenes: each frame's pose is that of its `frame.json`, where it has one.
-        path: folder that the bag becomes; must not exist.
+        scenes: the poses are those in `frame.json`, if present.
+        path: folder of the bag; must not exist.
 
     Returns:
-        How many frames were written.
+        Number of written frames.
 
     Raises:
         InputError: if cameras differ, a frame has no depth, `rosbags` is not installed, or the
@@ -61,17 +61,17 @@ def export(scenes: Sequence[CapturedScene], path: Path) -> int:
     """
     rosbag2, typesys = _rosbags()
     types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    info, taken = scenes[0].info, sequence.of(scenes)
-    first_s = taken[0].time_s
+    info, frames = scenes[0].info, sequence.in_time_order(scenes)
+    first_s = frames[0].time_s
     shift_s = 0.0 if first_s > 0 else _FIRST_S - first_s
     with _refused(path), rosbag2.Writer(path, version=_VERSION) as bag:
         publish = _publisher(bag, types)
         messages = Messages(types.types)
         static = messages.transforms(_fixed(info), shift_s + first_s)
         publish("/tf_static", "tf2_msgs/msg/TFMessage", static, shift_s + first_s)
-        for one in taken:
-            frame, depth_m = one.read()
-            time_s = shift_s + one.time_s
+        for timed in frames:
+            frame, depth_m = timed.read()
+            time_s = shift_s + timed.time_s
             world_from_left = sequence.world_from_left(frame)
             if world_from_left is not None:
                 link = world_from_left @ np.linalg.inv(_BODY_FROM_OPTICAL)
@@ -84,15 +84,15 @@ def export(scenes: Sequence[CapturedScene], path: Path) -> int:
                     images[stream] = image
             for stream, image in images.items():
                 topic = f"{_CAMERA}/{stream}"
-                seen = messages.image(stream, image, time_s)
-                publish(f"{topic}/image_rect_raw", "sensor_msgs/msg/Image", seen, time_s)
-                told = messages.camera_info(stream, info, time_s)
-                publish(f"{topic}/camera_info", "sensor_msgs/msg/CameraInfo", told, time_s)
-    return len(taken)
+                picture = messages.image(stream, image, time_s)
+                publish(f"{topic}/image_rect_raw", "sensor_msgs/msg/Image", picture, time_s)
+                message = messages.camera_info(stream, info, time_s)
+                publish(f"{topic}/camera_info", "sensor_msgs/msg/CameraInfo", message, time_s)
+    return len(frames)
 
 
 def _rosbags() -> tuple[Any, Any]:
-    """The modules that write bags and know ROS's types."""
+    """Import the modules that write bags and define ROS types."""
     try:
         from rosbags import rosbag2, typesys
     except ImportError as error:
@@ -102,7 +102,7 @@ def _rosbags() -> tuple[Any, Any]:
 
 @contextmanager
 def _refused(path: Path) -> Iterator[None]:
-    """Turn what the bag's data base says while writing into a refusal."""
+    """Turn write errors of the bag's database into `InputError`."""
     import apsw
 
     try:
@@ -112,7 +112,7 @@ def _refused(path: Path) -> Iterator[None]:
 
 
 def _publisher(bag: Writer, types: Any) -> Publish:
-    """What writes a message; a topic is opened at its first."""
+    """Return a function that writes a message; a topic is created with its first message."""
     from rosbags.interfaces import (
         Qos,
         QosDurability,
@@ -122,7 +122,7 @@ def _publisher(bag: Writer, types: Any) -> Publish:
         QosTime,
     )
 
-    latched = Qos(  # What late listeners of /tf_static rely on.
+    latched = Qos(  # Late subscribers of /tf_static rely on it.
         history=QosHistory.KEEP_LAST,
         depth=1,
         reliability=QosReliability.RELIABLE,
@@ -147,13 +147,13 @@ def _publisher(bag: Writer, types: Any) -> Publish:
 
 
 def _fixed(info: CaptureInfo) -> list[tuple[str, str, Pose]]:
-    """Frames of the camera: the link stands in the left imager, as depth does."""
+    """Return the static frames of the camera; the link and depth are at the left imager."""
     right = np.eye(4)
     right[1, 3] = -info.baseline_m  # y points left.
     places = {"depth": np.eye(4), "infra1": np.eye(4), "infra2": right}
-    found = []
+    transforms = []
     for name, pose in places.items():
-        found.append((_LINK, f"camera_{name}_frame", pose))
+        transforms.append((_LINK, f"camera_{name}_frame", pose))
         optical = f"camera_{name}_optical_frame"
-        found.append((f"camera_{name}_frame", optical, _BODY_FROM_OPTICAL))
-    return found
+        transforms.append((f"camera_{name}_frame", optical, _BODY_FROM_OPTICAL))
+    return transforms

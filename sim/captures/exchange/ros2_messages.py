@@ -1,4 +1,4 @@
-"""ROS's messages of what captures hold: images, intrinsics, transforms."""
+"""ROS messages for captures: images, intrinsics, transforms."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from starling.sim.geometry.frames import Pose
 
 
 class Messages:
-    """ROS's messages from what captures hold."""
+    """Builds ROS messages from captures."""
 
     def __init__(self, types: dict[str, Any]) -> None:
-        """Take the classes of ROS's types by name, as `rosbags` makes them."""
+        """Store the message classes by type name, as `rosbags` provides them."""
         self._types = types
 
     def image(self, stream: str, image: NDArray[Any], time_s: float) -> Any:
-        """An image of one channel."""
+        """Return an image message with one channel."""
         height, width = image.shape
         little = np.ascontiguousarray(image, image.dtype.newbyteorder("<"))
         return self._types["sensor_msgs/msg/Image"](
@@ -35,7 +35,7 @@ class Messages:
         )
 
     def camera_info(self, stream: str, info: CaptureInfo, time_s: float) -> Any:
-        """Intrinsics; images are rectified, so there is no distortion left."""
+        """Return the intrinsics of rectified images, without distortion."""
         shift = -info.fx_px * info.baseline_m if stream == "infra2" else 0.0
         k = [info.fx_px, 0, info.cx_px, 0, info.fy_px, info.cy_px, 0, 0, 1]
         p = [info.fx_px, 0, info.cx_px, shift, 0, info.fy_px, info.cy_px, 0, 0, 0, 1, 0]
@@ -57,23 +57,23 @@ class Messages:
         )
 
     def transforms(self, poses: Sequence[tuple[str, str, Pose]], time_s: float) -> Any:
-        """Where frames stand: parent, child, `parent_from_child`."""
+        """Return the transforms of (parent, child, `parent_from_child`)."""
         kind = self._types
-        made = []
+        transforms = []
         for parent, child, pose in poses:
-            x, y, z, w = quaternion.of(pose)
-            place = [float(one) for one in pose[:3, 3]]
+            x, y, z, w = quaternion.from_pose(pose)
+            place = [float(component) for component in pose[:3, 3]]
             transform = kind["geometry_msgs/msg/Transform"](
                 translation=kind["geometry_msgs/msg/Vector3"](*place),
                 rotation=kind["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w),
             )
             header = kind["std_msgs/msg/Header"](stamp=_stamp(kind, time_s), frame_id=parent)
-            made.append(
+            transforms.append(
                 kind["geometry_msgs/msg/TransformStamped"](
                     header=header, child_frame_id=child, transform=transform
                 )
             )
-        return kind["tf2_msgs/msg/TFMessage"](transforms=made)
+        return kind["tf2_msgs/msg/TFMessage"](transforms=transforms)
 
     def _header(self, stream: str, time_s: float) -> Any:
         frame = "depth" if stream == "depth" else "infra1"

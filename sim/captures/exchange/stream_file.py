@@ -1,4 +1,4 @@
-"""Files of RGB-D streams, whatever layout they are of."""
+"""Reading of files that all layouts of RGB-D streams share."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def text(path: Path) -> str:
     """Read a text file.
 
     Raises:
-        InputError: if it cannot be read, or is no UTF-8.
+        InputError: if the file cannot be read, or is not UTF-8.
     """
     try:
         return path.read_text(encoding="utf-8")
@@ -25,10 +25,10 @@ def text(path: Path) -> str:
 
 
 def depth(path: Path, unit_m: float) -> NDArray[np.float32]:
-    """Read depth z [m] (h, w), NaN = none, of codes of 16 bits.
+    """Read depth z [m] (h, w), NaN = none, from 16-bit codes.
 
     Raises:
-        InputError: if it cannot be read, or has 8 bits.
+        InputError: if the file cannot be read, or has 8 bits.
     """
     code = png.read(path, "depth")
     if code.dtype != np.uint16:

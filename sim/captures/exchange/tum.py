@@ -1,4 +1,4 @@
-"""The layout of TUM's RGB-D benchmark: images and depths by time, and a trajectory.
+"""The layout of the TUM RGB-D benchmark: time-stamped images and depth, and a trajectory.
 
     rgb.txt, depth.txt      TIME FILE
     groundtruth.txt         TIME tx ty tz qx qy qz qw: camera in the world
@@ -34,24 +34,24 @@ _CAMERA = "camera.txt"  # fx fy cx cy width height; TUM's own sets have none.
 
 
 def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
-    """Write scenes that follow each other in time, the left infrared image as the picture.
+    """Write scenes in order of time; the left infrared image takes the place of the colour image.
 
     Args:
-        scenes: each frame's pose is that of its `frame.json`, where it has one.
-        folder: where to.
+        scenes: the poses are those in `frame.json`, if present.
+        folder: output folder.
 
     Returns:
-        How many frames were written.
+        Number of written frames.
 
     Raises:
         InputError: if cameras differ, or a frame has no depth.
     """
     info = scenes[0].info
     lists: dict[str, list[str]] = {"rgb": [], "depth": [], "groundtruth": []}
-    taken = sequence.of(scenes)
-    for one in taken:
-        frame, depth_m = one.read()
-        time = f"{one.time_s:.6f}"
+    frames = sequence.in_time_order(scenes)
+    for timed in frames:
+        frame, depth_m = timed.read()
+        time = f"{timed.time_s:.6f}"
         folder.write(f"depth/{time}.png", png.encode(to_code(depth_m, UNIT_M)))
         lists["depth"].append(f"{time} depth/{time}.png")
         if frame.ir_left is not None:
@@ -59,7 +59,7 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
             lists["rgb"].append(f"{time} rgb/{time}.png")
         pose = sequence.world_from_left(frame)
         if pose is not None:
-            numbers = (*pose[:3, 3], *quaternion.of(pose))
+            numbers = (*pose[:3, 3], *quaternion.from_pose(pose))
             lists["groundtruth"].append(" ".join([time, *(f"{part:.9g}" for part in numbers)]))
     heads = {"rgb": "timestamp filename", "depth": "timestamp filename"}
     for name, lines in lists.items():
@@ -67,18 +67,18 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
         folder.write(f"{name}.txt", "\n".join([f"# {head}", *lines]) + "\n")
     camera = (info.fx_px, info.fy_px, info.cx_px, info.cy_px, info.width, info.height)
     folder.write(_CAMERA, " ".join(map(repr, camera)) + "\n")
-    return len(taken)
+    return len(frames)
 
 
 def read(path: Path, camera: Pinhole | None = None) -> Stream:
-    """Open a sequence; images are read when asked for.
+    """Open a sequence; images are read on demand.
 
     Args:
-        path: its folder.
-        camera: of the depth images; None takes `camera.txt`, which `export` writes.
+        path: folder of the sequence.
+        camera: intrinsics of the depth images; None reads `camera.txt`, which `export` writes.
 
     Raises:
-        InputError: if a list is missing or damaged, or the camera is not known.
+        InputError: if a list is missing or damaged, or the camera is unknown.
     """
     depths = _files(path / "depth.txt")
     pictures = sorted(_files(path / "rgb.txt")) if (path / "rgb.txt").is_file() else []
@@ -106,20 +106,20 @@ def _poses(path: Path) -> list[tuple[float, Pose]]:
     for row in rows:
         if not any(row[4:]):
             advice = "Is it TUM's layout?"
-            raise refuse(path.name, "must turn by quaternions of a length", row, advice)
+            raise refuse(path.name, "must have quaternions of nonzero length", row, advice)
     return [(row[0], quaternion.pose(np.array(row[1:4]), np.array(row[4:]))) for row in rows]
 
 
 def _lines(path: Path, columns: int) -> list[list[str]]:
-    """Lines of a list, all but its last column, of a file's name, numbers."""
+    """Split the lines of a list; with two columns the second is a file name, others numbers."""
     lines = stream_file.text(path).splitlines()
-    found = [line.split() for line in lines if line.strip() and not line.startswith("#")]
-    for words in found:
+    rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    for words in rows:
         numbers = words[:1] if columns == 2 else words
         if len(words) != columns or not all(map(_is_number, numbers)):
             rule = f"must have lines of a time and {columns - 1} more"
             raise refuse(path.name, rule, repr(" ".join(words)), "Is it TUM's layout?")
-    return found
+    return rows
 
 
 def _is_number(word: str) -> bool:
@@ -134,7 +134,8 @@ def _camera(path: Path) -> Pinhole:
         words = (path / _CAMERA).read_text(encoding="utf-8").split()
         fx, fy, cx, cy, width, height = map(float, words)
     except (OSError, ValueError) as error:
-        rule, advice = "must tell fx fy cx cy width height", "TUM's own sets do not: give it."
+        rule = "must hold fx fy cx cy width height"
+        advice = "Give the camera; TUM's own sets have no such file."
         raise refuse(_CAMERA, rule, error, advice) from error
     return Pinhole(width=int(width), height=int(height), fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
 

@@ -1,1 +1,1 @@
-"""An RGB-D stream fused to a surface, and seen again as the reference of its own frames."""
+"""Fusion of RGB-D streams into surfaces that provide reference depth for their frames."""

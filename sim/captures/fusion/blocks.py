@@ -1,7 +1,7 @@
-"""The kernels of a fused volume: blocks of voxels by number, and what a depth image says of them.
+"""Kernels of a fused volume: block keys, block allocation and integration of depth images.
 
-A block is 8 x 8 x 8 voxels; voxel (i, j, k) is the point (i, j, k) times the voxel's size. A block
-is known by one integer made of its three numbers.
+A block has 8 x 8 x 8 voxels; voxel (i, j, k) is at the point (i, j, k) times the voxel size. A
+block's key packs its three block numbers into one integer.
 """
 
 from __future__ import annotations
@@ -10,23 +10,23 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-EDGE = 8  # Voxels along a block.
-_BITS = 21  # Of each number in a key.
-_ZERO = 1 << (_BITS - 1)
-_APART = 1 / 3  # Blocks between points of a ray's band: what is stepped over is a corner.
+EDGE = 8  # Voxels along an edge of a block.
+_BITS = 21  # Bits of each block number in a key.
+_ZERO = 1 << (_BITS - 1)  # Offset that makes block numbers positive.
+_SPACING = 1 / 3  # Spacing of samples along a ray [blocks]; only corners of blocks are missed.
 
 Keys = NDArray[np.int64]
 
 
 def numbers(keys: Keys) -> NDArray[np.int64]:
-    """Block numbers (n, 3) of keys (n,)."""
+    """Unpack keys (n,) to block numbers (n, 3)."""
     mask = (1 << _BITS) - 1
     parts = [(keys >> shift) & mask for shift in (2 * _BITS, _BITS, 0)]
     return np.stack(parts, axis=-1) - _ZERO
 
 
 def keys_of(blocks: NDArray[np.int64]) -> Keys:
-    """Keys (n,) of block numbers (n, 3): the inverse of `numbers`."""
+    """Pack block numbers (n, 3) to keys (n,), the inverse of `numbers`."""
     x, y, z = np.moveaxis(blocks + _ZERO, -1, 0)
     return (x << (2 * _BITS)) | (y << _BITS) | z
 
@@ -39,18 +39,18 @@ def near(
     block_m: float,
     band_m: float,
 ) -> Keys:
-    """Keys of the blocks that lie within a band about a depth image, some of them repeatedly.
+    """Return the keys of the blocks within a band around a depth image, with duplicates.
 
     Args:
         depth_m: z (h, w) [m], NaN = none.
         lens: fx, fy, cx, cy [px].
         world_from_camera: pose of the image.
         block_m: edge of a block [m].
-        band_m: half of the band, along z [m].
+        band_m: half width of the band along z [m].
     """
     height, width = depth_m.shape
-    steps = 2 + int(2 * band_m / (_APART * block_m))
-    found = np.empty(height * width * steps, np.int64)
+    steps = 2 + int(2 * band_m / (_SPACING * block_m))
+    keys = np.empty(height * width * steps, np.int64)
     count, last = 0, np.int64(-1)
     pose = world_from_camera
     for step in range(steps):
@@ -68,10 +68,10 @@ def near(
                     place = z * (row[0] * x + row[1] * y + row[2]) + row[3]
                     key = (key << _BITS) | (np.int64(np.floor(place / block_m)) + _ZERO)
                 if key != last:
-                    found[count] = key
+                    keys[count] = key
                     count += 1
                     last = key
-    return found[:count]
+    return keys[:count]
 
 
 @nb.njit(nogil=True, cache=True)
@@ -85,32 +85,33 @@ def average_in(
     voxel_m: float,
     band_m: float,
 ) -> None:
-    """Average a depth image's truncated distances into voxels, in place.
+    """Average a depth image's truncated signed distances into voxels, in place.
 
-    The distance of a voxel is the depth of its pixel less its own z, in units of the band; beyond
-    the band before the surface it counts as 1, beyond it behind the surface nothing is known.
+    The signed distance of a voxel is the depth of its pixel minus the voxel's z, in units of the
+    band. It is truncated to 1 in front of the surface. Voxels further behind the surface than the
+    band are not updated.
 
     Args:
-        mean: of distances, (n, 8, 8, 8).
-        count: of distances averaged, alike.
-        blocks: numbers (n, 3).
-        depth_m, lens: as `near`.
+        mean: mean distances, (n, 8, 8, 8).
+        count: numbers of averaged distances, (n, 8, 8, 8).
+        blocks: block numbers (n, 3).
+        depth_m, lens: as in `near`.
         camera_from_world: inverse pose of the image.
         voxel_m: edge of a voxel [m].
-        band_m: as `near`.
+        band_m: as in `near`.
     """
     height, width = depth_m.shape
     pose = camera_from_world
     radius = 0.5 * np.sqrt(3.0) * EDGE * voxel_m
     for block in range(len(blocks)):
         corner = blocks[block] * (EDGE * voxel_m)
-        at = np.empty(3)
+        centre = np.empty(3)
         for axis in range(3):
             middle = pose[axis, 3]
-            for other in range(3):
-                middle += pose[axis, other] * (corner[other] + 0.5 * EDGE * voxel_m)
-            at[axis] = middle
-        if at[2] < -radius or _outside(at, radius, lens, height, width):
+            for column in range(3):
+                middle += pose[axis, column] * (corner[column] + 0.5 * EDGE * voxel_m)
+            centre[axis] = middle
+        if centre[2] < -radius or _outside(centre, radius, lens, height, width):
             continue
         for i in range(EDGE):
             for j in range(EDGE):
@@ -124,7 +125,7 @@ def average_in(
                     x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
                     y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
                     u, v = lens[0] * x / z + lens[2], lens[1] * y / z + lens[3]
-                    distance = (_at(depth_m, u, v, band_m) - z) / band_m
+                    distance = (_sample(depth_m, u, v, band_m) - z) / band_m
                     if not distance >= -1:  # Behind the band, or NaN.
                         continue
                     seen = count[block, i, j, k]
@@ -137,23 +138,24 @@ def average_in(
 
 @nb.njit(nogil=True, cache=True)
 def _outside(
-    at: NDArray[np.float64], radius: float, lens: NDArray[np.float64], height: int, width: int
+    centre: NDArray[np.float64], radius: float, lens: NDArray[np.float64], height: int, width: int
 ) -> bool:
-    """Whether a sphere before the camera surely falls outside the image."""
-    nearest = at[2] - radius
+    """Return True only if a sphere in front of the camera projects outside the image."""
+    nearest = centre[2] - radius
     if nearest <= 1e-3:
         return False
-    u, v = lens[0] * at[0] / at[2] + lens[2], lens[1] * at[1] / at[2] + lens[3]
-    slope = (abs(at[0]) + abs(at[1])) / at[2]
+    u, v = lens[0] * centre[0] / centre[2] + lens[2], lens[1] * centre[1] / centre[2] + lens[3]
+    slope = (abs(centre[0]) + abs(centre[1])) / centre[2]
     wide = 2 * max(lens[0], lens[1]) * radius / nearest * (1 + slope)
     return u < -wide or v < -wide or u > width + wide or v > height + wide
 
 
 @nb.njit(nogil=True, cache=True)
-def _at(depth_m: NDArray[np.float32], u: float, v: float, band_m: float) -> float:
-    """Depth at a place of the image, NaN where there is none.
+def _sample(depth_m: NDArray[np.float32], u: float, v: float, band_m: float) -> float:
+    """Sample the depth image at a position; NaN without depth.
 
-    Linear between four pixels of one surface; of the nearest one where there is an edge or a hole.
+    Depth is bilinear between four pixels of one surface, and that of the nearest pixel at edges and
+    holes.
     """
     height, width = depth_m.shape
     column, row = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))

@@ -1,4 +1,4 @@
-"""The work of `starling fuse`: RGB-D streams in, a capture set with reference depth out."""
+"""`starling fuse`: from RGB-D streams to a capture set with reference depth."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from starling.sim.captures import writer
 from starling.sim.captures.exchange import labelfusion, tum
 from starling.sim.captures.exchange.stream import Stream
 from starling.sim.captures.fusion import pairs, surface, trajectory
-from starling.sim.captures.fusion.fused import Fusion, fused
+from starling.sim.captures.fusion.fused import Fusion, fuse_frames
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.console import progress
 from starling.sim.console.output import Folder, OutputFolder, refuse_own_input
@@ -37,29 +37,30 @@ def fuse(
     force: bool = False,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Fuse streams, each to its surface, and pair each frame with the surface's depth.
+    """Fuse each stream to a surface, and pair each frame with the surface's depth.
 
     Args:
         streams: folders, each of one static room, all of one camera.
-        out: folder of the capture set: a scene each frame, a room each stream, NAME.ply.
-        layout: of the streams.
-        camera: `fx fy cx cy width height`; empty takes what the streams say.
+        out: folder of the capture set: one scene per frame, one room and NAME.ply per stream.
+        layout: layout of the streams.
+        camera: `fx fy cx cy width height` [px]; empty uses the streams' intrinsics.
         sensor: preset of the device, for its name and baseline.
-        fusion: how; None takes what is usual.
-        force: replace what was made before.
+        fusion: settings; None uses the defaults.
+        force: replace an earlier folder.
         track: wraps loops over frames.
 
     Returns:
         `{"out", "frames", "without_pose", "points", "triangles", "voxel_m", "streams",
-        "seconds"}`, in `streams` by name the same and the figures of `starling.sim.captures.fusion.pairs`.
+        "seconds"}`. `streams` holds the counts of each stream by name, and the figures of
+        `starling.sim.captures.fusion.pairs`.
 
     Raises:
-        InputError: whatever is wrong with streams, poses, camera or the folder; nothing is left.
+        InputError: if streams, poses, camera or the folder are invalid; no partial output remains.
     """
     started = time.perf_counter()
     fusion = fusion or Fusion()
     surface.refuse_without()
-    opened = _opened(streams, layout, parsed(camera) if camera else None)
+    opened = _opened(streams, layout, parse_camera(camera) if camera else None)
     for path in streams:
         refuse_own_input(out, path)
     device = presets.load(sensor)
@@ -73,12 +74,14 @@ def fuse(
         notes="truth.png: the surface fused of all frames' depth.png, from where each was taken",
     )
     with OutputFolder(out, force=force) as folder:
-        told = {name: _one(name, opened[name], info, fusion, folder, track) for name in opened}
+        by_stream = {
+            name: _fuse_stream(name, opened[name], info, fusion, folder, track) for name in opened
+        }
         counted = ("frames", "without_pose", "points", "triangles")
         figures = {
-            **{key: sum(one[key] for one in told.values()) for key in counted},
+            **{key: sum(stream[key] for stream in by_stream.values()) for key in counted},
             "voxel_m": fusion.voxel_m,
-            "streams": told,
+            "streams": by_stream,
         }
         arguments = {
             "streams": [str(path) for path in streams],
@@ -97,11 +100,11 @@ def fuse(
     return {"out": str(folder.path), **figures, "seconds": round(time.perf_counter() - started, 3)}
 
 
-def parsed(camera: str) -> Pinhole:
-    """Read a camera written as `fx fy cx cy width height`.
+def parse_camera(camera: str) -> Pinhole:
+    """Parse intrinsics written as `fx fy cx cy width height`.
 
     Raises:
-        InputError: if it is not.
+        InputError: if the text has another form.
     """
     try:
         fx, fy, cx, cy, width, height = np.array(camera.split(), float).tolist()
@@ -113,22 +116,22 @@ def parsed(camera: str) -> Pinhole:
 
 
 def _opened(paths: Sequence[Path], layout: Layout, camera: Pinhole | None) -> dict[str, Stream]:
-    """Streams by the names of their folders."""
+    """Open the streams; return them by the names of their folders."""
     read = {"tum": tum.read, "labelfusion": labelfusion.read}[layout]
-    found: dict[str, Stream] = {}
+    opened: dict[str, Stream] = {}
     for path in paths:
         name = path.resolve().name
-        if name in found:
+        if name in opened:
             raise errors.refuse("streams", "must have names of their own", name, "Rename one.")
-        found[name] = read(path, camera)
-    cameras = {one.camera for one in found.values()}
+        opened[name] = read(path, camera)
+    cameras = {stream.camera for stream in opened.values()}
     if len(cameras) != 1:
-        told, advice = f"{len(cameras)} cameras", "Give streams; those of others go apart."
-        raise errors.refuse("streams", "must be of one camera", told, advice)
-    return found
+        count, advice = f"{len(cameras)} cameras", "Fuse the streams of each camera separately."
+        raise errors.refuse("streams", "must be of one camera", count, advice)
+    return opened
 
 
-def _one(
+def _fuse_stream(
     name: str,
     stream: Stream,
     info: CaptureInfo,
@@ -136,8 +139,8 @@ def _one(
     folder: Folder,
     track: progress.Progress,
 ) -> dict[str, Any]:
-    frames = trajectory.posed(stream, fusion.every)
-    mesh = fused(frames, stream.camera, fusion, track=track)
+    frames = trajectory.posed_frames(stream, fusion.every)
+    mesh = fuse_frames(frames, stream.camera, fusion, track=track)
     folder.write_by(f"{name}.ply", lambda path: mesh.export(path, file_type="ply"))
     figures = pairs.write(name, frames, mesh, info, folder, track=track)
     return {

@@ -1,4 +1,4 @@
-"""A stream's frames as scenes of a capture set: the device's depth, and the surface's."""
+"""A stream's frames as scenes of a capture set, with the device's depth and the surface's."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim.arrays import Image
 from starling.sim.captures import writer
 from starling.sim.captures.exchange import tum
 from starling.sim.captures.fusion import reference
@@ -21,11 +22,10 @@ from starling.sim.console import progress
 from starling.sim.console.output import Folder
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.reason import Reason
-from starling.sim.render.layers import Image
 from starling.sim.stereo.depth import DepthMap
 
-UNIT_M = tum.UNIT_M  # A millimetre has five: depths of all layouts are whole codes.
-_LARGEST_M = 65535 * UNIT_M
+UNIT_M = tum.UNIT_M  # A fifth of a millimetre, so that depths of all layouts are whole codes [m].
+_LARGEST_M = 65535 * UNIT_M  # Largest depth that the 16-bit code represents [m].
 
 
 def write(
@@ -37,32 +37,33 @@ def write(
     *,
     track: progress.Progress = progress.silent,
 ) -> dict[str, float | None]:
-    """Write each frame as a scene, NAME-000012, all of one room.
+    """Write each frame as a scene NAME-000012 of one room.
 
     Args:
-        name: the room's.
-        frames: that are written.
-        mesh: surface in their world.
-        info: of the set.
-        folder: where to.
+        name: name of the room.
+        frames: frames to write.
+        mesh: surface in the frames' world frame.
+        info: camera of the set.
+        folder: output folder.
         track: wraps the loop over frames.
 
     Returns:
-        `{"completeness", "residual_m", "ndp"}`: mean share of pixels that have reference depth;
-        median over frames of the median |device - reference|; mean share of the pixels with
-        reference depth that have none of the device's. None where there is no such pixel.
+        `{"completeness", "residual_m", "ndp"}`. `completeness` is the mean share of pixels with
+        reference depth. `residual_m` is the median over frames of the median |device - reference|.
+        `ndp` is the mean share of pixels with reference depth that lack device depth. None without
+        such pixels.
 
     Raises:
-        InputError: if an image is damaged, or a grey one not of the camera's size.
+        InputError: if an image is damaged, or a grey image has not the camera's size.
     """
-    camera = Pinhole.of(info)
-    seen = reference.depths(mesh, camera, [one.world_from_camera for one in frames])
+    camera = Pinhole.from_camera(info)
+    references = reference.depths(mesh, camera, [posed.world_from_camera for posed in frames])
     complete: list[float] = []
     residual_m: list[float] = []
     ndp: list[float] = []
-    for one in track(frames, "pair"):
-        truth_m, depth_m = next(seen), depth_of(one.moment, camera)
-        _write_scene(f"{name}-{one.number:06d}", name, one, truth_m, depth_m, info, folder)
+    for posed in track(frames, "pair"):
+        truth_m, depth_m = next(references), depth_of(posed.moment, camera)
+        _write_scene(f"{name}-{posed.number:06d}", name, posed, truth_m, depth_m, info, folder)
         known, both = np.isfinite(truth_m), np.isfinite(truth_m) & np.isfinite(depth_m)
         complete.append(float(known.mean()))
         if known.any():
@@ -79,17 +80,17 @@ def write(
 def _write_scene(
     scene: str,
     room: str,
-    one: Posed,
+    posed: Posed,
     truth_m: Image,
     depth_m: Image,
     info: CaptureInfo,
     folder: Folder,
 ) -> None:
-    grey, colour = _pictures(one, info)
+    grey, colour = _pictures(posed, info)
     writer.write_scene(folder, scene, room=room, truth_m=truth_m, depth_unit_m=UNIT_M)
     facts: dict[str, Any] = {
-        "timestamp": one.moment.time_s,
-        "left_from_world": np.linalg.inv(one.world_from_camera).tolist(),
+        "timestamp": posed.moment.time_s,
+        "left_from_world": np.linalg.inv(posed.world_from_camera).tolist(),
         "counts": "repeats",
     }
     writer.write_frame(
@@ -104,28 +105,28 @@ def _write_scene(
     )
 
 
-def _pictures(one: Posed, info: CaptureInfo) -> tuple[GreyImage | None, NDArray[Any] | None]:
-    """The moment's image as infrared where it is grey, as colour where it is that."""
-    if one.moment.image is None:
+def _pictures(posed: Posed, info: CaptureInfo) -> tuple[GreyImage | None, NDArray[Any] | None]:
+    """Read the moment's image: (grey, None) as infrared, or (None, colour)."""
+    if posed.moment.image is None:
         return None, None
-    image = one.moment.image()
+    image = posed.moment.image()
     if image.ndim == 3:
         return None, image
     if image.shape != info.shape:
         height, width = image.shape
         rule = f"must be {info.width}x{info.height} as the depth"
-        at = f"{width}x{height} at {one.moment.time_s:.6f} s"
-        raise errors.refuse("grey image", rule, at, "Leave out what is of another camera.")
+        actual = f"{width}x{height} at {posed.moment.time_s:.6f} s"
+        raise errors.refuse("grey image", rule, actual, "Remove the images of another camera.")
     return image, None
 
 
 def _device(depth_m: Image, info: CaptureInfo) -> DepthMap:
-    """What the device told; beyond what the code can say it is still no hole."""
-    told_m = np.minimum(depth_m, np.float32(_LARGEST_M))
-    valid = np.isfinite(told_m)
+    """Return the device's depth map; depth beyond the code's range is clipped, not missing."""
+    clipped_m = np.minimum(depth_m, np.float32(_LARGEST_M))
+    valid = np.isfinite(clipped_m)
     return DepthMap(
-        disparity_px=info.disparity_px(told_m),
-        depth_m=told_m,
+        disparity_px=info.disparity_px(clipped_m),
+        depth_m=clipped_m,
         valid=valid,
         reason=np.where(valid, Reason.VALID, Reason.UNKNOWN).astype(np.uint32),
     )

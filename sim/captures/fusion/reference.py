@@ -1,4 +1,4 @@
-"""Depth that a fused surface has from where it was seen."""
+"""Reference depth of a fused surface at given camera poses."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from starling.sim.arrays import Image
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render import backend, plugin_scene
-from starling.sim.render.layers import Image
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.render.rays import cameras, pixels
 from starling.sim.scene.builtin import solids
 from starling.sim.scene.scene import Material, Scene
@@ -24,21 +24,21 @@ _SEEN = "p:position,n:geo_normal"
 
 
 def depths(mesh: trimesh.Trimesh, camera: Pinhole, poses: Sequence[Pose]) -> Iterator[Image]:
-    """Trace z (h, w) [m] at each pose, NaN where no front of the surface is seen.
+    """Trace z (h, w) [m] at each pose, NaN where no front side of the surface is visible.
 
-    The back of a surface shows only through a hole of its front: there nothing is known.
+    A back side is visible only through a hole in the front, so its depth is not used.
 
     Args:
-        mesh: in the world frame [m].
-        camera: whose images they are.
-        poses: `world_from_camera` of each.
+        mesh: surface in the world frame [m].
+        camera: intrinsics of the images.
+        poses: `world_from_camera` of each image.
 
     Raises:
-        InputError: if the mesh cannot be in metres, or in the scalar variant the camera's pixels
-            are not square.
+        InputError: if the mesh is not in metres, or the camera's pixels are not square (scalar
+            variant only).
     """
     body = solids.body("fused", mesh, Material(name="fused"))
-    stage = Stage(Scene(name="fused", bodies=(body,), world_from_left=poses[0]))
+    stage = MitsubaScene(Scene(name="fused", bodies=(body,), world_from_left=poses[0]))
     lens = dataclasses.replace(presets.load("d435"), **dataclasses.asdict(camera))
     traced = _compiled if backend.is_jit() else _scalar
     for pose in poses:
@@ -48,21 +48,21 @@ def depths(mesh: trimesh.Trimesh, camera: Pinhole, poses: Sequence[Pose]) -> Ite
         yield np.where(front, away @ pose[:3, 2], np.nan).astype(np.float32)
 
 
-_Traced = tuple[NDArray[np.float64], NDArray[np.float64]]  # Points and normals, 0 where none.
+_Traced = tuple[NDArray[np.float64], NDArray[np.float64]]  # Points and normals, 0 without a hit.
 
 
-def _compiled(stage: Stage, lens: Sensor, pose: Pose) -> _Traced:
+def _compiled(stage: MitsubaScene, lens: Sensor, pose: Pose) -> _Traced:
     dr = backend.drjit()
     eye, _ = cameras(lens, pose)
     si = stage.mitsuba.ray_intersect(eye.ray(pixels(eye.size)))
     normal = dr.select(si.is_valid(), si.n, 0)
     dr.eval(si.p, normal)
     shape = (*eye.size[::-1], 3)
-    point, normal = (np.array(one, np.float64).T.reshape(shape) for one in (si.p, normal))
+    point, normal = (np.array(vectors, np.float64).T.reshape(shape) for vectors in (si.p, normal))
     return point, normal
 
 
-def _scalar(stage: Stage, lens: Sensor, pose: Pose) -> _Traced:
+def _scalar(stage: MitsubaScene, lens: Sensor, pose: Pose) -> _Traced:
     mi = backend.mitsuba()
     eye = plugin_scene.camera(lens, pose, sampler=plugin_scene.fixed(1))
     integrator = mi.load_dict({"type": "aov", "aovs": _SEEN})

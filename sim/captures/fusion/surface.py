@@ -1,4 +1,4 @@
-"""A fused volume's zero surface as triangles."""
+"""Triangulation of a fused volume's zero surface."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from starling.patterns import errors
 from starling.sim.captures.fusion import blocks
 from starling.sim.captures.fusion.volume import Volume
 
-_TILE = 4  # Blocks along what is triangulated at once: memory stays small.
-_WIDE = _TILE * blocks.EDGE + 1  # Its voxels, with the next tile's first.
-_LEAST_SHARE = 1e-3  # Of a voxel: vertices nearer than this are one.
+_TILE = 4  # Blocks along an edge of a tile; tiles are triangulated one by one to save memory.
+_WIDE = _TILE * blocks.EDGE + 1  # Voxels along a tile, including the next tile's first voxel.
+_LEAST_SHARE = 1e-3  # Vertices closer than this are merged [voxels].
 
 
-def of(volume: Volume, *, least: int = 1) -> trimesh.Trimesh:
-    """Triangulate where the mean distance is zero between voxels that were all seen.
+def triangulate(volume: Volume, *, least: int = 1) -> trimesh.Trimesh:
+    """Triangulate the zero crossing of the mean distance between observed voxels.
 
-    Nothing is closed: where the camera did not look there is no surface.
+    Holes are not closed: there is no surface where no camera looked.
 
     Args:
-        volume: with depth images in it.
-        least: images that must have seen a voxel.
+        volume: volume with fused depth images.
+        least: images that must observe a voxel.
 
     Returns:
-        Mesh in the world frame [m], its front towards where it was seen from.
+        Mesh in the world frame [m]; its front faces the cameras.
 
     Raises:
         InputError: if there is no surface, or scikit-image is not installed.
@@ -40,11 +40,11 @@ def of(volume: Volume, *, least: int = 1) -> trimesh.Trimesh:
         if not cells.any():
             continue
         mask = np.zeros(field.shape, bool)
-        mask[1:, 1:, 1:] = cells  # As scikit-image names a cell: by its last voxel.
-        found, triangles, _, _ = marching_cubes(np.nan_to_num(field), 0.0, mask=mask)
-        points.append((found.astype(np.float64) + corner) * volume.voxel_m)
+        mask[1:, 1:, 1:] = cells  # scikit-image indexes a cell by its last voxel.
+        vertices, triangles, _, _ = marching_cubes(np.nan_to_num(field), 0.0, mask=mask)
+        points.append((vertices.astype(np.float64) + corner) * volume.voxel_m)
         faces.append(triangles + count)
-        count += len(found)
+        count += len(vertices)
     if not points:
         advice = "Are the depths, their unit and the poses right?"
         raise errors.refuse("surface", "must be seen", f"{len(volume.keys)} blocks", advice)
@@ -57,7 +57,7 @@ def of(volume: Volume, *, least: int = 1) -> trimesh.Trimesh:
 
 
 def refuse_without() -> None:
-    """Refuse where nothing can be triangulated, before any work is done.
+    """Check that surfaces can be triangulated, before any work is done.
 
     Raises:
         InputError: if scikit-image is not installed.
@@ -74,7 +74,7 @@ def _marching_cubes() -> Any:
 
 
 def _tiles(volume: Volume, least: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float32]]]:
-    """First voxel of each tile, and its distances, NaN where unseen."""
+    """Yield the first voxel of each tile and its distances, NaN where unobserved."""
     where = blocks.numbers(volume.keys)
     slots = {key: slot for slot, key in enumerate(volume.keys.tolist())}
     offsets = np.stack(np.meshgrid(*[np.arange(_TILE + 1)] * 3, indexing="ij"), -1).reshape(-1, 3)
@@ -93,10 +93,10 @@ def _tiles(volume: Volume, least: int) -> Iterator[tuple[NDArray[np.int64], NDAr
 
 
 def _crossed(field: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Cells of eight seen voxels that the surface goes through, one less along each axis."""
+    """Mask of cells with eight observed voxels that the surface crosses, (n - 1) per axis."""
     first, rest = slice(None, -1), slice(1, None)
     corners = [field[a, b, c] for a in (first, rest) for b in (first, rest) for c in (first, rest)]
     low, high = corners[0], corners[0]
-    for corner in corners[1:]:  # Minima and maxima pass a NaN on.
+    for corner in corners[1:]:  # Minima and maxima propagate NaN.
         low, high = np.minimum(low, corner), np.maximum(high, corner)
-    return (low <= 0) & (high > 0)  # As scikit-image takes sides: 0 is behind.
+    return (low <= 0) & (high > 0)  # As in scikit-image, 0 counts as behind the surface.

@@ -1,8 +1,8 @@
-"""A truncated signed distance field, kept only near surfaces.
+"""A truncated signed distance field, stored only near surfaces.
 
 Source: Curless and Levoy, A volumetric method for building complex models from range images,
-SIGGRAPH 1996 (all weights 1); blocks by key as Niessner et al., Real-time 3D reconstruction at
-scale using voxel hashing, SIGGRAPH Asia 2013.
+SIGGRAPH 1996 (all weights 1). Blocks are found by key as in Niessner et al., Real-time 3D
+reconstruction at scale using voxel hashing, SIGGRAPH Asia 2013.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from starling.sim.captures.fusion import blocks
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
 
-_MOST = 1_000_000  # Blocks: 3 GB.
-_BAND_VOXELS = 4.0
-_BAND_M = 0.03  # Three sigma of a depth camera's noise at 2 m.
-_WIDEST = 16  # Voxels.
+_MOST = 1_000_000  # Largest number of blocks (3 GB).
+_BAND_VOXELS = 4.0  # Default truncation distance, at least [voxels].
+_BAND_M = 0.03  # Default truncation distance, at least [m]: 3 sigma of depth noise at 2 m.
+_WIDEST = 16  # Largest truncation distance [voxels].
 
 
 class Volume:
-    """What depth images of one camera say of space; world frame, metres."""
+    """Truncated signed distances fused from depth images of one camera, in the world frame [m]."""
 
     def __init__(self, camera: Pinhole, voxel_m: float, band_m: float | None = None) -> None:
-        """Begin with nothing known.
+        """Create an empty volume.
 
         Args:
-            camera: of all images.
-            voxel_m: edge of a voxel.
-            band_m: distance from a surface at which the field is cut off, wider than the depth's
-                noise; None takes 30 mm, or 4 voxels where that is more.
+            camera: intrinsics of all images.
+            voxel_m: edge of a voxel [m].
+            band_m: truncation distance [m], larger than the depth noise. None uses 30 mm or 4
+                voxels, whichever is larger.
 
         Raises:
-            InputError: if an edge is not 0.5 mm to 10 cm, or the band not 1.5 to 16 of them.
+            InputError: if the edge is not 0.5 mm to 10 cm, or the band not 1.5 to 16 voxels.
         """
         errors.in_interval("voxel", voxel_m, 5e-4, 0.1, "Give the voxel's edge [m].")
         self.voxel_m = voxel_m
@@ -54,10 +54,10 @@ class Volume:
 
         Args:
             depth_m: z (h, w) [m], NaN = none.
-            world_from_camera: where it was taken.
+            world_from_camera: pose of the image.
 
         Raises:
-            InputError: if more space is near surfaces than memory should hold.
+            InputError: if the volume would need too many blocks.
         """
         depth_m = np.ascontiguousarray(depth_m, np.float32)
         pose = np.ascontiguousarray(world_from_camera, np.float64)
@@ -76,24 +76,24 @@ class Volume:
 
     @property
     def keys(self) -> blocks.Keys:
-        """Keys of the blocks there are (n,), see `starling.sim.captures.fusion.blocks`."""
+        """Keys of the allocated blocks (n,), see `starling.sim.captures.fusion.blocks`."""
         return self._keys[: self._count]
 
     @property
     def mean(self) -> NDArray[np.float32]:
-        """Mean signed distance over the band, > 0 before surfaces, (n, 8, 8, 8)."""
+        """Mean signed distance in units of the band, > 0 in front of surfaces, (n, 8, 8, 8)."""
         return self._mean[: self._count]
 
     @property
     def seen(self) -> NDArray[np.uint16]:
-        """How many images each voxel's distance is the mean of, alike."""
+        """Number of images that each voxel's mean includes, (n, 8, 8, 8)."""
         return self._seen[: self._count]
 
     def _allocate(self, keys: blocks.Keys) -> None:
         new = np.setdiff1d(keys, self.keys, assume_unique=True)
         count = self._count + len(new)
         if count > _MOST:
-            advice = "Take larger voxels, or less of the distance (--far)."
+            advice = "Use larger voxels, or a smaller --far."
             raise errors.refuse("volume", f"must have at most {_MOST} blocks", count, advice)
         if count > len(self._keys):
             room = min(max(count, 2 * len(self._keys)), _MOST) - len(self._keys)

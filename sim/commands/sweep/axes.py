@@ -1,4 +1,4 @@
-"""What a sweep varies of a depth camera, and the cameras that come of it."""
+"""Parameters that a sweep varies, and the resulting cameras."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from starling.sim.sensor.sensor import Sensor
 class Axis:
     """One parameter of a camera's design."""
 
-    word: str  # What it is, in short.
-    label: str  # And at length.
-    unit: str  # That a reader sees; `scale` times the value.
-    scale: float
-    of: Callable[[Sensor], float]
-    into: Callable[[Sensor, float], Sensor]
-    usual: Callable[[Sensor], tuple[float, ...]]  # What is swept where no values are given.
+    word: str  # Short name.
+    label: str  # Title in the picture.
+    unit: str  # Displayed unit.
+    scale: float  # Displayed value over the value in SI units.
+    read: Callable[[Sensor], float]  # Value of a sensor.
+    write: Callable[[Sensor, float], Sensor]  # Sensor with another value.
+    defaults: Callable[[Sensor], tuple[float, ...]]  # Values to sweep if none are given.
 
     def shown(self, value: float) -> str:
-        """The value in the unit that a reader sees."""
+        """Format a value in the displayed unit."""
         return f"{self.scale * value:.4g} {self.unit}"
 
 
@@ -34,15 +34,16 @@ class Axis:
 class Camera:
     """One camera of a sweep."""
 
-    values: Mapping[str, float]  # Of every axis, in SI units, by its name in `AXES`.
+    values: Mapping[str, float]  # Value of every axis in SI units, by its name in `AXES`.
     sensor: Sensor
 
 
 def with_focal(sensor: Sensor, focal_px: float) -> Sensor:
     """Change the field of view at the same image size, f-number and pixel pitch.
 
-    Both focal lengths [px] grow alike and the principal point stays; an imager's defocus grows
-    with the focal length squared (thin lens, f^2 / (4 N pitch)). The projector's field stays.
+    Both focal lengths [px] scale by the same ratio; the principal point and the projector's field
+    of view stay. An imager's defocus scales with the focal length squared (thin lens,
+    f^2 / (4 N pitch)).
     """
     ratio = focal_px / sensor.fx_px
     edits = [("fx_px", focal_px), ("fy_px", ratio * sensor.fy_px)]
@@ -58,116 +59,118 @@ AXES: dict[str, Axis] = {
         label="Baseline",
         unit="mm",
         scale=1e3,
-        of=lambda sensor: sensor.baseline_m,
-        into=lambda sensor, value: dataclasses.replace(sensor, baseline_m=value),
-        usual=lambda _: (0.02, 0.035, 0.1, 0.15),
+        read=lambda sensor: sensor.baseline_m,
+        write=lambda sensor, value: dataclasses.replace(sensor, baseline_m=value),
+        defaults=lambda _: (0.02, 0.035, 0.1, 0.15),
     ),
     "focal_px": Axis(
         word="focal length",
         label="Focal length at one image size",
         unit="px",
         scale=1.0,
-        of=lambda sensor: sensor.fx_px,
-        into=with_focal,
-        usual=lambda sensor: (0.7 * sensor.fx_px, 1.4 * sensor.fx_px, 2 * sensor.fx_px),
+        read=lambda sensor: sensor.fx_px,
+        write=with_focal,
+        defaults=lambda sensor: (0.7 * sensor.fx_px, 1.4 * sensor.fx_px, 2 * sensor.fx_px),
     ),
     "projector_x_m": Axis(
         word="projector x",
         label="Projector, to the right of the left imager",
         unit="mm",
         scale=1e3,
-        of=lambda sensor: sensor.projector.position_m[0],
-        into=lambda sensor, value: sensor_edits.with_values(
+        read=lambda sensor: sensor.projector.position_m[0],
+        write=lambda sensor, value: sensor_edits.with_values(
             sensor, [("projector.position_m.x", value)]
         ),
-        usual=lambda _: (-0.05, 0.0, 0.1),
+        defaults=lambda _: (-0.05, 0.0, 0.1),
     ),
     "dot_density": Axis(
         word="dots",
         label="Dot density over the pattern's own",
         unit="x",
         scale=1.0,
-        of=lambda sensor: sensor.projector.dot_density,
-        into=lambda sensor, value: sensor_edits.with_values(
+        read=lambda sensor: sensor.projector.dot_density,
+        write=lambda sensor, value: sensor_edits.with_values(
             sensor, [("projector.dot_density", value)]
         ),
-        # An image has the dots it has.
-        usual=lambda sensor: (0.25, 0.5, 2.0, 4.0) if _is_drawn(sensor) else (),
+        # A pattern that is read from an image has a fixed number of dots.
+        defaults=lambda sensor: (0.25, 0.5, 2.0, 4.0) if _is_generated(sensor) else (),
     ),
 }
 
 
-def _is_drawn(sensor: Sensor) -> bool:
+def _is_generated(sensor: Sensor) -> bool:
     emitters = emission.emitters(sensor.projector)
-    return all(one.pattern in emission.GENERATORS for one in emitters)
+    return all(emitter.pattern in emission.GENERATORS for emitter in emitters)
 
 
-def chosen(base: Sensor, asked: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
-    """The values of every axis that is swept: those asked for, or all axes' usual ones.
+def chosen(base: Sensor, requested: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
+    """Return the values of every swept axis: the requested ones, or the defaults of all axes.
 
     Raises:
-        InputError: an unknown axis.
+        InputError: if an axis is unknown.
     """
-    for name in asked:
+    for name in requested:
         errors.one_of("axis", name, AXES)
-    named = {name: tuple(map(float, values)) for name, values in asked.items() if len(values)}
-    return named or {name: axis.usual(base) for name, axis in AXES.items()}
+    named = {name: tuple(map(float, values)) for name, values in requested.items() if len(values)}
+    return named or {name: axis.defaults(base) for name, axis in AXES.items()}
 
 
 def cameras(
     base: Sensor, axes: Mapping[str, Sequence[float]], *, full: bool = False
 ) -> list[Camera]:
-    """The cameras of a sweep about a base, the base itself always among them and first.
+    """Return the cameras of a sweep around a base camera; the base comes first.
 
     Args:
         base: a stereo camera.
-        axes: values of each axis, beside the base's own, by name in `AXES`.
-        full: all combinations (full factorial); else at most one axis departs from the base.
+        axes: values of each axis in addition to the base's value, by name in `AXES`.
+        full: all combinations (full factorial); otherwise at most one axis differs from the base.
 
     Raises:
-        InputError: structured light, an unknown axis, or a value that no camera can have.
+        InputError: if the base uses structured light, an axis is unknown or a value is invalid.
     """
     if base.kind != "stereo":
         raise errors.refuse(
             "sensor",
             "must be a stereo camera: with structured light the projector is at the baseline",
             base.name,
-            "Sweep another one, such as d435.",
+            "Sweep a stereo camera, such as d435.",
         )
     for name in axes:
         errors.one_of("axis", name, AXES)
-    own = {name: axis.of(base) for name, axis in AXES.items()}
-    levels = [dict.fromkeys((own[name], *axes.get(name, ()))) for name in AXES]
-    found = []
+    base_values = {name: axis.read(base) for name, axis in AXES.items()}
+    levels = [dict.fromkeys((base_values[name], *axes.get(name, ()))) for name in AXES]
+    swept = []
     for combination in itertools.product(*levels):
         values = dict(zip(AXES, combination, strict=True))
-        moved = _moved(values, own)
+        moved = _moved(values, base_values)
         if not full and len(moved) > 1:
             continue
         sensor = base
         for name in moved:
-            sensor = AXES[name].into(sensor, values[name])
-        found.append(Camera(values=values, sensor=sensor))
+            sensor = AXES[name].write(sensor, values[name])
+        swept.append(Camera(values=values, sensor=sensor))
     order = list(AXES)
-    return sorted(found, key=lambda one: [order.index(name) for name in _moved(one.values, own)])
+    return sorted(
+        swept, key=lambda camera: [order.index(name) for name in _moved(camera.values, base_values)]
+    )
 
 
-def _moved(values: Mapping[str, float], own: Mapping[str, float]) -> list[str]:
-    """The axes in which a camera departs from the base."""
-    return [name for name in AXES if values[name] != own[name]]
+def _moved(values: Mapping[str, float], base_values: Mapping[str, float]) -> list[str]:
+    """Return the axes in which a camera differs from the base."""
+    return [name for name in AXES if values[name] != base_values[name]]
 
 
 def name_of(camera: Camera, base: Camera) -> str:
-    """Say what tells a camera from the base: "baseline 100 mm"."""
-    said = [
+    """Name a camera by its differences from the base: "baseline 100 mm"."""
+    differences = [
         f"{AXES[name].word} {AXES[name].shown(camera.values[name])}"
         for name in _moved(camera.values, base.values)
     ]
-    return ", ".join(said) or "base"
+    return ", ".join(differences) or "base"
 
 
 def along(name: str, swept: Sequence[Camera]) -> list[Camera]:
-    """Those cameras that differ from the first, the base, in one axis alone, by its value."""
+    """Return the base and the cameras that differ from it in one axis only, sorted by value."""
     base = swept[0].values
     held = [camera for camera in swept if {**camera.values, name: base[name]} == dict(base)]
     return sorted(held, key=lambda camera: camera.values[name])

@@ -1,4 +1,4 @@
-"""What is measured of one camera at one distance: depth error on a wall, holes at depth edges."""
+"""Figures of one camera at one distance: depth error on a wall, holes at depth edges."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from numpy.typing import NDArray
 from starling.sim.geometry import frames
 from starling.sim.metrics import MAD_TO_SIGMA
 from starling.sim.reason import Reason
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import materials
 from starling.sim.scene.builtin import scenes, solids
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import simulate
 
-TILT_DEG = 20.0  # Of the wall: disparities from 6 px on run over all fractions of a pixel.
-BEHIND = 1.5  # Distance of the wall behind the posts over the posts' own.
-PITCH, WIDTH = 0.4, 0.1  # Of the posts, at their distance, over that distance.
+TILT_DEG = 20.0  # Tilt of the wall: disparities above 6 px cover all fractions of a pixel.
+BEHIND = 1.5  # Distance of the wall behind the posts, relative to the posts' distance.
+PITCH, WIDTH = 0.4, 0.1  # Pitch and width of the posts, relative to their distance.
 _POSTS = 9
-_MIDDLE = 0.4  # Share of rows and of columns that the depth error is measured on.
-_WRONG_PX = 1.0
-_FEWEST = 0.5  # Share of these that must have depth: from fewer no error is told.
+_MIDDLE = 0.4  # Share of rows and columns on which the depth error is measured.
+_WRONG_PX = 1.0  # Larger disparity errors count as wrong [px].
+_FEWEST = 0.5  # Least share of these pixels with depth; with fewer the error is NaN.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Figures:
-    """One camera at one distance. Errors are NaN where most of the wall has no depth."""
+    """One camera at one distance. Errors are NaN if most of the wall has no depth."""
 
     bias_m: float  # Median depth error on the tilted wall [m].
     noise_m: float  # 1.4826 x median absolute deviation of that error [m].
-    noise_px: float  # The same of the disparity [px].
+    noise_px: float  # 1.4826 x median absolute deviation of the disparity error [px].
     wall_holes: float  # Share of the wall's middle that has no depth.
-    holes: Mapping[str, float]  # Share of the image of the posts without depth, by reason.
-    wrong: float  # Share of it with depth whose disparity is off by more than 1 px.
-    unseen: float  # Share of it hidden from the right imager or the projector: true geometry.
+    holes: Mapping[str, float]  # Share of the posts' image without depth, by reason.
+    wrong: float  # Share of the posts' image with a disparity error above 1 px.
+    unseen: float  # Share of the posts' image hidden from the right imager or the projector.
 
     @property
     def hole_rate(self) -> float:
@@ -46,10 +46,10 @@ class Figures:
 
 
 def tilted_wall(distance_m: float) -> Scene:
-    """The builtin wall, met by the optical axis at `distance_m` and `TILT_DEG` off square to it.
+    """Return the builtin wall, tilted by `TILT_DEG`, at `distance_m` on the optical axis.
 
-    Square to the axis one disparity would fill the image, and the error would be that of its
-    fraction of a pixel. Within the middle of the image the depth varies by 8 % either way.
+    A wall perpendicular to the axis has one disparity, so its error would depend on one fraction
+    of a pixel. In the middle of the image the depth varies by 8 % either way.
     """
     square_m = distance_m * float(np.cos(np.deg2rad(TILT_DEG)))
     wall = scenes.wall(square_m)
@@ -58,11 +58,11 @@ def tilted_wall(distance_m: float) -> Scene:
 
 
 def posts(distance_m: float) -> Scene:
-    """Paper posts at `distance_m`, from below to above the image, before a wall further off.
+    """Return paper posts at `distance_m`, as high as the image, in front of a wall.
 
-    They stand one every 0.4 of the distance and are 0.1 of it wide. Left of each, f b / (3 z)
-    columns of the wall are hidden from the right imager. A projector at x throws a shadow
-    f |x| / (3 z) columns wide: on the same side for x > 0, on the other for x < 0.
+    Their pitch is 0.4 and their width 0.1 of the distance. Left of each, f b / (3 z) columns of
+    the wall are hidden from the right imager. A projector at x casts a shadow f |x| / (3 z)
+    columns wide: on the same side for x > 0, on the other side for x < 0.
     """
     behind_m = BEHIND * distance_m
     sheet = solids.plane(8 * distance_m, 8 * distance_m)
@@ -76,30 +76,30 @@ def posts(distance_m: float) -> Scene:
 
 
 @dataclass(frozen=True, slots=True)
-class Stages:
-    """Both scenes at one distance, set up to be seen by any camera."""
+class SweepScenes:
+    """Both scenes at one distance, loaded for any camera."""
 
-    wall: Stage
-    posts: Stage
+    wall: MitsubaScene
+    posts: MitsubaScene
 
     @staticmethod
-    def at(distance_m: float) -> Stages:
-        """Set them up; z is at the optical axis, or the posts'."""
-        return Stages(Stage(tilted_wall(distance_m)), Stage(posts(distance_m)))
+    def at_distance(distance_m: float) -> SweepScenes:
+        """Load the scenes; the distance is that of the wall on the axis, and of the posts."""
+        return SweepScenes(MitsubaScene(tilted_wall(distance_m)), MitsubaScene(posts(distance_m)))
 
 
-def measure(sensor: Sensor, stages: Stages, *, seed: int = 0) -> Figures:
+def measure(sensor: Sensor, stages: SweepScenes, *, seed: int = 0) -> Figures:
     """Simulate both scenes once and measure.
 
     Args:
-        sensor: the camera, with all its noise, its matcher and its post-processing.
+        sensor: the camera, with noise, matcher and post-processing.
         stages: the scenes at one distance.
-        seed: of the noise.
+        seed: seed of the noise.
     """
     shot = simulate(stages.wall, sensor, seed=seed)
     truth_m = _middle(shot.layers.truth.depth_m)
-    found_m = _middle(shot.depth.depth_m)
-    error_m = (found_m - truth_m).astype(np.float64)
+    measured_m = _middle(shot.depth.depth_m)
+    error_m = (measured_m - truth_m).astype(np.float64)
     fb = np.float64(sensor.focal_baseline_px_m)
     error_px = _middle(shot.depth.disparity_px) - fb / truth_m
     before_wall = simulate(stages.posts, sensor, seed=seed)
@@ -110,7 +110,7 @@ def measure(sensor: Sensor, stages: Stages, *, seed: int = 0) -> Figures:
         bias_m=float(np.median(_known(error_m))),
         noise_m=_spread(error_m),
         noise_px=_spread(error_px),
-        wall_holes=float(np.mean(~np.isfinite(found_m))),
+        wall_holes=float(np.mean(~np.isfinite(measured_m))),
         holes={
             cause.name.lower(): float(np.mean(depth.reason == cause))
             for cause in Reason
@@ -122,13 +122,13 @@ def measure(sensor: Sensor, stages: Stages, *, seed: int = 0) -> Figures:
 
 
 def nearest_m(sensor: Sensor) -> float:
-    """Least depth [m] within the matcher's search, f b over the largest disparity."""
+    """Return the least depth [m] within the matcher's search, f b over the largest disparity."""
     largest_px = sensor.matcher.min_disparity_px + sensor.matcher.search_px - 1
     return sensor.focal_baseline_px_m / largest_px
 
 
 def law_m(sensor: Sensor, distance_m: float, sigma_d_px: float) -> float:
-    """Depth noise [m] that a disparity noise [px] makes: z^2 / (f b) sigma_d, to first order.
+    """Return the depth noise [m] of a disparity noise [px]: z^2 / (f b) sigma_d, to first order.
 
     Source: Szeliski, Computer Vision, 2nd ed., sec. 12.1.
     """
@@ -136,7 +136,7 @@ def law_m(sensor: Sensor, distance_m: float, sigma_d_px: float) -> float:
 
 
 def _middle(image: NDArray) -> NDArray:
-    """The middle of an image, where camera makers measure depth noise too."""
+    """Cut out the middle of an image, where camera makers measure depth noise."""
     height, width = image.shape
     edge = (1 - _MIDDLE) / 2
     rows = slice(round(edge * height), round((1 - edge) * height))
@@ -144,7 +144,7 @@ def _middle(image: NDArray) -> NDArray:
 
 
 def _known(error: NDArray) -> NDArray:
-    """The errors there are; a NaN alone where they are too few."""
+    """Return the finite errors, or a single NaN if they are too few."""
     known = error[np.isfinite(error)]
     return known if known.size >= _FEWEST * error.size else np.array([np.nan])
 

@@ -1,4 +1,4 @@
-"""The picture of a sweep: a row for each axis; depth noise by its law, holes, their reasons."""
+"""Picture of a sweep: one row per axis with depth noise, holes and reasons of holes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from starling.sim.commands.sweep.result import Sweep
 
-# What keeps a pixel from having depth, in groups that a designer can do something about.
+# Reasons for missing depth, grouped by what a camera designer can change: colour and reasons.
 GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "outside the overlap": ("#1f5fa8", ("outside_overlap",)),
     "occluded from the right imager": ("#4cb0ea", ("occluded",)),
@@ -37,17 +37,17 @@ _FOOT_IN = 0.75
 _DPI = 100
 
 
-def draw(found: Sweep) -> bytes:
+def draw(result: Sweep) -> bytes:
     """Draw a sweep as PNG bytes.
 
-    A row holds the cameras that differ from the base in its axis alone; of a full factorial the
-    other combinations are in the tables only.
+    A row shows the cameras that differ from the base in its axis only. The other combinations of
+    a full factorial sweep are in the tables only.
     """
-    shown = {name: sweep_axes.along(name, found.cameras) for name in AXES}
+    shown = {name: sweep_axes.along(name, result.cameras) for name in AXES}
     rows = {name: cameras for name, cameras in shown.items() if len(cameras) > 1}
-    rows = rows or {next(iter(AXES)): list(found.cameras)}  # The base alone.
+    rows = rows or {next(iter(AXES)): list(result.cameras)}  # Only the base.
     height = _HEAD_IN + _FOOT_IN + _ROW_IN * len(rows)
-    figure = canvas.empty((_WIDTH_IN, height), _DPI)
+    figure = canvas.new_figure((_WIDTH_IN, height), _DPI)
     grid = figure.add_gridspec(
         len(rows),
         3,
@@ -60,9 +60,9 @@ def draw(found: Sweep) -> bytes:
     )
     for number, (name, cameras) in enumerate(rows.items()):
         noise, holes, reasons = (figure.add_subplot(grid[number, column]) for column in range(3))
-        _noise(noise, found, name, cameras)
-        _holes(holes, found, name, cameras)
-        _reasons(reasons, found, name, cameras)
+        _noise(noise, result, name, cameras)
+        _holes(holes, result, name, cameras)
+        _reasons(reasons, result, name, cameras)
         place = noise.get_position()
         above = {"x": 0.012, "y": place.y1 + 0.36 / height, "s": AXES[name].label}
         figure.text(**above, fontsize=12.5, weight="bold", color=_INK)
@@ -70,21 +70,23 @@ def draw(found: Sweep) -> bytes:
         for axes in (noise, holes):
             axes.set_xlabel("distance [m]" if last else "")
         reasons.set_xlabel("share of the image [%]" if last else "")
-    _headings(figure, found, height)
-    return canvas.encoded(figure)
+    _headings(figure, result, height)
+    return canvas.encode(figure)
 
 
-def _headings(figure: Any, found: Sweep, height: float) -> None:
-    base = found.cameras[0]
-    own = ", ".join(f"{axis.word} {axis.shown(base.values[name])}" for name, axis in AXES.items())
+def _headings(figure: Any, result: Sweep, height: float) -> None:
+    base = result.cameras[0]
+    base_values = ", ".join(
+        f"{axis.word} {axis.shown(base.values[name])}" for name, axis in AXES.items()
+    )
     top = 1 - 0.08 / height
-    said = f"Cameras about the {base.sensor.name}: {own}"
-    figure.text(0.012, top, said, fontsize=14, weight="bold", color=_INK, va="top")
-    reference_m = found.distances_m[found.reference]
+    heading = f"Cameras about the {base.sensor.name}: {base_values}"
+    figure.text(0.012, top, heading, fontsize=14, weight="bold", color=_INK, va="top")
+    reference_m = result.distances_m[result.reference]
     sigma = "\N{GREEK SMALL LETTER SIGMA}"
     law = (
         f"Solid: simulated. Dashed, left: the law z\N{SUPERSCRIPT TWO} {sigma} / (f b), {sigma} = "
-        f"{found.sigma_d_px:.3f} px measured on the base at {reference_m:g} m; middle: what the "
+        f"{result.sigma_d_px:.3f} px measured on the base at {reference_m:g} m; middle: what the "
         "right imager or the projector cannot see. Dotted: end of the matcher's search."
     )
     figure.text(0.012, top - 0.3 / height, law, fontsize=10.5, color=_INK, va="top")
@@ -103,43 +105,43 @@ def _headings(figure: Any, found: Sweep, height: float) -> None:
     )
 
 
-def _noise(axes: Axes, found: Sweep, name: str, cameras: Sequence[Camera]) -> None:
+def _noise(axes: Axes, result: Sweep, name: str, cameras: Sequence[Camera]) -> None:
     """Depth noise against distance, both logarithmic, with the law dashed."""
     from matplotlib.ticker import LogLocator, StrMethodFormatter
 
-    for camera, colour in zip(cameras, _colours(found, cameras), strict=True):
-        figures = found.of(camera)
+    for camera, colour in zip(cameras, _colours(result, cameras), strict=True):
+        figures = result.figures_of(camera)
         noise = [1e3 * point.noise_m for point in figures]
-        law = [1e3 * value for value in found.law_m(camera)]
+        law = [1e3 * value for value in result.law_m(camera)]
         label = AXES[name].shown(camera.values[name])
-        axes.plot(found.distances_m, noise, "o-", color=colour, ms=3.5, lw=1.6, label=label)
-        axes.plot(found.distances_m, law, "--", color=colour, lw=1.0)
-        if nearest_m(camera.sensor) > found.distances_m[0]:
+        axes.plot(result.distances_m, noise, "o-", color=colour, ms=3.5, lw=1.6, label=label)
+        axes.plot(result.distances_m, law, "--", color=colour, lw=1.0)
+        if nearest_m(camera.sensor) > result.distances_m[0]:
             axes.axvline(nearest_m(camera.sensor), color=colour, lw=1.0, ls=":")
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 3)))
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    _finish(axes, found, "depth noise on a wall [mm]")
-    _legend(axes, found, name)
+    _finish(axes, result, "depth noise on a wall [mm]")
+    _legend(axes, result, name)
 
 
-def _holes(axes: Axes, found: Sweep, name: str, cameras: Sequence[Camera]) -> None:
-    """Share of pixels without depth against distance, what geometry hides dashed."""
-    for camera, colour in zip(cameras, _colours(found, cameras), strict=True):
-        figures = found.of(camera)
+def _holes(axes: Axes, result: Sweep, name: str, cameras: Sequence[Camera]) -> None:
+    """Share of pixels without depth against distance; dashed: pixels hidden by geometry."""
+    for camera, colour in zip(cameras, _colours(result, cameras), strict=True):
+        figures = result.figures_of(camera)
         rate = [100 * point.hole_rate for point in figures]
         unseen = [100 * point.unseen for point in figures]
         label = AXES[name].shown(camera.values[name])
-        axes.plot(found.distances_m, rate, "o-", color=colour, ms=3.5, lw=1.6, label=label)
-        axes.plot(found.distances_m, unseen, "--", color=colour, lw=1.0)
+        axes.plot(result.distances_m, rate, "o-", color=colour, ms=3.5, lw=1.6, label=label)
+        axes.plot(result.distances_m, unseen, "--", color=colour, lw=1.0)
     axes.set_ylim(0, None)
-    _finish(axes, found, f"holes, posts before a wall {BEHIND:g}x as far [%]")
+    _finish(axes, result, f"holes, posts before a wall {BEHIND:g}x as far [%]")
 
 
-def _reasons(axes: Axes, found: Sweep, name: str, cameras: Sequence[Camera]) -> None:
-    """Why pixels have no depth, and how many a wrong one, at the reference distance."""
+def _reasons(axes: Axes, result: Sweep, name: str, cameras: Sequence[Camera]) -> None:
+    """Shares of missing depth by reason, and of wrong depth, at the reference distance."""
     labels = [AXES[name].shown(camera.values[name]) for camera in cameras]
-    points: list[Figures] = [found.of(camera)[found.reference] for camera in cameras]
+    points: list[Figures] = [result.figures_of(camera)[result.reference] for camera in cameras]
     start = [0.0] * len(cameras)
     for colour, causes in GROUPS.values():
         shares = [100 * sum(point.holes[cause] for cause in causes) for point in points]
@@ -149,35 +151,35 @@ def _reasons(axes: Axes, found: Sweep, name: str, cameras: Sequence[Camera]) -> 
         labels, [100 * point.wrong for point in points], left=start, color=_WRONG[1], height=0.7
     )
     axes.invert_yaxis()
-    title = f"holes by reason, and wrong depth, at {found.distances_m[found.reference]:g} m [%]"
+    title = f"holes by reason, and wrong depth, at {result.distances_m[result.reference]:g} m [%]"
     axes.set_title(title, loc="left", fontsize=11, color=_INK)
     axes.grid(axis="x", color=_GRID, lw=0.7)
     axes.set_axisbelow(True)
     _plain(axes)
 
 
-def _colours(found: Sweep, cameras: Sequence[Camera]) -> list[Any]:
-    """The base is black; the others go from dark to light with their value."""
+def _colours(result: Sweep, cameras: Sequence[Camera]) -> list[Any]:
+    """Return colours: black for the base, dark to light with increasing value for the others."""
     from matplotlib import colormaps
 
-    others = [camera for camera in cameras if camera is not found.cameras[0]]
+    others = [camera for camera in cameras if camera is not result.cameras[0]]
     steps = max(1, len(others) - 1)
     ramp = {id(camera): 0.05 + 0.8 * n / steps for n, camera in enumerate(others)}
     plasma = colormaps["plasma"]
     return [plasma(ramp[id(camera)]) if id(camera) in ramp else _INK for camera in cameras]
 
 
-def _legend(axes: Axes, found: Sweep, name: str) -> None:
-    own = AXES[name].shown(found.cameras[0].values[name])
+def _legend(axes: Axes, result: Sweep, name: str) -> None:
+    base_label = AXES[name].shown(result.cameras[0].values[name])
     legend = axes.legend(fontsize=9, frameon=False, loc="upper left", handlelength=1.4)
     for text in legend.get_texts():
-        if text.get_text() == own:
-            text.set_text(f"{own} (base)")
+        if text.get_text() == base_label:
+            text.set_text(f"{base_label} (base)")
 
 
-def _finish(axes: Axes, found: Sweep, title: str) -> None:
+def _finish(axes: Axes, result: Sweep, title: str) -> None:
     axes.set_xscale("log")
-    axes.set_xticks(found.distances_m, [f"{z:g}" for z in found.distances_m])
+    axes.set_xticks(result.distances_m, [f"{z:g}" for z in result.distances_m])
     axes.minorticks_off()
     axes.grid(color=_GRID, lw=0.7)
     axes.set_title(title, loc="left", fontsize=11, color=_INK)

@@ -1,4 +1,4 @@
-"""What a sweep of cameras found."""
+"""Result of a sweep."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from starling.sim.commands.sweep.figures import Figures, law_m
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sweep:
-    """Every camera at every distance."""
+    """Figures of every camera at every distance."""
 
     cameras: tuple[Camera, ...]  # The base comes first.
     distances_m: tuple[float, ...]  # Ascending.
     figures: tuple[tuple[Figures, ...], ...]  # By camera, then by distance.
-    reference: int  # Which distance the disparity noise of the law was measured at.
+    reference: int  # Index of the distance at which the law's disparity noise is measured.
 
     @property
     def sigma_d_px(self) -> float:
@@ -24,14 +24,14 @@ class Sweep:
         return self.figures[0][self.reference].noise_px
 
     def name(self, camera: Camera) -> str:
-        """What tells a camera from the base, in words."""
+        """Name of a camera: its differences from the base."""
         return axes.name_of(camera, self.cameras[0])
 
     def law_m(self, camera: Camera) -> list[float]:
-        """Depth noise [m] by the law z^2 / (f b) sigma_d at every distance."""
+        """Depth noise [m] at every distance, by the law z^2 / (f b) sigma_d."""
         sigma = self.sigma_d_px
         return [law_m(camera.sensor, z, sigma) for z in self.distances_m]
 
-    def of(self, camera: Camera) -> tuple[Figures, ...]:
-        """The figures of one of the cameras at every distance."""
+    def figures_of(self, camera: Camera) -> tuple[Figures, ...]:
+        """Return the figures of one camera at every distance."""
         return self.figures[self.cameras.index(camera)]

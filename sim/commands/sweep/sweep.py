@@ -1,4 +1,4 @@
-"""The work of `starling sweep`: cameras by parameters in; depth error and holes by distance out."""
+"""`starling sweep`: measure depth error and holes against distance for many cameras."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 from starling.patterns import errors
 from starling.sim.commands.sweep import axes as sweep_axes
 from starling.sim.commands.sweep.axes import AXES
-from starling.sim.commands.sweep.figures import Figures, Stages, measure
+from starling.sim.commands.sweep.figures import Figures, SweepScenes, measure
 from starling.sim.commands.sweep.result import Sweep as Sweep
 from starling.sim.console import progress, record
 from starling.sim.console.output import RECORD, OutputFolder
@@ -23,7 +23,7 @@ from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Sensor
 
 DISTANCES_M = (0.4, 0.6, 0.9, 1.3, 2.0, 3.0, 4.0, 6.0)
-REFERENCE_M = 1.0  # The disparity noise of the law is the base's at the distance nearest to this.
+REFERENCE_M = 1.0  # The law's disparity noise is the base's at the distance nearest to this [m].
 
 
 def sweep(
@@ -38,16 +38,16 @@ def sweep(
     """Simulate and measure every camera of a sweep at every distance.
 
     Args:
-        base: the camera that the others depart from.
-        axes: values by axis (see `starling.sim.commands.sweep.axes.AXES`); the base's own is always among them.
-            Empty: all axes with their usual values.
-        distances_m: of what the cameras look at [m], 0.1 to 10.
-        full: all combinations of the values; else one axis at a time.
-        seed: of the noise, the same for all cameras.
+        base: the base camera; the others differ from it.
+        axes: values by axis in `starling.sim.commands.sweep.axes.AXES`, in addition to the base's
+            value. Empty sweeps all axes with their default values.
+        distances_m: distances of the scenes [m], 0.1 to 10.
+        full: all combinations of the values; otherwise one axis at a time.
+        seed: seed of the noise, the same for all cameras.
         track: wraps the loop over cameras and distances.
 
     Raises:
-        InputError: whatever is wrong with the base, a value or a distance; before any rendering.
+        InputError: if the base, a value or a distance is invalid; raised before any rendering.
     """
     cameras = sweep_axes.cameras(base, sweep_axes.chosen(base, axes), full=full)
     distances = sorted(set(map(float, distances_m)))
@@ -56,7 +56,7 @@ def sweep(
     for distance in distances:
         errors.in_interval("distance_m", distance, 0.1, 10.0, "Give metres.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
-    for camera in cameras:  # A pattern that cannot be had is refused now; made ones are kept.
+    for camera in cameras:  # Refuses invalid patterns now, and caches the valid ones.
         part = camera.sensor.projector
         for number in range(len(emission.emitters(part))):
             emission.irradiance_at_unit_distance(part, number)
@@ -67,7 +67,7 @@ def sweep(
     stages = None
     for distance, number in track(list(product(distances, range(len(cameras)))), "sweep"):
         if stages is None or number == 0:
-            stages = Stages.at(distance)
+            stages = SweepScenes.at_distance(distance)
         measured[number].append(measure(cameras[number].sensor, stages, seed=seed))
     nearest = min(distances, key=lambda z: abs(math.log(z / REFERENCE_M)))
     return Sweep(
@@ -87,45 +87,45 @@ def run(
     full: bool = False,
     seed: int = 0,
     force: bool = False,
-    asked: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Sweep and write a folder: `sweep.png`, `sweep.csv`, `sweep.json` and the base `sensor.toml`.
+    """Sweep and write a folder: `sweep.png`, `sweep.csv`, `sweep.json`, `sensor.toml` of the base.
 
     Args:
-        base: as in `sweep`, and so are `axes`, `full`, `seed` and `tell`.
-        axes: an axis without values counts as not named.
-        out: folder to make.
-        distances_m: empty for `DISTANCES_M`.
-        force: replace a sweep made before.
-        asked: more arguments for the record, as they were typed: sensor, edits.
+        base: as in `sweep`, and so are `axes`, `full`, `seed` and `track`.
+        axes: an axis without values is ignored.
+        out: folder to create.
+        distances_m: empty uses `DISTANCES_M`.
+        force: replace an earlier sweep.
+        options: further command-line options to record, as typed.
 
     Returns:
         `{"out", "files", "seconds", "reference_m", "sigma_d_px", "cameras": {NAME: {"noise_mm",
         "law_mm", "holes_pct", "wrong_pct"}}}`, the cameras' figures at the reference distance.
 
     Raises:
-        InputError: as `sweep`, or a folder that cannot be written; nothing is left.
+        InputError: as `sweep`, or if the folder cannot be written; no partial output remains.
     """
     started = time.perf_counter()
     with OutputFolder(out, force=force) as folder:
-        found = sweep(
+        result = sweep(
             base, axes, distances_m=distances_m or DISTANCES_M, full=full, seed=seed, track=track
         )
         from starling.sim.commands.sweep import picture
 
-        figures = summary(found)
+        figures = summary(result)
         arguments = {
             "axes": sweep_axes.chosen(base, axes),
-            "distance_m": found.distances_m,
+            "distance_m": result.distances_m,
             "full": full,
             "seed": seed,
-            **(asked or {}),
+            **(options or {}),
         }
         files: dict[str, bytes | str] = {
-            "sweep.png": picture.draw(found),
-            "sweep.csv": table(found),
-            "sweep.json": record.dumps(listed(found)),
+            "sweep.png": picture.draw(result),
+            "sweep.csv": table(result),
+            "sweep.json": record.dumps(listed(result)),
             "sensor.toml": presets.dumps(base),
             RECORD: record.dumps(
                 {
@@ -147,30 +147,30 @@ def run(
     }
 
 
-def summary(found: Sweep) -> dict[str, Any]:
-    """The cameras' figures at the reference distance, in millimetres and percent."""
-    at = found.reference
+def summary(result: Sweep) -> dict[str, Any]:
+    """Return the cameras' figures at the reference distance, in millimetres and percent."""
+    reference = result.reference
     return {
-        "reference_m": found.distances_m[at],
-        "sigma_d_px": round(found.sigma_d_px, 4),
+        "reference_m": result.distances_m[reference],
+        "sigma_d_px": round(result.sigma_d_px, 4),
         "cameras": {
-            found.name(camera): {
-                "noise_mm": round(1e3 * figures[at].noise_m, 3),
-                "law_mm": round(1e3 * found.law_m(camera)[at], 3),
-                "holes_pct": round(100 * figures[at].hole_rate, 2),
-                "wrong_pct": round(100 * figures[at].wrong, 2),
+            result.name(camera): {
+                "noise_mm": round(1e3 * figures[reference].noise_m, 3),
+                "law_mm": round(1e3 * result.law_m(camera)[reference], 3),
+                "holes_pct": round(100 * figures[reference].hole_rate, 2),
+                "wrong_pct": round(100 * figures[reference].wrong, 2),
             }
-            for camera, figures in zip(found.cameras, found.figures, strict=True)
+            for camera, figures in zip(result.cameras, result.figures, strict=True)
         },
     }
 
 
-def listed(found: Sweep) -> dict[str, Any]:
-    """Everything that was measured, as plain values in SI units and shares."""
+def listed(result: Sweep) -> dict[str, Any]:
+    """Return all figures as plain values in SI units and shares."""
     from starling.sim.commands.sweep import figures as sweep_figures
 
     cameras = []
-    for camera, figures in zip(found.cameras, found.figures, strict=True):
+    for camera, figures in zip(result.cameras, result.figures, strict=True):
         points = [
             {
                 "distance_m": distance,
@@ -185,12 +185,12 @@ def listed(found: Sweep) -> dict[str, Any]:
                 "holes": dict(point.holes),
             }
             for distance, point, law in zip(
-                found.distances_m, figures, found.law_m(camera), strict=True
+                result.distances_m, figures, result.law_m(camera), strict=True
             )
         ]
         cameras.append(
             {
-                "name": found.name(camera),
+                "name": result.name(camera),
                 **camera.values,
                 "focal_baseline_px_m": camera.sensor.focal_baseline_px_m,
                 "nearest_m": sweep_figures.nearest_m(camera.sensor),
@@ -198,21 +198,21 @@ def listed(found: Sweep) -> dict[str, Any]:
             }
         )
     return {
-        "reference_m": found.distances_m[found.reference],
-        "sigma_d_px": found.sigma_d_px,
+        "reference_m": result.distances_m[result.reference],
+        "sigma_d_px": result.sigma_d_px,
         "cameras": cameras,
     }
 
 
-def table(found: Sweep) -> str:
-    """The same as `listed`, as CSV: a row for every camera and distance."""
+def table(result: Sweep) -> str:
+    """Return the figures of `listed` as CSV: one row per camera and distance."""
     rows = [
         {
             **{name: camera[name] for name in ("name", *AXES, "focal_baseline_px_m", "nearest_m")},
             **{key: value for key, value in point.items() if key != "holes"},
             **{f"holes_{cause}": share for cause, share in point["holes"].items()},
         }
-        for camera in listed(found)["cameras"]
+        for camera in listed(result)["cameras"]
         for point in camera["points"]
     ]
     text = io.StringIO()
@@ -223,7 +223,7 @@ def table(found: Sweep) -> str:
 
 
 def _cell(value: Any) -> Any:
-    """Short numbers; an empty cell where nothing could be measured."""
+    """Format a number with six digits; empty if it is not finite."""
     if not isinstance(value, float):
         return value
     return f"{value:.6g}" if math.isfinite(value) else ""

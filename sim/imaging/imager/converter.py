@@ -10,8 +10,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.sim.arrays import Image
 from starling.sim.imaging.imager import smoothing
-from starling.sim.render.layers import Image
 from starling.sim.sensor.sensor import Imager
 
 Infrared = NDArray[np.uint8] | NDArray[np.uint16]
@@ -19,30 +19,30 @@ Infrared = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readout:
-    """What a converter makes of one exposure, each (h, w), uint8 for 8 bits, else uint16."""
+    """Digital images of one exposure, each (h, w), uint8 for 8 bits, otherwise uint16."""
 
-    delivered: Infrared  # The image that is put out, of `bit_depth` bits.
-    matched: Infrared  # The codes that the matcher reads, of `matched_bits` bits.
+    delivered: Infrared  # Output image, with `bit_depth` bits.
+    matched: Infrared  # Input of the matcher, with `matched_bits` bits.
 
 
-def converted(part: Imager, charge: Image) -> Readout:
-    """Convert charge [electrons] to DN: gain, averaging, gamma, black level, whole codes."""
+def convert(part: Imager, charge: Image) -> Readout:
+    """Convert charge [electrons] to DN: gain, averaging, gamma, black level, quantisation."""
     signal = charge * np.float32(part.dn_per_electron)
     if part.smoothing_px > 0:
-        # The device averages codes: what it cannot represent is cut before, not after.
+        # The device averages codes, so the signal is clipped before averaging, not after it.
         np.clip(signal, *_range(part), out=signal)
-        signal = smoothing.smoothed(signal, part.smoothing_px)
-    signal = bent(signal, part.gamma, part.ceiling_dn)
+        signal = smoothing.smooth(signal, part.smoothing_px)
+    signal = apply_gamma(signal, part.gamma, part.ceiling_dn)
     signal += np.float32(part.black_level_dn)
-    delivered = digital(part, signal)
+    delivered = quantise(part, signal)
     finer = part.matched_bits > part.bit_depth
-    return Readout(delivered, finest(part, signal) if finer else delivered)
+    return Readout(delivered, quantise_matched(part, signal) if finer else delivered)
 
 
-def bent(signal: Image, gamma: float, ceiling_dn: float) -> Image:
+def apply_gamma(signal: Image, gamma: float, ceiling_dn: float) -> Image:
     """Return ceiling (signal / ceiling)^(1 / gamma), odd about 0; gamma 1 is the identity.
 
-    The black level is no part of the signal, so a dark pixel reads the same at every gamma.
+    The black level is not part of the signal, so a dark pixel has the same DN at every gamma.
     """
     if gamma == 1:
         return signal
@@ -54,19 +54,19 @@ def bent(signal: Image, gamma: float, ceiling_dn: float) -> Image:
 
 
 def _range(part: Imager) -> tuple[np.float32, np.float32]:
-    """Signals that reach code 0 and the ceiling."""
+    """Return the signals that map to code 0 and to the ceiling."""
     ends = np.array([[0, part.ceiling_dn]], np.float32) - np.float32(part.black_level_dn)
-    low, high = bent(ends, 1 / part.gamma, part.ceiling_dn)[0]
+    low, high = apply_gamma(ends, 1 / part.gamma, part.ceiling_dn)[0]
     return low, high
 
 
-def digital(imager: Imager, level: Image) -> Infrared:
-    """Convert a level [DN] to whole codes: uint8 for 8 bits, else uint16 (h, w)."""
+def quantise(imager: Imager, level: Image) -> Infrared:
+    """Quantise a level [DN] to `bit_depth` bits (h, w): uint8 for 8 bits, otherwise uint16."""
     return _codes(level, imager.bit_depth)
 
 
-def finest(imager: Imager, level: Image) -> Infrared:
-    """Convert a level [DN] to codes of all the converter's bits, several to a DN; (h, w)."""
+def quantise_matched(imager: Imager, level: Image) -> Infrared:
+    """Quantise a level [DN] to `matched_bits` bits (h, w), with several codes per DN."""
     scale = np.float32(2 ** (imager.matched_bits - imager.bit_depth))
     return _codes(level * scale, imager.matched_bits)
 

@@ -1,4 +1,4 @@
-"""Exposure: from radiance at the lens to the mean electrons a pixel collects."""
+"""Exposure: radiance at the lens to mean electrons in a pixel."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from starling.sim.render.layers import Image
+from starling.sim.arrays import Image
 from starling.sim.sensor.sensor import Imager
 
 _PLANCK_J_S = 6.62607015e-34
@@ -18,33 +18,35 @@ _LIGHT_M_S = 299792458.0
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Exposure:
-    """What the exposure control chose."""
+    """Integration time and gain of a frame."""
 
     exposure_s: float
     gain: float
 
 
-def recorded(record: Mapping[str, Any]) -> Exposure | None:
-    """The exposure that a frame's record (`frame.json`) tells; None where it tells none that can
-    be: both numbers must be finite and > 0.
+def read_exposure(record: Mapping[str, Any]) -> Exposure | None:
+    """Read the exposure from a frame's record (`frame.json`).
 
     Args:
-        record: by key, `exposure_s` and `gain` among them.
+        record: the record; `exposure_s` and `gain` are read.
+
+    Returns:
+        The exposure, or None unless both numbers are finite and > 0.
     """
-    told = [record.get(name) for name in ("exposure_s", "gain")]
+    entries = [record.get(name) for name in ("exposure_s", "gain")]
     known = [
-        float(one)
-        for one in told
-        if isinstance(one, (int, float)) and not isinstance(one, bool) and 0 < one < math.inf
+        float(value)
+        for value in entries
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < math.inf
     ]
     return Exposure(exposure_s=known[0], gain=known[1]) if len(known) == 2 else None
 
 
 def electrons_per_radiance(imager: Imager, wavelength_nm: float, exposure_s: float) -> float:
-    """Mean electrons in a pixel for a radiance of 1 W m^-2 sr^-1 at the lens, on the axis.
+    """Return the mean electrons in a pixel on the axis for a radiance of 1 W m^-2 sr^-1.
 
-    Image irradiance pi L T / (4 N^2) (thin lens, object far away), times the pixel's area and
-    time, over the energy h c / lambda of a photon, times the quantum efficiency.
+    It is the image irradiance pi L T / (4 N^2) (thin lens, distant object) times pixel area,
+    integration time and quantum efficiency, over the photon energy h c / lambda.
 
     Source: EMVA Standard 1288, release 4.0, eqs. 1 to 4; image irradiance: Horn, Robot Vision,
     sec. 10.3.
@@ -55,11 +57,11 @@ def electrons_per_radiance(imager: Imager, wavelength_nm: float, exposure_s: flo
     return float(energy_j / photon_j * imager.quantum_efficiency)
 
 
-def control(imager: Imager, radiance: Image, wavelength_nm: float) -> Exposure:
-    """Choose the exposure: fixed, or such that the mean signal meets the level aimed at.
+def choose_exposure(imager: Imager, radiance: Image, wavelength_nm: float) -> Exposure:
+    """Choose the exposure: the fixed one, or one that brings the mean signal to the set level.
 
-    Auto exposure changes the integration time up to `auto_exposure_max_s`; the gain stays. It
-    meters the light, before all noise and before gamma.
+    Auto exposure changes the integration time up to `auto_exposure_max_s`; the gain is fixed. It
+    meters the light before noise and gamma.
     """
     if imager.auto_exposure_level == 0:
         return Exposure(exposure_s=imager.exposure_s, gain=imager.gain)
@@ -72,6 +74,6 @@ def control(imager: Imager, radiance: Image, wavelength_nm: float) -> Exposure:
 def mean_electrons(
     imager: Imager, radiance: Image, wavelength_nm: float, exposure: Exposure
 ) -> Image:
-    """Expected electrons a pixel, before noise (h, w)."""
+    """Return the expected electrons per pixel, before noise (h, w)."""
     scale = electrons_per_radiance(imager, wavelength_nm, exposure.exposure_s)
     return radiance * np.float32(scale)

@@ -1,4 +1,4 @@
-"""Fixed patterns: what a device's pixels have by birth, the same in every capture."""
+"""Fixed-pattern variation of a device's pixels, the same in every capture."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from typing import Literal
 import numpy as np
 
 from starling.sim import randomness
-from starling.sim.render.layers import Image
+from starling.sim.arrays import Image
 
 Side = Literal["left", "right"]
 
 
 @dataclass(frozen=True, slots=True)
 class Die:
-    """One imager of one device: whose pixels these are."""
+    """One imager of one device; it identifies the fixed patterns."""
 
     unit: int  # Number of the device, `Sensor.unit`.
     side: Side
 
     def normal(self, effect: str, shape: tuple[int, ...]) -> Image:
-        """Standard normal deviates of the pixels (h, w), or of the columns (w,).
+        """Return standard normal deviates of the pixels (h, w), or of the columns (w,).
 
-        Another image size is drawn anew: it stands for another readout mode, not for a crop.
+        Another image size has an independent pattern: it models a readout mode, not a crop.
         """
         return _drawn(self, effect, shape, "normal")
 
     def uniform(self, effect: str, shape: tuple[int, ...]) -> Image:
-        """Uniform deviates in [0, 1) of the pixels (h, w)."""
+        """Return uniform deviates in [0, 1) of the pixels (h, w)."""
         return _drawn(self, effect, shape, "uniform")
 
 
-@lru_cache(maxsize=12)  # Three patterns of either side for two image sizes.
+@lru_cache(maxsize=12)  # Three patterns, two imagers, two image sizes.
 def _drawn(die: Die, effect: str, shape: tuple[int, ...], law: Literal["normal", "uniform"]):
     rng = randomness.generator(die.unit, 0, "imager", f"fixed {effect} {die.side}")
     draw = rng.standard_normal if law == "normal" else rng.random
     pattern = draw(shape, np.float32)
-    pattern.setflags(write=False)  # It is shared by all captures.
+    pattern.setflags(write=False)  # All captures share the array.
     return pattern

@@ -1,17 +1,17 @@
-"""What crosstalk and averaging make of light: both mix neighbouring pixels, and keep the mean."""
+"""Crosstalk and averaging, which mix neighbouring pixels and preserve the mean."""
 
 from __future__ import annotations
 
+from starling.sim.arrays import Image
 from starling.sim.imaging.imager import charge, smoothing
-from starling.sim.render.layers import Image
 from starling.sim.sensor.sensor import Imager
 
 
-def mixed(part: Imager, light: Image) -> Image:
-    """Mix light (h, w) of any unit as an imager does, noise and saturation apart.
+def mix_pixels(part: Imager, light: Image) -> Image:
+    """Apply an imager's crosstalk and averaging to light (h, w), without noise or saturation.
 
     Args:
         part: the imager's electronics.
-        light: that falls on it.
+        light: light on the imager, in any unit.
     """
-    return smoothing.smoothed(charge.crosstalk(light, part.crosstalk), part.smoothing_px)
+    return smoothing.smooth(charge.crosstalk(light, part.crosstalk), part.smoothing_px)

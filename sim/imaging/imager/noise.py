@@ -1,4 +1,4 @@
-"""Noise: what is drawn anew for each frame, and the fixed offsets beside it."""
+"""Temporal noise, drawn for each frame, and fixed offsets."""
 
 from __future__ import annotations
 
@@ -6,39 +6,39 @@ import numba as nb
 import numpy as np
 
 from starling.sim import randomness
+from starling.sim.arrays import Image
 from starling.sim.imaging.imager import smoothing
 from starling.sim.imaging.imager.fixed_pattern import Die
-from starling.sim.render.layers import Image
 from starling.sim.sensor.sensor import Imager
 
 
 def noise_e(part: Imager, electrons: Image, exposure_s: float) -> Image:
-    """Standard deviation of a pixel about the light's mean [electrons] (h, w).
+    """Return the standard deviation of a pixel around the mean signal [electrons] (h, w).
 
-    Shot noise of light and dark current, read noise, dark offsets (DSNU), rows and columns, after
-    the device's averaging. The pixels' sensitivities (PRNU) go with the signal, never drown it,
-    and are left out, as is the converter's step.
+    It includes shot noise of light and dark current, read noise, dark offsets (DSNU), and row and
+    column noise, after the device's averaging. It excludes the converter's step, and PRNU, which
+    is proportional to the signal and never hides it.
 
     Args:
         part: the imager.
-        electrons: that the light makes (h, w).
+        electrons: photoelectrons (h, w).
         exposure_s: integration time [s].
     """
     mean = np.maximum(electrons, 0) + np.float32(part.dark_current_e_s * exposure_s)
     alone = part.read_noise_e**2 + part.dsnu_e**2
     along = part.row_noise_e**2 + part.column_noise_e**2
-    kept = smoothing.kept(part.smoothing_px)
-    shot = np.float32(part.shot_noise**2 * kept * kept)
-    return np.sqrt(shot * mean + np.float32(kept * (kept * alone + along)))
+    share = smoothing.variance_share(part.smoothing_px)
+    shot = np.float32(part.shot_noise**2 * share * share)
+    return np.sqrt(shot * mean + np.float32(share * (share * alone + along)))
 
 
 def shot_and_read(part: Imager, charge: Image, *, die: Die, seed: int, frame: int) -> Image:
-    """Add shot and read noise as one draw; without either it is the identity.
+    """Add shot and read noise as one draw; the identity if both are 0.
 
-    A normal deviate is bent so that the sum has the mean, variance and, nearly, the third moment
-    of a Poisson count plus a Gaussian (Cornish and Fisher's expansion to its first term): right
-    where a pixel holds a few electrons too, in a tenth of the time of a Poisson draw. Whole
-    electrons are not shown apart, which needs a read noise below 0.5 electrons to be seen.
+    A Poisson count plus a Gaussian is approximated by a transformed normal deviate with the same
+    mean, variance and, nearly, third moment (first term of the Cornish-Fisher expansion). It holds
+    for a few electrons too, and takes a tenth of the time of a Poisson draw. Single electrons are
+    not resolved; they would show only with read noise below 0.5 electrons.
 
     Source: EMVA Standard 1288, release 4.0 (noise model); Abramowitz and Stegun, 26.2.49.
     """
@@ -52,10 +52,10 @@ def shot_and_read(part: Imager, charge: Image, *, die: Die, seed: int, frame: in
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def _add_noise(charge, draw, shot, read):
-    """Turn the draw, in place, into the charge with its noise."""
-    one, two, six = np.float32(1), np.float32(2), np.float32(6)  # Else numba counts in doubles.
+    """Turn the draw, in place, into the charge with noise."""
+    unity, two, six = np.float32(1), np.float32(2), np.float32(6)  # Otherwise numba uses float64.
     variance_each, third_each = shot * shot, shot * shot * shot / six
-    least = np.float32(1e-12)  # Below any variance that counts: no division by zero.
+    least = np.float32(1e-12)  # Prevents division by zero; far below any real variance.
     for y in range(charge.shape[0]):
         for x in range(charge.shape[1]):
             mean = max(charge[y, x], np.float32(0))
@@ -63,12 +63,12 @@ def _add_noise(charge, draw, shot, read):
             deviation = np.sqrt(variance)
             bend = third_each * mean / max(variance * deviation, least)
             z = draw[y, x]
-            bent = z + bend * (z * z - one)
-            draw[y, x] = charge[y, x] + deviation * bent / np.sqrt(one + two * bend * bend)
+            bent = z + bend * (z * z - unity)
+            draw[y, x] = charge[y, x] + deviation * bent / np.sqrt(unity + two * bend * bend)
 
 
 def offsets(part: Imager, charge: Image, *, die: Die, seed: int, frame: int) -> Image:
-    """Add the offsets of pixels and columns (fixed) and of rows (each frame anew)."""
+    """Add the offsets of pixels and columns (fixed) and of rows (drawn for each frame)."""
     if part.dsnu_e == part.column_noise_e == part.row_noise_e == 0:
         return charge
     height, width = charge.shape

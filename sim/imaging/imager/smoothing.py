@@ -1,18 +1,19 @@
-"""Averaging: what a device's resampling by rectification does to signal and noise."""
+"""Averaging of neighbouring pixels, as a device's rectification does by resampling."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from starling.sim.render.layers import Image
+from starling.sim.arrays import Image
 
 
-def smoothed(signal: Image, sigma_px: float) -> Image:
-    """Average by a Gaussian; 0 px is the identity.
+def smooth(signal: Image, sigma_px: float) -> Image:
+    """Average with a Gaussian; 0 px is the identity.
 
-    Independent noise of variance 1 keeps 1 / (4 pi sigma^2) (to 3 % from 0.7 px, to 0.1 % from
-    1 px on) and is then correlated over a distance d by exp(-d^2 / (4 sigma^2)).
+    The variance of independent noise falls to 1 / (4 pi sigma^2) of its value (within 3 % for
+    sigma >= 0.7 px, within 0.1 % for sigma >= 1 px). At distance d its correlation becomes
+    exp(-d^2 / (4 sigma^2)).
     """
     if sigma_px == 0:
         return signal
@@ -21,8 +22,8 @@ def smoothed(signal: Image, sigma_px: float) -> Image:
     return np.asarray(averaged, np.float32)
 
 
-def kept(sigma_px: float) -> float:
-    """Share of independent noise's variance that averaging along one axis keeps."""
+def variance_share(sigma_px: float) -> float:
+    """Return the share of independent noise's variance left after averaging along one axis."""
     return 1.0 if sigma_px == 0 else float((_kernel(sigma_px).astype(np.float64) ** 2).sum())
 
 

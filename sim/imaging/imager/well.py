@@ -1,19 +1,19 @@
-"""The full well: pixels that hold no more, pixels that are always full, and what spills."""
+"""The full well: hot pixels, saturation and blooming."""
 
 from __future__ import annotations
 
 import numba as nb
 import numpy as np
 
+from starling.sim.arrays import Image
 from starling.sim.imaging.imager.fixed_pattern import Die
-from starling.sim.render.layers import Image
 from starling.sim.sensor.sensor import Imager
 
 
-def hot(part: Imager, charge: Image, die: Die) -> Image:
-    """Fill the device's hot pixels; none is the identity.
+def fill_hot_pixels(part: Imager, charge: Image, die: Die) -> Image:
+    """Fill the device's hot pixels; a share of 0 is the identity.
 
-    A device's pixels are hot in an order of its own: a larger share adds to a smaller.
+    The hot pixels of a smaller share are a subset of those of a larger share.
     """
     if part.hot_pixels == 0:
         return charge
@@ -24,16 +24,15 @@ def hot(part: Imager, charge: Image, die: Die) -> Image:
     return filled
 
 
-def contained(part: Imager, charge: Image) -> Image:
-    """Limit the charge to the full well; with blooming a share of the rest fills its column.
+def limit_to_full_well(part: Imager, charge: Image) -> Image:
+    """Limit the charge to the full well; with blooming, part of the excess fills its column.
 
-    Of the charge above the full well 1 - `blooming` is drained where it arises. The rest leaves
-    half upwards, half downwards, and fills what room it meets until it is used up or leaves the
-    image: stored = all - drained - left. Where two streaks want one pixel's room, the downward
-    one is first.
+    The share 1 - `blooming` of the excess charge is drained in its pixel. Half of the remaining
+    charge moves upwards, half downwards. It fills the free capacity of the pixels on its way, until
+    it is used up or leaves the image. Where two streaks meet, the downward one fills first.
 
-    Source: Janesick, Scientific Charge-Coupled Devices (2001): charge above the full
-    well runs along its column; the drained share stands for an anti-blooming gate.
+    Source: Janesick, Scientific Charge-Coupled Devices (2001). Charge above the full well runs
+    along its column; the drained share models an anti-blooming gate.
     """
     full = np.float32(part.full_well_e)
     if part.blooming == 0 or charge.max() <= full:

@@ -1,1 +1,1 @@
-"""From the light at the lens to the image on the imager."""
+"""Optics: from the light at the lens to the image on the imager."""

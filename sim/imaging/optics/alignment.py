@@ -1,11 +1,11 @@
-"""What rectification leaves over: an image that lands beside where it should.
+"""Residual misalignment after rectification: the image is displaced.
 
-A point that ideally lands at p lands at q. Back from q to p:
+A point with the ideal position p lands at q. The inverse map from q to p is:
 
-1. take the offset off q, and the warp: a shift right that is given by cells of an even grid, at the
-   cells' middles, with a cubic between them and no more change beyond;
-2. take the distortion off: from the principal point c it lies at r = |q - c| instead of
-   r - s (r / r_h)^3, with s `distortion_px` (outwards where positive), r_h half the diagonal;
+1. Subtract the offset and the warp. The warp is a shift to the right, given at the cell centres of
+   a regular grid. It is interpolated by a cubic and constant beyond the outer centres.
+2. Remove the distortion. The radius r = |q - c| from the principal point c becomes
+   r - s (r / r_h)^3. Here s is `distortion_px` (positive outwards) and r_h half the diagonal.
 3. p = K R K_m^-1 q. K_m has m times K's focal lengths; R turns the imager: x_ideal = R x_imager.
 
 (pitch, yaw, roll) is the rotation vector of R in the OpenCV frame, by the right-hand rule. To first
@@ -16,13 +16,15 @@ order, with (x, y) = p - c and f the focal length:
 - roll turns the imager clockwise (as it looks) and the image the other way: a point moves by
   roll (y, -x).
 
-The disparity x_left - x_right of a pair whose images move by (dx_l, dy_l) and (dx_r, dy_r)
-becomes d' = d + dx_l - dx_r: an offset o or a yaw of the right imager gives d' = d - o or
-d' = d + f yaw, hence a depth error of -+ z^2 o / (f b) that grows with z^2; m in both imagers
-gives d' = m d, hence a depth of z / m whose error grows with z. The rows differ by dy_l - dy_r.
+If the images of a pair move by (dx_l, dy_l) and (dx_r, dy_r), the disparity x_left - x_right
+becomes d' = d + dx_l - dx_r, and rows differ by dy_l - dy_r:
+
+- An offset o of the right imager gives d' = d - o, a yaw gives d' = d + f yaw. The depth error is
+  -+ z^2 o / (f b) and grows with z^2.
+- A magnification m of both imagers gives d' = m d. The depth is z / m, and its error grows with z.
 
 Source: homography of a turned camera: Hartley and Zisserman, Multiple View Geometry, 2nd ed.,
-sec. 8.4.2; radial distortion: sec. 7.4, its first term.
+sec. 8.4.2; radial distortion: sec. 7.4, first term.
 """
 
 from __future__ import annotations
@@ -32,16 +34,16 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.sim.arrays import Image
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.render.layers import Image
 from starling.sim.sensor.lens import Alignment
 
 _ALIGNED = Alignment()
 
 
 def homography(alignment: Alignment, pinhole: Pinhole) -> NDArray[np.float64]:
-    """K R K_m^-1 (3, 3): ideal image coordinates from those of the turned, magnified imager."""
+    """Return K R K_m^-1 (3, 3), from coordinates of the misaligned imager to ideal coordinates."""
     turned = frames.rotation((alignment.pitch_deg, alignment.yaw_deg, alignment.roll_deg))
     m = alignment.magnification
     camera = np.array(
@@ -50,19 +52,20 @@ def homography(alignment: Alignment, pinhole: Pinhole) -> NDArray[np.float64]:
     return camera @ turned @ np.linalg.inv(camera @ np.diag([m, m, 1.0]))
 
 
-def moved(parts: tuple[Image, ...], alignment: Alignment, pinhole: Pinhole) -> tuple[Image, ...]:
-    """Move the light to where a misaligned imager sees it; the same images where it is aligned.
+def misalign(parts: tuple[Image, ...], alignment: Alignment, pinhole: Pinhole) -> tuple[Image, ...]:
+    """Resample images as a misaligned imager records them; aligned images are returned as they are.
 
-    Interpolation is Lagrange's through six by six samples: its first five moments are a point's,
-    so it neither shifts nor widens a dot. Beyond the rendered image its edge is repeated.
+    Interpolation uses Lagrange polynomials through six by six samples. Its first five moments equal
+    those of a point, so it neither shifts nor widens a dot. The edge of the rendered image is
+    repeated beyond it.
 
     Args:
-        parts: images (h, w), of lights that are kept apart.
-        alignment: how far the imager is off.
-        pinhole: what rectification promises.
+        parts: images (h, w) of separate lights.
+        alignment: misalignment of the imager.
+        pinhole: ideal intrinsics after rectification.
 
-    Source: Laakso et al., IEEE Signal Processing Magazine 13(1), 1996, sec. 3.3 (Lagrange's is the
-    fractional delay that is maximally flat at low frequencies).
+    Source: Laakso et al., IEEE Signal Processing Magazine 13(1), 1996, sec. 3.3 (the Lagrange
+    fractional delay is maximally flat at low frequencies).
     """
     if alignment == _ALIGNED:
         return parts
@@ -77,7 +80,7 @@ def moved(parts: tuple[Image, ...], alignment: Alignment, pinhole: Pinhole) -> t
 
 
 def warp(alignment: Alignment, shape: tuple[int, ...]) -> Image:
-    """Shift right [px] of every pixel of a seen image of a shape (h, w), by `warp_px`."""
+    """Return the shift to the right [px] of every pixel of an image (h, w), from `warp_px`."""
     if not alignment.warp_px:
         return np.zeros(shape, np.float32)
     cells = np.array(alignment.warp_px, np.float32)
@@ -85,7 +88,7 @@ def warp(alignment: Alignment, shape: tuple[int, ...]) -> Image:
 
 
 def _padded(image: Image) -> Image:
-    """Repeat the edge as far as interpolation reaches: 2 pixels before, 3 after."""
+    """Repeat the edge as far as interpolation needs: 2 pixels before, 3 after."""
     around = cv2.copyMakeBorder(image, 2, 3, 2, 3, cv2.BORDER_REPLICATE)
     return np.asarray(around, np.float32)
 
@@ -94,7 +97,7 @@ def _padded(image: Image) -> Image:
 def _sources(
     row, shape, h, centre, offset, inwards, warp, i, j, t, s
 ):  # pragma: no cover - compiled
-    """Where a row of the seen image lies in the ideal one: at (column + i + t, j + s), inside."""
+    """Ideal positions of a row's pixels, (column + i + t, j + s), clipped to the image."""
     bottom, right = shape[0] - 1.0, shape[1] - 1.0
     y = row - offset[1]
     down = y - centre[1]
@@ -113,11 +116,11 @@ def _sources(
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
 def _weigh(t, weights):  # pragma: no cover - compiled
-    """Lagrange's weights (6, n) of the samples at -2 ... 3, at positions t (n,) in 0 ... 1."""
-    one, two, three = np.float32(1), np.float32(2), np.float32(3)
+    """Lagrange weights (6, n) of the samples at -2 ... 3, for positions t (n,) in 0 ... 1."""
+    unity, two, three = np.float32(1), np.float32(2), np.float32(3)
     for k in range(len(t)):
-        a, b, c = t[k] + two, t[k] + one, t[k]
-        d, e, f = t[k] - one, t[k] - two, t[k] - three
+        a, b, c = t[k] + two, t[k] + unity, t[k]
+        d, e, f = t[k] - unity, t[k] - two, t[k] - three
         left, right = a * b, e * f
         weights[0, k] = b * c * d * right * np.float32(-1 / 120)
         weights[1, k] = a * c * d * right * np.float32(1 / 24)
@@ -129,7 +132,7 @@ def _weigh(t, weights):  # pragma: no cover - compiled
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
 def _run(padded, out, across, down, first, end, right, below):  # pragma: no cover - compiled
-    """Interpolate neighbours that lie equally many whole pixels off: plain vectors of samples."""
+    """Interpolate a run of pixels with the same whole-pixel shift, so that loops vectorise."""
     out = out[first:end]
     a, b, c = across[0, first:end], across[1, first:end], across[2, first:end]
     d, e, f = across[3, first:end], across[4, first:end], across[5, first:end]

@@ -1,4 +1,4 @@
-"""The lens's spot, even over the image: a Gaussian."""
+"""The lens's spot if it is uniform over the image: a Gaussian."""
 
 from __future__ import annotations
 
@@ -7,20 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from starling.sim.render.layers import Image
+from starling.sim.arrays import Image
 
 
 def kernel(variance_px2: float) -> NDArray[np.float32]:
-    """Gaussian for pixels: weights exp(-t) I_n(t) of variance t exactly, summing to 1.
+    """Return the discrete Gaussian exp(-t) I_n(t), with variance t and sum 1.
 
-    A Gaussian that is merely sampled is too narrow below a pixel (by a fifth in variance at sigma
-    0.5 px), and two in a row do not make the third; this one has both properties for every t.
+    A sampled Gaussian is too narrow below a pixel, by a fifth in variance at sigma 0.5 px. Nor do
+    two in a row equal one with the summed variance. The discrete Gaussian has the right variance
+    and this semigroup property for every t.
 
     Args:
         variance_px2: t [px^2], >= 0.
 
     Returns:
-        (2 n + 1,) weights; n is 4 sigma + 1, which leaves out 0.1 % of the variance.
+        (2 n + 1,) weights; n is 4 sigma + 1, which truncates 0.1 % of the variance.
 
     Source: Lindeberg, IEEE TPAMI 12(3), 1990, "Scale-space for discrete signals", eq. 19.
     """
@@ -30,12 +31,12 @@ def kernel(variance_px2: float) -> NDArray[np.float32]:
 
 
 def spread(radiance: Image, variance_px2: float, into: Image | None = None) -> Image:
-    """Blur by a Gaussian of this variance [px^2]; light that leaves is mirrored back in.
+    """Blur with a Gaussian of this variance [px^2]; the image is mirrored at its border.
 
     Args:
         radiance: (h, w) [W m^-2 sr^-1].
-        variance_px2: of the spot on each axis [px^2].
-        into: where the result goes, if not into a new image.
+        variance_px2: variance of the spot on each axis [px^2].
+        into: array for the result; None allocates one.
     """
     weights = kernel(variance_px2)
     blurred = cv2.sepFilter2D(
@@ -45,7 +46,7 @@ def spread(radiance: Image, variance_px2: float, into: Image | None = None) -> I
 
 
 def blur(radiance: Image, sigma_px: float) -> Image:
-    """Blur by the lens's Gaussian spot; 0 px is the identity, bit for bit.
+    """Blur with the lens's Gaussian spot; 0 px is the identity, bit for bit.
 
     Args:
         radiance: (h, w) [W m^-2 sr^-1].

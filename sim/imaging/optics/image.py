@@ -1,4 +1,4 @@
-"""The image that a lens forms: the stages of the optics in their order."""
+"""The image that a lens forms: all stages of the optics in order."""
 
 from __future__ import annotations
 
@@ -6,53 +6,53 @@ from typing import Literal
 
 import numpy as np
 
+from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.imaging.lens_input import Received
+from starling.sim.imaging.lens_input import LensInput
 from starling.sim.imaging.optics import alignment, shading, speckle, spot, veil
-from starling.sim.render.layers import Image
 from starling.sim.sensor.sensor import Imager, Sensor
 
 
 def image(
-    light: Received, depth_m: Image, sensor: Sensor, side: Literal["left", "right"], *, seed: int
+    light: LensInput, depth_m: Image, sensor: Sensor, side: Literal["left", "right"], *, seed: int
 ) -> Image:
-    """Form the image of one imager: spot, alignment, speckle, vignetting and filter, veil.
+    """Form the image of one imager: spot, alignment, speckle, vignetting, filter, veiling glare.
 
-    Laser light is kept apart from the rest only where something tells them apart: speckle, which
-    forms on the imager and so comes after the lens's spot, or a band-pass filter.
+    Laser light and other light are processed separately only with speckle or a band-pass filter.
+    Speckle forms on the imager, so it follows the lens's spot.
 
     Args:
-        light: what reaches its lens.
-        depth_m: (h, w) z of what each pixel sees [m], NaN where there is nothing.
+        light: light at the imager's lens.
+        depth_m: (h, w) z of the surface in each pixel [m], NaN without a surface.
         sensor: its geometry, projector and imagers.
-        side: which of the imagers.
-        seed: of the capture, for what is drawn once a capture.
+        side: which imager.
+        seed: seed of the capture, for speckle.
 
     Returns:
-        (h, w) radiance that would, through an ideal lens of the same aperture, give the same
-        image [W m^-2 sr^-1], counted at the laser's wavelength.
+        (h, w) radiance [W m^-2 sr^-1] at the laser's wavelength that gives the same image through
+        an ideal lens of the same aperture.
     """
     imager = sensor.left if side == "left" else sensor.right
-    pinhole = Pinhole.of(sensor)
-    apart = sensor.projector.speckle_contrast > 0 or imager.lens.filter_width_nm > 0
-    parts = (light.laser, light.rest) if apart else (np.asarray(light.laser + light.rest),)
-    parts = spot.blurred(parts, depth_m, imager.lens, pinhole)
-    parts = alignment.moved(parts, imager.alignment, pinhole)
-    if apart:
+    pinhole = Pinhole.from_camera(sensor)
+    separate = sensor.projector.speckle_contrast > 0 or imager.lens.filter_width_nm > 0
+    parts = (light.laser, light.rest) if separate else (np.asarray(light.laser + light.rest),)
+    parts = spot.blur_by_spot(parts, depth_m, imager.lens, pinhole)
+    parts = alignment.misalign(parts, imager.alignment, pinhole)
+    if separate:
         laser, rest = parts
-        laser = speckle.grained(laser, imager, sensor.projector, side, seed=seed)
+        laser = speckle.apply_speckle(laser, imager, sensor.projector, side, seed=seed)
         formed = _filtered(laser, rest, imager, sensor.projector.wavelength_nm, pinhole)
     else:
         formed = parts[0]
         if imager.lens.vignetting > 0:
             formed = formed * shading.vignetting(imager.lens.vignetting, pinhole)
-    return veil.veiled(formed, imager.lens.veil)
+    return veil.add_veiling_glare(formed, imager.lens.veil)
 
 
 def _filtered(
     laser: Image, rest: Image, imager: Imager, wavelength_nm: float, pinhole: Pinhole
 ) -> Image:
-    """Dim both lights by the way they take through lens and filter, and add them (h, w)."""
+    """Apply vignetting and filter to both lights and add them (h, w)."""
     if imager.lens.filter_width_nm == 0:
         formed = laser + rest
         if imager.lens.vignetting > 0:

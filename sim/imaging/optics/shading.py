@@ -1,9 +1,9 @@
-"""How an image darkens off the axis: the lens's vignetting and the filter's blue shift.
+"""Off-axis darkening: vignetting of the lens and blue shift of the band-pass filter.
 
 Both are fixed in the camera's frame. Vignetting dims all light as cos^n of the angle off the axis
-(n = 4 for an ideal lens; wide lenses are built to have less). The filter dims the laser, whose line
-it leaves, and little the broad ambient light. The angle at which light meets the filter is
-taken as the angle in front of the lens: a filter behind it sees the chief ray's smaller one.
+(n = 4 for an ideal lens; wide lenses are designed for less). The filter dims the narrow laser line
+as its band shifts away, and hardly the broad ambient light. The angle of incidence on the
+filter is taken as the angle in front of the lens. Behind the lens the chief ray's angle is smaller.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.render.layers import Image
 from starling.sim.sensor.sensor import Imager
 
 
 @lru_cache(maxsize=4)
 def vignetting(exponent: float, pinhole: Pinhole) -> Image:
-    """cos^n of each pixel's angle off the axis, (h, w), read-only.
+    """Return cos^n of each pixel's angle off the axis, (h, w), read-only.
 
     Source: Horn, Robot Vision, sec. 10.3 (n = 4).
     """
@@ -29,7 +29,7 @@ def vignetting(exponent: float, pinhole: Pinhole) -> Image:
 
 
 def laser(imager: Imager, wavelength_nm: float, pinhole: Pinhole) -> Image:
-    """Share of the laser's light that arrives, over that of the band's peak on the axis (h, w)."""
+    """Return the laser's transmission relative to the band's peak on the axis (h, w)."""
     lens = imager.lens
     return _laser(
         lens.vignetting,
@@ -42,7 +42,7 @@ def laser(imager: Imager, wavelength_nm: float, pinhole: Pinhole) -> Image:
 
 
 def rest(imager: Imager, wavelength_nm: float, pinhole: Pinhole) -> Image:
-    """Likewise of all other light, which is of an even spectrum, over that on the axis (h, w)."""
+    """Return the transmission of other light, of uniform spectrum, relative to the axis (h, w)."""
     lens = imager.lens
     return _rest(
         lens.vignetting,
@@ -100,5 +100,5 @@ def _rest(
 
 
 def _fixed(image: Image) -> Image:
-    image.setflags(write=False)  # Shared by all who ask.
+    image.setflags(write=False)  # The cache returns the same array to all callers.
     return image

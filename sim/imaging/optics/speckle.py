@@ -1,4 +1,4 @@
-"""The laser's speckle as an imager forms it: static while nothing moves, its own in each imager."""
+"""Laser speckle on the imagers: static while nothing moves, independent in each imager."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from functools import lru_cache
 from typing import Literal
 
 from starling.sim import randomness
+from starling.sim.arrays import Image
 from starling.sim.imaging import speckle_field
-from starling.sim.render.layers import Image
 from starling.sim.sensor.sensor import Imager, Projector
 
 
-def grained(
+def apply_speckle(
     laser: Image,
     imager: Imager,
     projector: Projector,
@@ -19,14 +19,14 @@ def grained(
     *,
     seed: int,
 ) -> Image:
-    """Multiply the laser's light by its speckle; the same image where the contrast is 0.
+    """Multiply the laser's light by speckle; the input array if the contrast is 0.
 
     Args:
         laser: (h, w) the laser's light, blurred by the lens [W m^-2 sr^-1].
-        imager: whose aperture sets the grain.
-        projector: whose laser it is.
-        side: which of the imagers: each sees grains of its own.
-        seed: of the capture; frames of one capture share the grains.
+        imager: its aperture sets the grain size.
+        projector: supplies wavelength and speckle contrast.
+        side: which imager; speckle is independent in each.
+        seed: seed of the capture; its frames share the speckle.
     """
     if projector.speckle_contrast == 0:
         return laser
@@ -39,9 +39,9 @@ def grained(
     return laser * _field((height, width), projector.speckle_contrast, grain_px, side, seed)
 
 
-@lru_cache(maxsize=2)  # Both imagers', so that the frames of a capture need draw them once.
+@lru_cache(maxsize=2)  # Both imagers: the frames of a capture share one draw.
 def _field(shape: tuple[int, int], contrast: float, grain_px: float, side: str, seed: int) -> Image:
     rng = randomness.generator(seed, 0, "optics", f"speckle {side}")
     field = speckle_field.field(shape, contrast=contrast, grain_px=grain_px, rng=rng)
-    field.setflags(write=False)  # Shared by all who ask.
+    field.setflags(write=False)  # The cache returns the same array to all callers.
     return field

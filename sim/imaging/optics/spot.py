@@ -1,11 +1,11 @@
-"""The lens's spot where it differs over the image: wider in the corners and out of focus.
+"""The lens's spot if it varies over the image: wider in the corners and out of focus.
 
-Variances of independent blurs add, so each pixel has one variance: the even blur's, the corner's
-and the defocus's. Between images blurred evenly, each pixel is interpolated linearly in variance;
-the second moment of its spot is then exact, its shape a Gaussian's to 3 % of contrast.
+Variances of independent blurs add, so each pixel has one variance: uniform blur plus corner blur
+plus defocus. Each pixel is interpolated linearly in variance between uniformly blurred images.
+The second moment of its spot is then exact, and its shape is Gaussian within 3 % of contrast.
 
-Each pixel gathers light by its own spot. Light that a blurred near thing sheds over a sharp far
-one is therefore left out, as is the loss at the near thing's rim.
+Each pixel gathers light with its own spot. The model therefore omits light that a blurred near
+object sheds over a sharp far one, and the loss at the near object's edge.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging.optics import blur
-from starling.sim.render.layers import Image
 from starling.sim.sensor.lens import Lens
 
-_STEP = 2.0  # Ratio of neighbouring blurs' variances.
-_FIRST_PX2 = 0.25  # Variance of the first blur above none [px^2].
+_STEP = 2.0  # Ratio of successive variances of the uniform blurs.
+_FIRST_PX2 = 0.25  # Variance of the first blur [px^2].
 
 
 def variance(depth_m: Image, lens: Lens, pinhole: Pinhole) -> Image:
-    """Variance of the spot on each axis, pixel by pixel.
+    """Return the variance of each pixel's spot, per axis.
 
-    s^2 = blur^2 + corner^2 (r / r_h)^2 + (k |1/z - 1/z_f|)^2 with r the distance from the
-    principal point and r_h half the diagonal. A thin lens of focal length f and aperture
-    number N spreads a point over a disc of diameter f^2/N |1/z - 1/z_f|, whose sigma on each axis
-    is a quarter of it: k = f^2 / (4 N pitch).
+    s^2 = blur^2 + corner^2 (r / r_h)^2 + (k |1/z - 1/z_f|)^2, with the distance r from the
+    principal point and half the diagonal r_h. A thin lens of focal length f and aperture number N
+    spreads a point over a disc of diameter f^2/N |1/z - 1/z_f|. The disc's sigma on each axis is a
+    quarter of its diameter, so k = f^2 / (4 N pitch).
 
     Args:
-        depth_m: (h, w) z of what each pixel sees [m]; NaN, where there is nothing, is far.
-        lens: its blurs.
-        pinhole: of the image.
+        depth_m: (h, w) z of the surface in each pixel [m]; NaN counts as infinitely far.
+        lens: supplies the blurs.
+        pinhole: intrinsics of the image.
 
     Returns:
         (h, w) [px^2].
@@ -52,21 +52,21 @@ def variance(depth_m: Image, lens: Lens, pinhole: Pinhole) -> Image:
 
 
 def levels(least_px2: float, most_px2: float) -> list[float]:
-    """Variances of the even blurs between which pixels are interpolated [px^2], rising."""
-    found = [least_px2]
-    while found[-1] < most_px2:
-        found.append(min(most_px2, max(_STEP * found[-1], found[-1] + _FIRST_PX2)))
-    return found
+    """Return the variances of the uniform blurs [px^2], ascending."""
+    variances = [least_px2]
+    while variances[-1] < most_px2:
+        variances.append(min(most_px2, max(_STEP * variances[-1], variances[-1] + _FIRST_PX2)))
+    return variances
 
 
-def blurred(parts: tuple[Image, ...], depth_m: Image, lens: Lens, pinhole: Pinhole) -> tuple:
-    """Blur images of one view by the lens's spot; the same images where it is a point.
+def blur_by_spot(parts: tuple[Image, ...], depth_m: Image, lens: Lens, pinhole: Pinhole) -> tuple:
+    """Blur images of one view with the lens's spot; the identity if the spot is a point.
 
     Args:
-        parts: images (h, w), of lights that are kept apart.
-        depth_m: (h, w) z of what each pixel sees [m], NaN where there is nothing.
-        lens: its blurs.
-        pinhole: of the image.
+        parts: images (h, w) of separate lights.
+        depth_m: (h, w) z of the surface in each pixel [m], NaN without a surface.
+        lens: supplies the blurs.
+        pinhole: intrinsics of the image.
     """
     if lens.corner_blur_px == 0 and lens.defocus_px_m == 0:
         return tuple(blur.blur(part, lens.blur_px) for part in parts)

@@ -1,4 +1,4 @@
-"""Scenes that need no file: `wall`, `staircase`, `tabletop`, `clutter` and `room`.
+"""Builtin scenes: `wall`, `staircase`, `tabletop`, `clutter` and `room`.
 
 The world frame is the left imager's (x right, y down, z forward).
 """
@@ -20,7 +20,7 @@ _DOWN = np.array([0.0, 1.0, 0.0])
 
 
 def wall(distance_m: float = 1.0) -> Scene:
-    """One painted wall, fronto-parallel at `distance_m`."""
+    """A painted, fronto-parallel wall at `distance_m`."""
     sheet = solids.body(
         "wall",
         solids.plane(8 * distance_m, 8 * distance_m),
@@ -31,7 +31,7 @@ def wall(distance_m: float = 1.0) -> Scene:
 
 
 def staircase(nearest_m: float = 0.6) -> Scene:
-    """Eight fronto-parallel strips side by side, from `nearest_m` on by a quarter each."""
+    """Eight adjacent fronto-parallel strips, each 25 % farther than the previous one."""
     strips = []
     for step in range(8):
         depth = nearest_m * 1.25**step
@@ -46,12 +46,12 @@ def staircase(nearest_m: float = 0.6) -> Scene:
 
 
 def tabletop(seed: float = 0) -> Scene:
-    """A table with eight things in a row of two before a wall."""
+    """A table with eight objects in two rows, in front of a wall."""
     return _on_table("tabletop", int(seed), spots=(4, 2), spread_m=(0.2, 0.24), jitter=0.25)
 
 
 def clutter(seed: float = 0) -> Scene:
-    """A table crowded with thirty things of all kinds, leaning and overlapping, before a wall."""
+    """A crowded table with thirty overlapping objects of all kinds, in front of a wall."""
     return _on_table("clutter", int(seed), spots=(6, 5), spread_m=(0.17, 0.16), jitter=0.45)
 
 
@@ -61,14 +61,14 @@ BUILTIN: dict[str, tuple[Callable[..., Scene], str, float]] = {
     "tabletop": (tabletop, "seed", 0),
     "clutter": (clutter, "seed", 0),
     "room": (room, "seed", 0),
-}  # name: (maker, what NAME:NUMBER means, least number)
+}  # name: (function, meaning of NUMBER in NAME:NUMBER, least number)
 
 
 def named(name: str, number: str) -> Scene:
-    """Make a builtin scene; `number` is its text after the colon, '' for the default.
+    """Build a builtin scene; `number` is the text after the colon, '' for the default.
 
     Raises:
-        InputError: if the name is unknown or the number is none, or too small.
+        InputError: if the name is unknown, or the number is invalid or out of range.
     """
     errors.one_of("scene", name, BUILTIN)
     maker, meaning, _ = BUILTIN[name]
@@ -85,10 +85,10 @@ def named(name: str, number: str) -> Scene:
 
 
 def refuse_number(name: str, value: float) -> None:
-    """Refuse what `NAME:NUMBER` cannot be.
+    """Refuse a number outside the range of a builtin scene.
 
     Raises:
-        InputError: if the name is unknown, or the number is none, or too small or large.
+        InputError: if the name is unknown, or the number is out of range.
     """
     errors.one_of("scene", name, BUILTIN)
     _, meaning, least = BUILTIN[name]
@@ -98,7 +98,7 @@ def refuse_number(name: str, value: float) -> None:
 def _on_table(
     name: str, seed: int, *, spots: tuple[int, int], spread_m: tuple[float, float], jitter: float
 ) -> Scene:
-    """Set things on a grid of spots on a table 0.35 m below the camera, a little at random."""
+    """Place objects on a jittered grid, on a table 0.35 m below the camera."""
     rng = np.random.default_rng([seed, spots[0]])
     table_y, depth = 0.35, 1.05
     bodies = [
@@ -117,18 +117,18 @@ def _on_table(
     for number, (i, j) in enumerate(cells):
         x = (i - (spots[0] - 1) / 2 + rng.uniform(-jitter, jitter)) * spread_m[0]
         z = depth + (j - (spots[1] - 1) / 2 + rng.uniform(-jitter, jitter)) * spread_m[1]
-        bodies += _thing(number, np.array([x, table_y, z]), rng)
+        bodies += _object(number, np.array([x, table_y, z]), rng)
     tilted = frames.pose((0, -0.1, 0.2), (-24, 0, 0))  # The camera looks down at the table.
     return Scene(name=f"{name}:{seed}", bodies=tuple(bodies), world_from_left=tilted)
 
 
-def _thing(number: int, foot: np.ndarray, rng: np.random.Generator) -> list[Body]:
-    """One thing standing on `foot`; kinds take turns so that every scene has them all."""
+def _object(number: int, foot: np.ndarray, rng: np.random.Generator) -> list[Body]:
+    """An object that stands on `foot`; kinds alternate, so that each scene has all of them."""
     size = rng.uniform(0.8, 1.25)
     turn = frames.pose((0, 0, 0), (0, rng.uniform(0, 360), 0))
-    upright = frames.pose((0, 0, 0), (90, 0, 0))  # z of a solid to the vertical.
+    upright = frames.pose((0, 0, 0), (90, 0, 0))  # Turns a solid's z axis to the vertical.
 
-    def at(height: float) -> frames.Pose:
+    def pose_at(height: float) -> frames.Pose:
         return frames.pose(tuple(foot - _DOWN * height)) @ turn
 
     kind = number % 8
@@ -139,21 +139,28 @@ def _thing(number: int, foot: np.ndarray, rng: np.random.Generator) -> list[Body
                 f"carton {number}",
                 solids.box((0.12 * size, h, 0.08 * size)),
                 materials.CARDBOARD,
-                at(h / 2),
+                pose_at(h / 2),
             )
         ]
     if kind == 1:
         r = 0.05 * size
         return [
             solids.body(
-                f"ball {number}", solids.sphere(r), materials.GLAZED_CERAMIC, at(r), smooth=True
+                f"ball {number}",
+                solids.sphere(r),
+                materials.GLAZED_CERAMIC,
+                pose_at(r),
+                smooth=True,
             )
         ]
     if kind == 2:
         r, h = 0.033 * size, 0.12 * size
         return [
             solids.body(
-                f"can {number}", solids.cylinder(r, h), materials.BRUSHED_STEEL, at(h / 2) @ upright
+                f"can {number}",
+                solids.cylinder(r, h),
+                materials.BRUSHED_STEEL,
+                pose_at(h / 2) @ upright,
             )
         ]
     if kind == 3:
@@ -163,16 +170,19 @@ def _thing(number: int, foot: np.ndarray, rng: np.random.Generator) -> list[Body
                 f"dark block {number}",
                 solids.box((0.06 * size, h, 0.06 * size)),
                 materials.CARBON_BLACK,
-                at(h / 2),
+                pose_at(h / 2),
             )
         ]
     if kind == 4:
-        return _plant(number, at, size, rng)
+        return _plant(number, pose_at, size, rng)
     if kind == 5:
         r, h = 0.04 * size, 0.095 * size
         return [
             solids.body(
-                f"cup {number}", solids.cup(r, h, 0.004), materials.PLASTIC, at(h / 2) @ upright
+                f"cup {number}",
+                solids.cup(r, h, 0.004),
+                materials.PLASTIC,
+                pose_at(h / 2) @ upright,
             )
         ]
     if kind == 6:
@@ -182,7 +192,7 @@ def _thing(number: int, foot: np.ndarray, rng: np.random.Generator) -> list[Body
                 f"ring {number}",
                 solids.ring(r, tube),
                 materials.DARK_PLASTIC,
-                at(tube) @ upright,
+                pose_at(tube) @ upright,
                 smooth=True,
             )
         ]
@@ -192,16 +202,16 @@ def _thing(number: int, foot: np.ndarray, rng: np.random.Generator) -> list[Body
             f"mirror ball {number}",
             solids.sphere(r),
             materials.POLISHED_ALUMINIUM,
-            at(r),
+            pose_at(r),
             smooth=True,
         )
     ]
 
 
 def _plant(
-    number: int, at: Callable[[float], frames.Pose], size: float, rng: np.random.Generator
+    number: int, pose_at: Callable[[float], frames.Pose], size: float, rng: np.random.Generator
 ) -> list[Body]:
-    """Thin leaning rods in a pot: what a matcher's window is too wide for."""
+    """Thin leaning rods in a pot, narrower than a matcher's window."""
     pot_height = 0.06 * size
     upright = frames.pose((0, 0, 0), (90, 0, 0))
     pot = solids.cylinder(0.035 * size, pot_height)
@@ -212,8 +222,8 @@ def _plant(
         rod = solids.cylinder(0.0025, length)
         rod.apply_transform(lean @ frames.pose((0, -length / 2, 0)) @ upright)
         rods.append(rod)
-    stems = solids.joined(rods)
+    stems = solids.join(rods)
     return [
-        solids.body(f"pot {number}", pot, materials.RUBBER, at(pot_height / 2) @ upright),
-        solids.body(f"stems {number}", stems, materials.PAPER, at(pot_height)),
+        solids.body(f"pot {number}", pot, materials.RUBBER, pose_at(pot_height / 2) @ upright),
+        solids.body(f"stems {number}", stems, materials.PAPER, pose_at(pot_height)),
     ]

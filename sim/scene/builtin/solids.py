@@ -1,4 +1,4 @@
-"""Simple solids as bodies: trimesh makes the triangles, this file only places and names them."""
+"""Simple solids as bodies; trimesh generates the triangles."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def body(
     *,
     smooth: bool = False,
 ) -> Body:
-    """Place a solid; `smooth` shades it as the curved surface that its triangles stand for."""
+    """Place a solid; `smooth` shades it as a curved surface."""
     solid = solid.copy()
     if world_from_solid is not None:
         solid.apply_transform(world_from_solid)
@@ -28,7 +28,7 @@ def body(
 
 
 def mesh(solid: trimesh.Trimesh, *, smooth: bool) -> Mesh:
-    """Triangles of a trimesh, with its vertex normals where `smooth`."""
+    """Triangles of a trimesh, with vertex normals if `smooth`."""
     return Mesh(
         vertices=np.asarray(solid.vertices, np.float32),
         faces=np.asarray(solid.faces, np.uint32),
@@ -49,7 +49,7 @@ def plane(width_m: float, height_m: float) -> trimesh.Trimesh:
 
 
 def sphere(radius_m: float) -> trimesh.Trimesh:
-    """Sphere centred at the origin, fine enough for smooth outlines at a metre."""
+    """Sphere centred at the origin, with smooth outlines at a distance of 1 m."""
     return trimesh.creation.icosphere(subdivisions=4, radius=radius_m)
 
 
@@ -70,6 +70,6 @@ def ring(radius_m: float, tube_m: float) -> trimesh.Trimesh:
     return trimesh.creation.torus(major_radius=radius_m, minor_radius=tube_m)
 
 
-def joined(solids: list[trimesh.Trimesh]) -> trimesh.Trimesh:
-    """Several solids as one."""
+def join(solids: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    """Merge several solids into one."""
     return typing.cast(trimesh.Trimesh, trimesh.util.concatenate(solids))

@@ -1,1 +1,1 @@
-"""Real captures as scenes: surface, reflectance and light estimated from them."""
+"""Real captures as scenes: estimation of surface, reflectance and light."""

@@ -1,4 +1,4 @@
-"""A real capture as a scene: reference depth as surface, reflectance and light by its infrared."""
+"""Scenes from real captures: surface from reference depth, reflectance and light from infrared."""
 
 from __future__ import annotations
 
@@ -7,36 +7,34 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim.arrays import Image
 from starling.sim.captures.capture import CapturedScene, Frame, GreyImage, open_set
-from starling.sim.imaging.imager import mixed
+from starling.sim.imaging.imager import mix_pixels
 from starling.sim.imaging.signals import Signals, signals
 from starling.sim.imaging.steady import steady
-from starling.sim.render.layers import View
+from starling.sim.render.layers import ViewLayers
 from starling.sim.scene.captured import depth_surface, dot_removal, room_light
-from starling.sim.scene.captured.edge_unmixing import unmixed
-from starling.sim.scene.captured.room_light import LIT_ROOM_W_M2, Lit
+from starling.sim.scene.captured.edge_unmixing import unmix_edges
+from starling.sim.scene.captured.room_light import LIT_ROOM_W_M2, RoomLight
 from starling.sim.scene.scene import Material, Scene
 from starling.sim.sensor.sensor import Sensor
-
-Array = NDArray[np.float32]
 
 
 def load(
     path: Path, sensor: Sensor, *, smoothing_px: float = 0.0, within_surfaces: bool = False
 ) -> Scene:
-    """Turn one scene of a capture set into a scene to simulate.
+    """Build a scene to simulate from one scene of a capture set.
 
     Args:
-        path: the scene's folder.
-        sensor: whose projector, lens and noise the captures are of, as far as is known.
-        smoothing_px: as in `lit`.
-        within_surfaces: likewise.
+        path: Folder of the captured scene.
+        sensor: Best available model of the captures' camera.
+        smoothing_px: As in `estimate_light`.
+        within_surfaces: As in `estimate_light`.
 
     Raises:
-        InputError: if the folder is no scene of a capture set, or as `lit`.
+        InputError: if the folder is not a scene of a capture set, or as `estimate_light`.
     """
     captures = open_set(path)
     if len(captures.scenes) != 1:
@@ -44,16 +42,18 @@ def load(
             "scene", "must be one scene of a capture set", path, "Name one of its folders."
         )
     (scene,) = captures.scenes
-    told = lit(scene, sensor, smoothing_px=smoothing_px, within_surfaces=within_surfaces)
-    return surface(scene, told)
+    light = estimate_light(
+        scene, sensor, smoothing_px=smoothing_px, within_surfaces=within_surfaces
+    )
+    return scene_from_light(scene, light)
 
 
-def surface(scene: CapturedScene, told: Lit) -> Scene:
-    """Turn a captured scene's reference into a scene, whatever its light is taken for.
+def scene_from_light(scene: CapturedScene, light: RoomLight) -> Scene:
+    """Build a scene from a captured scene's reference depth and given light.
 
     Args:
-        scene: of a capture set, with reference depth.
-        told: reflectance and ambient light in the left view.
+        scene: Captured scene with reference depth.
+        light: Reflectance and ambient light in the left view.
 
     Raises:
         InputError: if there is no reference depth.
@@ -63,125 +63,131 @@ def surface(scene: CapturedScene, told: Lit) -> Scene:
         _disparity_px(scene),
         scene.info,
         Material(name="as seen"),
-        reflectance=told.reflectance,
-        ambient_w_m2=told.ambient_w_m2,
-        ambient_share=told.ambient_share,
+        reflectance=light.reflectance,
+        ambient_w_m2=light.ambient_w_m2,
+        ambient_share=light.ambient_share,
     )
 
 
-def lit(
+def estimate_light(
     scene: CapturedScene,
     sensor: Sensor,
     *,
     smoothing_px: float = 0.0,
     within_surfaces: bool = False,
-) -> Lit:
+) -> RoomLight:
     """Estimate reflectance and ambient light from the infrared image of the fullest frame.
 
-    The sensor's projector and lens light the reference surface, with the captures' geometry if the
-    sensor has another; what that does not explain of the image is reflectance. With a projector-off
-    image that is the reflectance's, else the dots are taken out (`starling.sim.scene.captured.dot_removal`). How
-    strongly they stand out tells of ambient light (`starling.sim.scene.captured.room_light`), place by place where
-    the sensor's dots are those of the image (`starling.sim.scene.captured.ambient_share`).
+    The light on the reference surface is rendered with the sensor's projector and lens, in the
+    captures' geometry. Reflectance is the image over that light. A projector-off image is used if
+    there is one; otherwise the dots are removed (`starling.sim.scene.captured.dot_removal`). The
+    contrast of the dots gives the ambient light (`starling.sim.scene.captured.room_light`). If the
+    dots of sensor and image agree, it also gives the light's variation over the image
+    (`starling.sim.scene.captured.ambient_share`).
 
     Args:
-        scene: of a capture set.
-        sensor: that the captures are of.
-        smoothing_px: sigma of a Gaussian that the image is smoothed by as it is, dots and all, so
-            that nothing of its detail gets into the scene; 0 takes out the dots instead.
-        within_surfaces: what the Gaussian mixed across depth edges is parted again, by means of the
-            reference depth alone (`starling.sim.scene.captured.edge_unmixing`).
+        scene: Captured scene.
+        sensor: Model of the captures' camera.
+        smoothing_px: Sigma of a Gaussian that smooths the image, dots included, so that the scene
+            contains no detail of the image. 0 removes the dots instead.
+        within_surfaces: Undo the Gaussian's mixing across edges of the reference depth
+            (`starling.sim.scene.captured.edge_unmixing`).
 
     Raises:
-        InputError: if smoothing_px is not 0 to 100, or there is no reference depth or no infrared
-            image.
+        InputError: if smoothing_px is outside 0 to 100, or if reference depth or infrared image is
+            missing.
     """
     from starling.sim.render import direct
-    from starling.sim.render.mitsuba_scene import Stage
+    from starling.sim.render.mitsuba_scene import MitsubaScene
     from starling.sim.scene.captured import ambient_share
 
     errors.in_interval("smoothing_px", smoothing_px, 0.0, 100.0, "12 leaves no dots.")
     frame = scene.fullest()
     disparity_px, black_dn = _disparity_px(scene), sensor.left.black_level_dn
-    seen = _seen(scene, frame, black_dn)
+    image_dn = _reflectance_level(scene, frame, black_dn)
     if not scene.info.are_of(sensor):
         sensor = scene.info.geometry_into(sensor)
-    even = surface(scene, Lit(np.full(disparity_px.shape, 0.5, np.float32), LIT_ROOM_W_M2))
-    view = direct.layers(Stage(even), sensor).left
+    even = scene_from_light(
+        scene, RoomLight(np.full(disparity_px.shape, 0.5, np.float32), LIT_ROOM_W_M2)
+    )
+    view = direct.layers(MitsubaScene(even), sensor).left
     light = signals(view, even, sensor, "left")
     ambient, share = LIT_ROOM_W_M2, None
     if frame.ir_left is not None:
         dotted = _level(scene, frame.ir_left, black_dn)
-        share = ambient_share.told(dotted, in_the_mean(view, even, sensor), disparity_px)
+        share = ambient_share.estimate(dotted, mean_signals(view, even, sensor), disparity_px)
         if share is not None:
             light = dataclasses.replace(light, ambient=share * light.ambient)
         ambient = room_light.ambient_w_m2(dotted, light, sensor.left)
     off = frame.ir_left_off is not None
-    if off:  # Then ambient light alone is seen.
+    if off:  # The image shows ambient light alone.
         light = dataclasses.replace(light, laser=np.zeros_like(light.laser))
 
-    def detail(image: Array) -> Array:
+    def detail(image: Image) -> Image:
         if smoothing_px > 0:
-            parted = disparity_px if within_surfaces else None
-            return _smoothed(image, smoothing_px, parted)
-        return image if off else np.maximum(dot_removal.removed(image), 0)
+            edges_px = disparity_px if within_surfaces else None
+            return _smoothed(image, smoothing_px, edges_px)
+        return image if off else np.maximum(dot_removal.remove_dots(image), 0)
 
-    return Lit(room_light.reflectance(seen, light, ambient, detail), ambient, share)
+    return RoomLight(room_light.reflectance(image_dn, light, ambient, detail), ambient, share)
 
 
-def in_the_mean(view: View, scene: Scene, sensor: Sensor) -> Signals:
-    """What a left imager makes of each light, speckle apart.
+def mean_signals(view: ViewLayers, scene: Scene, sensor: Sensor) -> Signals:
+    """Mean signals of each light in the left imager, without speckle.
 
-    Grains that are not the image's own, and dots that are not averaged as its are, would agree with
-    it less, which passes for ambient light, and for more of it the more dots there are.
+    Simulated speckle differs from the image's, and so would dots without the imager's blur. Both
+    would lower the correlation with the image and bias the estimate of ambient light upwards.
 
     Args:
-        view: of the left imager, rendered with this sensor's geometry and projector.
-        scene: it is of.
-        sensor: whose projector, optics, crosstalk and averaging act.
+        view: Layers of the left imager, rendered with this sensor's geometry and projector.
+        scene: Scene of the view.
+        sensor: Projector, optics, crosstalk and blur.
     """
     still = dataclasses.replace(sensor, projector=steady(sensor.projector))
-    seen = signals(view, scene, still, "left")
-    lights = (seen.laser, seen.ambient, seen.other)
-    laser, ambient, other = (mixed(sensor.left, one) for one in lights)
-    return Signals(laser=laser, ambient=ambient, other=other)
+    steady_light = signals(view, scene, still, "left")
+    lights = (steady_light.laser, steady_light.ambient, steady_light.other)
+    laser, ambient, rest = (mix_pixels(sensor.left, light) for light in lights)
+    return Signals(laser=laser, ambient=ambient, other=rest)
 
 
-def brightness(scene: CapturedScene, *, smoothing_px: float) -> Array:
-    """Brightness (h, w) of the fullest frame, smoothed, 0.5 in the mean: light and reflectance.
+def brightness(scene: CapturedScene, *, smoothing_px: float) -> Image:
+    """Smoothed brightness (h, w) of the fullest frame, scaled to a mean of 0.5.
+
+    It includes both light and reflectance.
 
     Args:
-        scene: of a capture set.
-        smoothing_px: sigma of a Gaussian.
+        scene: Captured scene.
+        smoothing_px: Sigma of the Gaussian [px].
 
     Raises:
         InputError: if there is no infrared image.
     """
-    level = _seen(scene, scene.fullest(), 0.0)
-    return room_light.believable(_smoothed(level, smoothing_px, None))
+    level = _reflectance_level(scene, scene.fullest(), 0.0)
+    return room_light.plausible_reflectance(_smoothed(level, smoothing_px, None))
 
 
-def _smoothed(image: Array, sigma_px: float, parted_px: Array | None) -> Array:
-    """Smooth an image, within surfaces where disparity parts them."""
+def _smoothed(image: Image, sigma_px: float, edges_px: Image | None) -> Image:
+    """Smooth an image, within surfaces if a disparity map with their edges is given."""
     smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.float32)
-    return smooth if parted_px is None else unmixed(smooth, parted_px, sigma_px)
+    return smooth if edges_px is None else unmix_edges(smooth, edges_px, sigma_px)
 
 
-def _seen(scene: CapturedScene, frame: Frame, black_dn: float) -> Array:
-    """Level of the image that tells reflectance: with the projector off, where there is such."""
+def _reflectance_level(scene: CapturedScene, frame: Frame, black_dn: float) -> Image:
+    """Image that gives the reflectance [DN above black]: projector off, if available."""
     image = frame.ir_left if frame.ir_left_off is None else frame.ir_left_off
     if image is None:
         raise _incomplete(scene.path)
     return _level(scene, image, black_dn)
 
 
-def _level(scene: CapturedScene, image: GreyImage, black_dn: float) -> Array:
-    """An image (h, w) [DN above black]; the black level is another's where captures tell none."""
-    told = scene.info.black_level_dn
-    return np.maximum(image.astype(np.float32) - np.float32(black_dn if told is None else told), 0)
+def _level(scene: CapturedScene, image: GreyImage, black_dn: float) -> Image:
+    """Image (h, w) [DN above black]; `black_dn` applies if the captures state no black level."""
+    stated = scene.info.black_level_dn
+    black = np.float32(black_dn if stated is None else stated)
+    return np.maximum(image.astype(np.float32) - black, 0)
 
 
-def _disparity_px(scene: CapturedScene) -> Array:
+def _disparity_px(scene: CapturedScene) -> Image:
     truth_m = scene.truth_m()
     if truth_m is None:
         raise _incomplete(scene.path)

@@ -1,4 +1,4 @@
-"""A depth image as triangles: cut at depth edges, with the surface behind an edge going on."""
+"""Triangulation of a depth image, with cuts at depth edges and surfaces continued behind them."""
 
 from __future__ import annotations
 
@@ -6,28 +6,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.sim.arrays import Image, Mask
 from starling.sim.scene.scene import Mesh
 
-Array = NDArray[np.float32]
-
-_JUMP_PX = 1.0  # Neighbours whose disparities differ by more lie on different surfaces.
-_NOWHERE = np.float32(-1e6)
-_FROM_BEHIND_PX = 4  # How far the farther side of a hole prevails over the nearer.
-_FILL_PX = 24  # Holes of the reference up to twice this width are closed from behind.
-# Vertices lie off the pixel centres, off-diagonal: a ray through a shared vertex or edge of two
+_JUMP_PX = 1.0  # A larger disparity difference of neighbours separates surfaces [px].
+_NOWHERE = np.float32(-1e6)  # Marks unknown pixels.
+_FROM_BEHIND_PX = 4  # Distance by which a hole's far side grows over its near side [px].
+_FILL_PX = 24  # Half the largest width of holes that are closed [px].
+# Vertices lie off the pixel centres and diagonals, since a ray through a vertex or an edge of two
 # triangles can miss both.
 _OFFSET_PX = (0.13, 0.07)
-_BEHIND_PX = 64  # How far a surface goes on behind what stands before it.
+_BEHIND_PX = 64  # Length by which a surface continues behind a nearer one [px].
 
 
-def closed(disparity_px: Array) -> Array:
-    """Close thin holes with the farthest surface beside them: what is unknown lies behind.
+def close_holes(disparity_px: Image) -> Image:
+    """Fill thin holes with the farthest adjacent surface, since holes mostly lie behind edges.
 
     Args:
         disparity_px: (h, w), NaN where unknown.
 
     Returns:
-        The same, still NaN farther than the limit from anything known.
+        The filled map, NaN beyond 24 px from known pixels.
     """
     unknown = ~np.isfinite(disparity_px)
     # Negative disparity grows with depth; OpenCV's filters take no infinity.
@@ -40,22 +39,22 @@ def closed(disparity_px: Array) -> Array:
     return np.where(farther == _NOWHERE, np.float32(np.nan), -farther)
 
 
-def smoothed(disparity_px: Array) -> Array:
-    """Take out the reference's noise and its steps, but no edge.
+def smooth(disparity_px: Image) -> Image:
+    """Remove noise and quantisation steps of the reference, but keep its edges.
 
-    A surface rough by a millimetre would otherwise shadow itself.
+    A surface with a roughness of a millimetre would shadow itself.
     """
     unknown = ~np.isfinite(disparity_px)
     smooth = cv2.bilateralFilter(np.where(unknown, -1e3, disparity_px), 9, 0.7, 3.0)
     return np.where(unknown, np.float32(np.nan), smooth).astype(np.float32)
 
 
-def behind(disparity_px: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Continue each surface behind the one that ends in front of it.
+def continue_behind(disparity_px: Image) -> tuple[Image, NDArray[np.intp]]:
+    """Continue each surface behind the nearer surface that ends in front of it.
 
     Returns:
-        Disparity (h, w) of the continued surfaces, NaN where there is none, and the flat index
-        (h, w) of the pixel that each was continued from.
+        Disparity (h, w) of the continued surfaces, NaN where there is none. Flat index (h, w) of
+        the pixel from which each value was continued.
     """
     far_edge = _far_side(disparity_px)
     _, labels = cv2.distanceTransformWithLabels(
@@ -72,16 +71,16 @@ def behind(disparity_px: Array) -> tuple[Array, NDArray[np.intp]]:
     return np.where(hidden | far_edge, continued, np.float32(np.nan)), source
 
 
-def _far_side(disparity_px: Array) -> NDArray[np.bool_]:
-    """Pixels that have something nearer right beside them."""
+def _far_side(disparity_px: Image) -> Mask:
+    """Pixels adjacent to a nearer surface."""
     padded = np.pad(disparity_px, 1, mode="edge")
     nearest = cv2.dilate(np.nan_to_num(padded, nan=-1e3), np.ones((3, 3), np.uint8))[1:-1, 1:-1]
     with np.errstate(invalid="ignore"):
         return nearest - disparity_px > _JUMP_PX
 
 
-def triangles(
-    disparity_px: Array,
+def triangulate(
+    disparity_px: Image,
     intrinsics: NDArray[np.float64],
     focal_baseline: float,
     *,
@@ -91,21 +90,21 @@ def triangles(
 
     Args:
         disparity_px: (h, w), NaN where there is no surface.
-        intrinsics: (3, 3) camera matrix of this image.
+        intrinsics: (3, 3) camera matrix.
         focal_baseline: f b [px m].
-        jump_px: squares of pixels whose disparities range wider are left open.
+        jump_px: Pixel squares with a larger range of disparities get no triangles [px].
 
     Returns:
-        Mesh with one vertex a known pixel, normals, and uv over the image.
+        Mesh with one vertex per known pixel, normals, and uv over the image.
     """
     height, width = disparity_px.shape
     v, u = np.mgrid[0:height, 0:width].astype(np.float32)
     u, v = u + np.float32(_OFFSET_PX[0]), v + np.float32(_OFFSET_PX[1])
-    at_vertex = disparity_px.copy()
+    vertex_px = disparity_px.copy()
     for shift, axis in zip(_OFFSET_PX, (1, 0), strict=True):
-        at_vertex += np.float32(shift) * _slope(disparity_px, disparity_px[..., None], axis)[..., 0]
+        vertex_px += np.float32(shift) * _slope(disparity_px, disparity_px[..., None], axis)[..., 0]
     with np.errstate(invalid="ignore", divide="ignore"):
-        z = (focal_baseline / at_vertex).astype(np.float32)
+        z = (focal_baseline / vertex_px).astype(np.float32)
     x = (u - intrinsics[0, 2]) / intrinsics[0, 0] * z
     y = (v - intrinsics[1, 2]) / intrinsics[1, 1] * z
     points = np.stack([x, y, z], axis=-1).astype(np.float32)
@@ -120,8 +119,8 @@ def triangles(
     )
 
 
-def _faces(disparity_px: Array, number: NDArray[np.intp], jump_px: float) -> NDArray[np.uint32]:
-    """Two triangles a square of pixels, where its corners lie on one surface."""
+def _faces(disparity_px: Image, number: NDArray[np.intp], jump_px: float) -> NDArray[np.uint32]:
+    """Two triangles per pixel square whose corners lie on one surface."""
     corners = [disparity_px[i : -1 + i or None, j : -1 + j or None] for i in (0, 1) for j in (0, 1)]
     with np.errstate(invalid="ignore"):
         whole = np.max(corners, axis=0) - np.min(corners, axis=0) <= jump_px
@@ -132,8 +131,8 @@ def _faces(disparity_px: Array, number: NDArray[np.intp], jump_px: float) -> NDA
     return faces.astype(np.uint32)
 
 
-def _normals(disparity_px: Array, points: Array) -> Array:
-    """Unit normals towards the camera from differences that cross no edge."""
+def _normals(disparity_px: Image, points: Image) -> Image:
+    """Unit normals towards the camera, from differences within surfaces."""
     along = [_slope(disparity_px, points, axis) for axis in (1, 0)]
     normal = np.cross(along[1], along[0])
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -142,8 +141,8 @@ def _normals(disparity_px: Array, points: Array) -> Array:
     return np.nan_to_num(facing).astype(np.float32)
 
 
-def _slope(disparity_px: Array, values: Array, axis: int) -> Array:
-    """Change of `values` (h, w, n) a pixel along an axis, taken within each surface only."""
+def _slope(disparity_px: Image, values: Image, axis: int) -> Image:
+    """Change of `values` (h, w, n) per pixel along an axis, within each surface."""
     total, count = np.zeros_like(values), np.zeros((*disparity_px.shape, 1), np.float32)
     with np.errstate(invalid="ignore"):
         for shift in (1, -1):

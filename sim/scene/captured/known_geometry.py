@@ -1,4 +1,4 @@
-"""Captures of known geometry as scenes: `scene.toml` loaded and posed, or written of a scene."""
+"""Captured scenes of known geometry: reading and writing of `scene.toml`."""
 
 from __future__ import annotations
 
@@ -19,50 +19,50 @@ from starling.sim.scene.scene_file import KnownMaterial, SceneFile
 from starling.sim.sensor.sensor import Sensor
 
 _FILES = (*mesh.SUFFIXES, ".xml")
-_SINGLE = 1e-4  # What a pose in single precision, as Mitsuba's, may miss a rotation by.
+_SINGLE = 1e-4  # Tolerance of rotations in single precision, as in Mitsuba.
 
 
 def load(scene: CapturedScene, sensor: Sensor) -> Scene | None:
-    """Load the geometry that a captured scene's `scene.toml` names, seen from the pose it gives.
+    """Load the geometry and pose that a captured scene's `scene.toml` names.
 
-    Other captures are no such geometry: their depth depends on a camera's intrinsics.
+    The geometry must not be a capture, since its depth depends on a camera's intrinsics.
 
     Args:
-        scene: one of a capture set.
-        sensor: what sees it.
+        scene: Scene of a capture set.
+        sensor: Sensor that observes it.
 
     Returns:
-        The scene, its `world_from_left` the file's; None where there is no such file.
+        Scene with the file's `world_from_left`; None if there is no file.
 
     Raises:
-        InputError: if the file is refused, names no geometry that can be loaded, or gives a
-            material to no body.
+        InputError: if the file is refused, if its geometry cannot be loaded, or if a material
+            matches no body.
     """
     known = scene.known()
     if known is None:
         return None
     try:
-        loaded = sources.load(_found(known.scene, scene.path), sensor)
+        loaded = sources.load(_resolve_path(known.scene, scene.path), sensor)
         bodies = _with_materials(loaded.bodies, known.materials)
     except errors.InputError as error:
         raise errors.InputError(f"{scene.path / scene_file.FILE}: {error}") from error
     return dataclasses.replace(loaded, bodies=bodies, world_from_left=known.world_from_left)
 
 
-def describe(word: str, world_from_left: Pose, folder: Path) -> SceneFile | None:
-    """Say in a `scene.toml`'s terms which geometry is seen, and from where.
+def describe(specifier: str, world_from_left: Pose, folder: Path) -> SceneFile | None:
+    """Describe geometry and pose for a `scene.toml`.
 
-    A file stays where it is. Its path is written relative to the scene's folder where both share
-    a folder below the root, so that they can be moved together; else it is absolute.
+    Geometry files are not copied. A path is relative to the scene's folder if both share a folder
+    below the root, so that they can be moved together. Otherwise it is absolute.
 
     Args:
-        word: what `starling.sim.scene.sources.load` took, but no capture.
-        world_from_left: pose of the left imager, (4, 4), as the geometry's owner knows it.
-        folder: the captured scene's, where the file will lie.
+        specifier: Argument of `starling.sim.scene.sources.load`, except captures.
+        world_from_left: Pose of the left imager (4, 4) in the geometry's frame.
+        folder: Folder of the captured scene, where the file will be.
 
     Returns:
-        What to write, without materials: they are the geometry's own. None where the view
-        mirrors or shears, as a Mitsuba XML's can, which no camera's does.
+        Content of the file, without materials. None if the pose mirrors or shears, which is
+        possible in a Mitsuba XML.
     """
     left, _, right = np.linalg.svd(world_from_left[:3, :3])
     rotation = left @ right  # The nearest orthogonal matrix.
@@ -73,19 +73,20 @@ def describe(word: str, world_from_left: Pose, folder: Path) -> SceneFile | None
     rows[:3, 3] = -rotation.T @ world_from_left[:3, 3]
     a, b, c, d = (_row(row) for row in rows + 0.0)  # No -0.
     return SceneFile(
-        scene=_written(word, folder) if _is_file(word) else word, left_from_world=(a, b, c, d)
+        scene=_relative_path(specifier, folder) if _is_file(specifier) else specifier,
+        left_from_world=(a, b, c, d),
     )
 
 
-def carried(scene: CapturedScene, folder: Path) -> SceneFile | None:
-    """Say of a captured scene what another folder's `scene.toml` must, to name the same geometry.
+def for_folder(scene: CapturedScene, folder: Path) -> SceneFile | None:
+    """Describe a captured scene's geometry for the `scene.toml` of another folder.
 
     Args:
-        scene: one of a capture set.
-        folder: where the file will lie (see `describe` for how paths are written).
+        scene: Scene of a capture set.
+        folder: Folder where the file will be (see `describe` for paths).
 
     Returns:
-        The scene's own file but for the path; None where it has none.
+        The scene's file with the path adapted; None if it has no file.
 
     Raises:
         InputError: as `starling.sim.scene.scene_file.read`.
@@ -93,8 +94,8 @@ def carried(scene: CapturedScene, folder: Path) -> SceneFile | None:
     known = scene.known()
     if known is None or not _is_file(known.scene):
         return known
-    word = _written(os.path.join(scene.path, known.scene), folder)
-    return dataclasses.replace(known, scene=word)
+    path = _relative_path(os.path.join(scene.path, known.scene), folder)
+    return dataclasses.replace(known, scene=path)
 
 
 def _row(row: np.ndarray) -> tuple[float, float, float, float]:
@@ -102,26 +103,26 @@ def _row(row: np.ndarray) -> tuple[float, float, float, float]:
     return x, y, z, shift
 
 
-def _is_builtin(word: str) -> bool:
-    return word.partition(":")[0] in builtin.BUILTIN
+def _is_builtin(specifier: str) -> bool:
+    return specifier.partition(":")[0] in builtin.BUILTIN
 
 
-def _is_file(word: str) -> bool:
-    return not _is_builtin(word) and Path(word).suffix.lower() in _FILES
+def _is_file(specifier: str) -> bool:
+    return not _is_builtin(specifier) and Path(specifier).suffix.lower() in _FILES
 
 
-def _found(word: str, folder: Path) -> str:
-    """Return the word for `starling.sim.scene.sources.load`: a path from the folder, or a builtin name."""
-    if _is_builtin(word):
-        return word
-    if not _is_file(word):
+def _resolve_path(specifier: str, folder: Path) -> str:
+    """Return a builtin name, or the path of a file relative to the folder."""
+    if _is_builtin(specifier):
+        return specifier
+    if not _is_file(specifier):
         raise errors.refuse(
             "scene",
             "must be a builtin name, a mesh or a Mitsuba XML",
-            repr(word),
+            repr(specifier),
             f"Builtin: {', '.join(builtin.BUILTIN)}; files: {', '.join(_FILES)}.",
         )
-    path = os.path.join(folder, word)
+    path = os.path.join(folder, specifier)
     if not os.path.isfile(path):
         raise errors.refuse(
             "scene", "must be a file that exists", path, "Its path starts at the scene's folder."
@@ -129,14 +130,14 @@ def _found(word: str, folder: Path) -> str:
     return path
 
 
-def _written(word: str, folder: Path) -> str:
-    """Return the path to a file for a `scene.toml` in the folder, with forward slashes."""
-    # Links on the way are followed, for `..` would not go back over them; its own name stays.
-    file = Path(os.path.realpath(os.path.dirname(word)), os.path.basename(word))
-    place = Path(os.path.realpath(folder))
-    if file.parts[:2] != place.parts[:2]:
+def _relative_path(specifier: str, folder: Path) -> str:
+    """Return a file's path for a `scene.toml` in the folder, with forward slashes."""
+    # Links in the path are resolved, because `..` would leave them; the file's name is kept.
+    file = Path(os.path.realpath(os.path.dirname(specifier)), os.path.basename(specifier))
+    base = Path(os.path.realpath(folder))
+    if file.parts[:2] != base.parts[:2]:
         return file.as_posix()
-    return Path(os.path.relpath(file, place)).as_posix()
+    return Path(os.path.relpath(file, base)).as_posix()
 
 
 def _with_materials(
@@ -144,12 +145,12 @@ def _with_materials(
 ) -> tuple[Body, ...]:
     for material in materials:
         if not any(fnmatchcase(body.name, material.body) for body in bodies):
-            there = ", ".join(body.name for body in bodies) or "none, shapes of an XML keep theirs"
+            names = ", ".join(body.name for body in bodies) or "none, shapes of an XML keep theirs"
             raise errors.refuse(
-                "materials.body", "must name a body", repr(material.body), f"There are: {there}."
+                "materials.body", "must name a body", repr(material.body), f"There are: {names}."
             )
         bodies = tuple(
-            _reflecting(body, material.reflectance)
+            _with_reflectance(body, material.reflectance)
             if fnmatchcase(body.name, material.body)
             else body
             for body in bodies
@@ -157,7 +158,7 @@ def _with_materials(
     return bodies
 
 
-def _reflecting(body: Body, reflectance: float) -> Body:
+def _with_reflectance(body: Body, reflectance: float) -> Body:
     return dataclasses.replace(
         body, material=dataclasses.replace(body.material, reflectance=reflectance), texture=None
     )

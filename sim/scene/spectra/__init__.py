@@ -1,4 +1,4 @@
-"""Wavelengths: laser line, band-pass filter, silicon and lights, and what they sum up to."""
+"""Spectra: laser line, band-pass filter, silicon, lights, and the resulting electrons."""
 
 from starling.sim.scene.spectra.band import Band as Band
 from starling.sim.scene.spectra.band import ambient_w_m2 as ambient_w_m2

@@ -1,13 +1,13 @@
-"""What an imager makes of a light: its electrons, as the laser's irradiance that gives as many.
+"""Equivalent irradiance of a light at the laser's wavelength, from its spectrum.
 
-A scene's ambient light is one number, counted at the laser's wavelength. Here it is had from a
-light's spectrum E by
+A scene's ambient light is one irradiance E_0 at the laser's line l_0. It gives as many electrons as
+the light's spectrum E:
 
     E_0 = integral of E(l) T(l) Q(l) l dl / (Q(l_0) l_0)
 
-with the filter's transmission T over its peak, silicon's quantum efficiency Q and the laser's line
-l_0: photons are counted, so each watt weighs with its wavelength (EMVA Standard 1288, release 4.0,
-eq. 2). What a laser off the filter's centre loses is the optics' own (`laser_transmission`).
+T is the filter's transmission over its peak, Q silicon's quantum efficiency. Photons are counted,
+so each watt is weighted by its wavelength (EMVA Standard 1288, release 4.0, eq. 2). The optics
+account for the loss of a laser off the filter's centre (`laser_transmission`).
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Band:
-    """Which wavelengths an imager sees. The lens itself passes 380 to 1100 nm evenly."""
+    """Spectral band of an imager. The lens passes 380 to 1100 nm evenly."""
 
     wavelength_nm: float = 850.0  # The laser's line.
     filter_centre_nm: float = 850.0  # Centre of the band-pass on the axis.
-    filter_width_nm: float = 0.0  # Its full width at half maximum; 0 is no filter.
-    epitaxy_um: float = silicon.PLAIN_UM  # Depth of silicon that collects; infinite is ideal.
+    filter_width_nm: float = 0.0  # Full width at half maximum; 0 is no filter.
+    epitaxy_um: float = silicon.PLAIN_UM  # Depth of the collecting silicon; infinite is ideal.
 
     def __post_init__(self) -> None:
         wavelength.in_silicon("band.wavelength_nm", self.wavelength_nm)
@@ -49,10 +49,10 @@ class Band:
             )
 
     @classmethod
-    def of(cls, imager: Imager, projector: Projector) -> Band:
-        """The band of an imager whose quantum efficiency at the laser's line is known.
+    def from_imager(cls, imager: Imager, projector: Projector) -> Band:
+        """Derive the band from an imager's filter and its quantum efficiency at the laser's line.
 
-        The depth of its silicon is the one that has this efficiency.
+        The efficiency determines the depth of the silicon.
         """
         return cls(
             wavelength_nm=projector.wavelength_nm,
@@ -71,7 +71,7 @@ class Band:
 
     @property
     def response(self) -> Spectrum:
-        """Electrons a watt on `GRID_NM` (1441,), over those at the laser's line unfiltered."""
+        """Electrons per watt on `GRID_NM` (1441,), over those at the laser's line unfiltered."""
         unfiltered = self._per_watt(GRID_NM) / self._per_watt(np.array([self.wavelength_nm]))
         return self._transmission(GRID_NM) * unfiltered
 
@@ -81,10 +81,10 @@ def in_band_irradiance(spectrum: Spectrum, band: Band) -> float:
 
     Args:
         spectrum: E on `starling.sim.scene.spectra.wavelength.GRID_NM` (1441,) [W m^-2 nm^-1].
-        band: what the imager sees.
+        band: Spectral band of the imager.
 
     Raises:
-        InputError: if the spectrum is not on the grid, or negative or NaN anywhere.
+        InputError: if the spectrum is not on the grid, or is negative or NaN anywhere.
     """
     if spectrum.shape != GRID_NM.shape or not (spectrum >= 0).all():
         raise errors.refuse(
@@ -97,12 +97,12 @@ def in_band_irradiance(spectrum: Spectrum, band: Band) -> float:
 
 
 def ambient_w_m2(light: str, *, illuminance_lx: float, band: Band) -> float:
-    """Ambient irradiance, counted at the laser's line, of a light of so many lux [W m^-2].
+    """Equivalent ambient irradiance at the laser's line of a light [W m^-2].
 
     Args:
         light: `sun`, `incandescent`, `led` or `fluorescent`.
-        illuminance_lx: on the surface [lx].
-        band: what the imager sees.
+        illuminance_lx: Illuminance of the surface [lx].
+        band: Spectral band of the imager.
 
     Raises:
         InputError: if the light is unknown or the illuminance out of range.
@@ -123,20 +123,20 @@ def wall_electrons(
     wavelength_nm: float,
     exposure_s: float | None = None,
 ) -> float:
-    """Electrons in a pixel that sees a matt wall, in the middle of the image.
+    """Mean electrons of a pixel in the image centre that sees a diffuse wall.
 
     Args:
-        imager: lens and electronics.
-        irradiance_w_m2: on the wall, counted at the laser's line [W m^-2].
-        reflectance: of the wall there.
-        wavelength_nm: the laser's line [nm].
-        exposure_s: integration time; the imager's own where left out [s].
+        imager: Lens and electronics.
+        irradiance_w_m2: Irradiance of the wall, equivalent at the laser's line [W m^-2].
+        reflectance: Reflectance of the wall at the laser's line.
+        wavelength_nm: Laser's line [nm].
+        exposure_s: Integration time [s]; None: the imager's.
 
     Returns:
         Mean electrons; radiance is reflectance times irradiance over pi (Lambert).
 
     Raises:
-        InputError: if the irradiance is negative, or reflectance or wavelength cannot be.
+        InputError: if the irradiance, the reflectance or the wavelength is out of range.
     """
     from starling.sim.imaging.imager import electrons_per_radiance
 

@@ -1,11 +1,11 @@
-"""The band-pass filter before a lens: what it passes, and how that shifts with the angle.
+"""The band-pass filter in front of a lens: transmission and its shift with the angle.
 
-Light that crosses a stack of thin films at an angle sees them thinner: the whole transmission
-curve moves to shorter wavelengths by the factor s = sqrt(1 - (sin a / n)^2), n the stack's
-effective index. So a laser leaves the band towards the image's corners and broad light does not.
+At an angle a, the transmission curve of a thin-film stack shifts to shorter wavelengths by the
+factor s = sqrt(1 - (sin a / n)^2). n is the stack's effective index. Towards the image's corners a
+laser therefore leaves the band; broadband light does not.
 
 Source: Smith, Modern Optical Engineering, sec. 11 (the shift); Macleod, Thin-Film Optical
-Filters, ch. 7 (n, and bands of coupled cavities); checked against `starling.sim.scene.spectra.multilayer`.
+Filters, ch. 7 (n, and bands of coupled cavities); checked against `tests/oracles/multilayer.py`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from starling.sim.scene.spectra.wavelength import Spectrum
 Angles = NDArray[np.floating]
 Map = NDArray[np.float32]
 
-NARROWEST_NM = 2.0  # Finer than the spectra's grid would resolve.
+NARROWEST_NM = 2.0  # The spectra's grid does not resolve narrower filters.
 
 
 def check(centre_nm: float, width_nm: float, index: float) -> None:
-    """Refuse a filter that cannot be.
+    """Refuse an impossible filter.
 
     Raises:
         InputError: if the centre is outside 380 to 1100 nm, the width is neither 0 (no filter)
-            nor in 2 to 500 nm, or the index outside 1 to 5.
+            nor in 2 to 500 nm, or the index is outside 1 to 5.
     """
     wavelength.in_silicon("filter centre", centre_nm)
     if width_nm != 0:
@@ -39,7 +39,7 @@ def check(centre_nm: float, width_nm: float, index: float) -> None:
 
 
 def shift(angle_rad: Angles, index: float) -> Map:
-    """Factor s of the wavelength at which a filter passes at an angle, float32 as `angle_rad`."""
+    """Factor s of the passed wavelength at an angle; float32, shape of `angle_rad`."""
     sine = np.sin(np.asarray(angle_rad, np.float32))
     return np.sqrt(np.float32(1) - np.square(sine) * np.float32(1 / index**2))
 
@@ -47,8 +47,7 @@ def shift(angle_rad: Angles, index: float) -> Map:
 def transmission(wavelength_nm: Spectrum, *, centre_nm: float, width_nm: float) -> Spectrum:
     """Transmission on the axis over its peak: 1 / (1 + x^6), x = 2 (l - centre) / width.
 
-    The band of three coupled cavities, flat in the middle (Butterworth). All ones where the
-    width is 0.
+    This is the flat band of three coupled cavities (Butterworth). It is 1 if the width is 0.
     """
     if width_nm == 0:
         return np.ones_like(wavelength_nm)
@@ -59,29 +58,28 @@ def transmission(wavelength_nm: Spectrum, *, centre_nm: float, width_nm: float) 
 def laser_transmission(
     angle_rad: Angles, *, wavelength_nm: float, centre_nm: float, width_nm: float, index: float
 ) -> Map:
-    """Transmission for the laser at each angle, over the filter's peak.
+    """Transmission of the laser at each angle, over the filter's peak.
 
     Args:
-        angle_rad: angle off the axis at which light meets the filter [rad], any shape.
-        wavelength_nm: the laser's line [nm].
-        centre_nm: centre of the band on the axis [nm].
-        width_nm: its full width at half maximum [nm]; 0 is no filter.
-        index: effective index of the filter.
+        angle_rad: Angle of incidence on the filter [rad], any shape.
+        wavelength_nm: Laser's line [nm].
+        centre_nm: Centre of the band on the axis [nm].
+        width_nm: Full width at half maximum [nm]; 0 is no filter.
+        index: Effective index of the filter.
 
     Returns:
-        In (0, 1], float32, as `angle_rad`. Exactly 1 everywhere without a filter, and on the
-        axis where the laser meets the band's centre; elsewhere the axis may lie below 1 (and
-        a laser on the short side gains at an angle at first).
+        In (0, 1], float32, shape of `angle_rad`. Exactly 1 without a filter, and on the axis for a
+        laser at the band's centre. A laser below the centre first gains with the angle.
 
     Raises:
-        InputError: if a wavelength, the width or the index cannot be.
+        InputError: if a wavelength, the width or the index is out of range.
     """
     wavelength.in_silicon("laser wavelength", wavelength_nm)
     check(centre_nm, width_nm, index)
     if width_nm == 0:
         return np.ones_like(angle_rad, dtype=np.float32)
-    seen_nm = np.float32(wavelength_nm) / shift(angle_rad, index)
-    square = np.square((seen_nm - np.float32(centre_nm)) * np.float32(2 / width_nm))
+    normal_nm = np.float32(wavelength_nm) / shift(angle_rad, index)
+    square = np.square((normal_nm - np.float32(centre_nm)) * np.float32(2 / width_nm))
     return np.float32(1) / (np.float32(1) + square * square * square)
 
 
@@ -93,32 +91,32 @@ def ambient_transmission(
     index: float,
     epitaxy_um: float = silicon.PLAIN_UM,
 ) -> Map:
-    """Electrons from light of an even spectrum at each angle, over those on the axis.
+    """Electrons from light of a flat spectrum at each angle, over those on the axis.
 
-    The band moves and narrows by s, there are fewer photons a watt by s, and silicon absorbs more
-    of shorter wavelengths: broad light does not fall, and rises by a tenth or two in corners.
+    The band shifts and narrows by s, and a watt has fewer photons by s. But silicon absorbs more
+    at shorter wavelengths. Broadband light therefore rises by a tenth or two in corners.
 
     Args:
-        angle_rad: angle off the axis at which light meets the filter [rad], any shape.
-        centre_nm: centre of the band on the axis [nm].
-        width_nm: its full width at half maximum [nm]; 0 is no filter.
-        index: effective index of the filter.
-        epitaxy_um: depth of silicon that collects [um].
+        angle_rad: Angle of incidence on the filter [rad], any shape.
+        centre_nm: Centre of the band on the axis [nm].
+        width_nm: Full width at half maximum [nm]; 0 is no filter.
+        index: Effective index of the filter.
+        epitaxy_um: Depth of the collecting silicon [um].
 
     Returns:
-        Above 0, float32, as `angle_rad`; exactly 1 on the axis, and everywhere without a filter.
+        Above 0, float32, shape of `angle_rad`. Exactly 1 on the axis, and without a filter.
 
     Raises:
-        InputError: if the centre, width or index cannot be.
+        InputError: if the centre, the width or the index is out of range.
     """
     check(centre_nm, width_nm, index)
     if width_nm == 0:
         return np.ones_like(angle_rad, dtype=np.float32)
     less = np.float32(1) - shift(angle_rad, index)
-    # A cubic in 1 - s up to 60 deg, ten times as fast as silicon's own table and as good.
+    # A cubic in 1 - s up to 60 deg is as accurate as silicon's table and ten times as fast.
     grid = np.linspace(0.0, 1 - np.sqrt(1 - 0.75 / index**2), 64)
     gain = silicon.absorbed(centre_nm * (1 - grid), epitaxy_um) * (1 - grid) ** 2
     powers = np.stack([grid, grid**2, grid**3], axis=-1)
     fitted, *_ = np.linalg.lstsq(powers, gain / gain[0] - 1, rcond=None)
-    one, two, three = fitted.astype(np.float32)
-    return np.float32(1) + less * (one + less * (two + less * three))
+    linear, square, cube = fitted.astype(np.float32)
+    return np.float32(1) + less * (linear + less * (square + less * cube))

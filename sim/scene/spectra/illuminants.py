@@ -1,4 +1,4 @@
-"""Ambient lights as spectra: the sun, incandescent, LED and fluorescent lamps, scaled by lux."""
+"""Spectra of ambient lights: sun, incandescent, LED and fluorescent lamps, scaled by lux."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ LUMENS_PER_WATT = 683.0  # K_m at 555 nm (CIE; SI Brochure, 9th ed., 683.002).
 
 _SUN_NM = np.arange(380.0, 1101.0, 5.0)
 # fmt: off
-# Global irradiance on a surface tilted by 37 deg at air mass 1.5 [W m^-2 nm^-1], means over 5 nm
-# from 380 on. Source: ASTM G173-03 (SMARTS 2.9.2), 1000.4 W m^-2 in all.
+# Global irradiance on a surface tilted by 37 deg at air mass 1.5, means over 5 nm from 380 nm on
+# [W m^-2 nm^-1]. Source: ASTM G173-03 (SMARTS 2.9.2), 1000.4 W m^-2 in all.
 _SUN = np.array([
     0.724, 0.583, 0.748, 0.609, 1.074, 1.146, 1.168, 1.22, 1.212, 1.214, 1.051, 1.272, 1.306,
     1.423, 1.544, 1.531, 1.561, 1.553, 1.554, 1.577, 1.613, 1.492, 1.532, 1.587, 1.531, 1.551,
@@ -38,23 +38,23 @@ def _sun() -> Spectrum:
 
 
 def _incandescent() -> Spectrum:
-    """Give CIE illuminant A's temperature to Planck's law: a tungsten lamp to first order."""
+    """Planck's law at CIE illuminant A's temperature, to first order a tungsten lamp."""
     from colour.colorimetry import planck_law
 
     return np.asarray(planck_law(GRID_NM * 1e-9, 2856.0), np.float64)
 
 
 def _led() -> Spectrum:
-    """CIE LED-B3 (blue pump and phosphor, 4103 K); it ends at 780 nm, so its tail goes on."""
+    """CIE LED-B3 (blue pump and phosphor, 4103 K), extrapolated beyond its end at 780 nm."""
     wavelength_nm, power = _tabulated("LED-B3")
-    slope, level = np.polyfit(wavelength_nm[-9:], np.log(power[-9:]), 1)  # The last 40 nm.
+    slope, level = np.polyfit(wavelength_nm[-9:], np.log(power[-9:]), 1)  # Slope of the last 40 nm.
     tail = np.exp(level + slope * GRID_NM)
     inside_nm = wavelength_nm[-1] >= GRID_NM
     return np.where(inside_nm, np.interp(GRID_NM, wavelength_nm, power), tail)
 
 
 def _fluorescent() -> Spectrum:
-    """CIE FL2 (cool white); dark beyond its table's 780 nm, though argon has weak lines there."""
+    """CIE FL2 (cool white); zero beyond 780 nm, where argon has weak lines."""
     wavelength_nm, power = _tabulated("FL2")
     return np.interp(GRID_NM, wavelength_nm, power, right=0.0)
 
@@ -81,7 +81,7 @@ def names() -> list[str]:
 
 @lru_cache(maxsize=1)
 def luminous_efficiency() -> Spectrum:
-    """V of `GRID_NM` (1441,): how bright a watt looks, 1 at 555 nm (CIE 1924 observer)."""
+    """Luminous efficiency V on `GRID_NM` (1441,), 1 at 555 nm (CIE 1924 observer)."""
     from colour import SDS_LEFS
 
     table = SDS_LEFS["CIE 1924 Photopic Standard Observer"]
@@ -89,7 +89,7 @@ def luminous_efficiency() -> Spectrum:
 
 
 def illuminance_lx(spectrum: Spectrum) -> float:
-    """683 times the integral of V E [lx].
+    """Illuminance [lx]: 683 times the integral of V E.
 
     Args:
         spectrum: E on `GRID_NM` (1441,) [W m^-2 nm^-1].
@@ -104,11 +104,11 @@ def _at_one_lux(light: str) -> Spectrum:
 
 
 def irradiance(light: str, illuminance: float) -> Spectrum:
-    """Spectral irradiance of a light of so many lux.
+    """Spectral irradiance of a light of given illuminance.
 
     Args:
-        light: one of `names()`.
-        illuminance: 0 to 150 000 [lx]; an office has 500, the open under the sun 100 000.
+        light: One of `names()`.
+        illuminance: 0 to 150 000 [lx]; an office has 500, direct sun 100 000.
 
     Returns:
         (1441,) on `GRID_NM` [W m^-2 nm^-1].

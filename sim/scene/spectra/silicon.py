@@ -1,4 +1,4 @@
-"""Silicon: how much of the light it absorbs within the depth that a pixel collects from."""
+"""Absorption of light in the collecting depth of a silicon pixel."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import numpy as np
 from starling.patterns import errors
 from starling.sim.scene.spectra.wavelength import Spectrum
 
-# Depths of the layer that collects. Assumed: makers do not print them. They give 0.23 and 0.47
-# of the photons at 850 nm, about what an ordinary and a near-infrared version of a chip differ by.
+# Depths of the collecting layer [um], assumed because makers do not publish them. They collect 0.23
+# and 0.47 of the photons at 850 nm, about as ordinary and near-infrared versions of a chip.
 PLAIN_UM = 5.0
 ENHANCED_UM = 12.0
 
-# Share of the photons that enters and is collected at all (reflection, fill factor): the highest
-# quantum efficiency that a pixel reaches anywhere. Assumed, and taken as equal at all wavelengths.
+# Share of photons that enter and can be collected (reflection, fill factor), the highest possible
+# quantum efficiency. Assumed, and equal at all wavelengths.
 COLLECTED = 0.75
 
 _K_NM = np.arange(380.0, 1101.0, 10.0)
@@ -32,31 +32,31 @@ _K = 1e-3 * np.array([
 
 
 def absorption_per_um(wavelength_nm: Spectrum) -> Spectrum:
-    """Absorption coefficient 4 pi k / lambda [1 / um], interpolated in its logarithm."""
+    """Absorption coefficient 4 pi k / lambda [1 / um], by interpolation of log k."""
     log_k = np.interp(wavelength_nm, _K_NM, np.log(_K))
     return 4 * np.pi * np.exp(log_k) / (wavelength_nm * 1e-3)
 
 
 def absorbed(wavelength_nm: Spectrum, epitaxy_um: float) -> Spectrum:
-    """Share of the entering photons absorbed within a depth (Beer-Lambert); 1 where infinite.
+    """Share of the entering photons absorbed within a depth (Beer-Lambert).
 
     Args:
         wavelength_nm: 380 to 1100 [nm].
-        epitaxy_um: the depth [um], above 0; infinite is an ideal detector.
+        epitaxy_um: Depth [um], above 0; infinite gives an ideal detector.
     """
     return -np.expm1(-absorption_per_um(wavelength_nm) * epitaxy_um)
 
 
 def quantum_efficiency(wavelength_nm: Spectrum, epitaxy_um: float) -> Spectrum:
-    """Electrons per photon of a pixel with a collecting layer of this depth [um]."""
+    """Electrons per photon of a pixel with a collecting layer of depth `epitaxy_um`."""
     return COLLECTED * absorbed(wavelength_nm, epitaxy_um)
 
 
 def depth_um(efficiency: float, wavelength_nm: float) -> float:
-    """Depth of the layer that has this quantum efficiency at this wavelength [um].
+    """Depth of the layer with this quantum efficiency at this wavelength [um].
 
-    Infinite where the efficiency is what a pixel reaches at best or more: an ideal detector,
-    equally efficient at all wavelengths.
+    Infinite if the efficiency reaches `COLLECTED`: an ideal detector, equally efficient at all
+    wavelengths.
 
     Raises:
         InputError: if the efficiency is not in (0, 1].

@@ -1,4 +1,4 @@
-"""Wavelengths in nanometres: the grid of all spectra, and the check of a single one."""
+"""Wavelengths in nanometres: the grid of all spectra, and a range check."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from starling.patterns import errors
 
 Spectrum = NDArray[np.float64]
 
-SHORTEST_NM, LONGEST_NM = 380.0, 1100.0  # Where lenses begin to pass, and where silicon ends.
+SHORTEST_NM, LONGEST_NM = 380.0, 1100.0  # Limits of lenses and of silicon.
 GRID_NM: Spectrum = np.linspace(SHORTEST_NM, LONGEST_NM, 1441)  # Every half nanometre.
 
 
 def in_silicon(name: str, value_nm: float) -> None:
-    """Refuse a wavelength that silicon does not see, above all one in another unit.
+    """Refuse a wavelength outside silicon's range, mostly one in a wrong unit.
 
     Raises:
         InputError: if `value_nm` is outside 380 to 1100 nm.

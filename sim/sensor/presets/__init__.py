@@ -1,4 +1,4 @@
-"""Sensor presets and sensor files: TOML in, TOML out."""
+"""Sensor presets and sensor files in TOML."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def names() -> list[str]:
 
 
 def summary() -> dict[str, dict[str, Any]]:
-    """Say of every preset what tells it from the others."""
+    """Return the main properties of each preset."""
     keys = ("kind", "width", "height", "fx_px", "baseline_m")
     presets = {name: load(name) for name in names()}
     return {name: {key: getattr(item, key) for key in keys} for name, item in presets.items()}
@@ -32,12 +32,12 @@ def summary() -> dict[str, dict[str, Any]]:
 def load(name: str) -> Sensor:
     """Load a preset by name, or a sensor file by its path (`.toml`).
 
-    Image files that a sensor file names as patterns are looked for from its own folder, so that
-    the folder can be moved as a whole.
+    Paths of pattern images in a sensor file start at the file's folder, so that the folder can be
+    moved.
 
     Raises:
-        InputError: unknown preset (the known ones are listed, nearest first), unreadable file,
-            or a refused value.
+        InputError: for an unknown preset (the message lists the known ones, nearest first), an
+            unreadable file, or a refused value.
     """
     if name.endswith(".toml"):
         return _read(Path(name))
@@ -46,27 +46,28 @@ def load(name: str) -> Sensor:
 
 
 def text(name: str) -> str:
-    """Return a preset's file as it stands, sources included."""
+    """Return the text of a preset's file, including the sources of its numbers."""
     errors.one_of("sensor", name, names())
     return (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def anchored(sensor: Sensor, folder: str | Path) -> Sensor:
-    """Give patterns' image files their full paths, from a folder: what has a suffix is a file."""
-    part = sensor.projector
+def with_absolute_patterns(sensor: Sensor, folder: str | Path) -> Sensor:
+    """Make the paths of pattern images absolute; a pattern name with a suffix is a file."""
+    projector = sensor.projector
 
     def full(name: str) -> str:
         return os.path.abspath(Path(folder) / name) if Path(name).suffix else name
 
     emitters = tuple(
-        dataclasses.replace(emitter, pattern=full(emitter.pattern)) for emitter in part.emitters
+        dataclasses.replace(emitter, pattern=full(emitter.pattern))
+        for emitter in projector.emitters
     )
-    part = dataclasses.replace(part, pattern=full(part.pattern), emitters=emitters)
-    return dataclasses.replace(sensor, projector=part)
+    projector = dataclasses.replace(projector, pattern=full(projector.pattern), emitters=emitters)
+    return dataclasses.replace(sensor, projector=projector)
 
 
 def dumps(sensor: Sensor) -> str:
-    """Write a sensor as TOML text that `load` reads back equal (see there for patterns' files)."""
+    """Return a sensor as TOML text; `load` reads it back equal."""
     return tomli_w.dumps(structure.to_table(sensor))
 
 
@@ -77,16 +78,16 @@ def _read(path: Path) -> Sensor:
         raise errors.refuse(
             "sensor", "must be a readable file", path, f"{error.strerror}."
         ) from None
-    except (ValueError, RecursionError) as error:  # No TOML, no UTF-8, or nested too deep.
+    except (ValueError, RecursionError) as error:  # Not TOML, not UTF-8, or nested too deep.
         raise errors.refuse("sensor", "must be TOML", path, f"{error}.") from None
-    return anchored(from_table(table), path.parent)
+    return with_absolute_patterns(from_table(table), path.parent)
 
 
 def from_table(table: dict[str, Any]) -> Sensor:
-    """Build a sensor from its tables; `right` left out means: as `left`.
+    """Build a sensor from its tables. A missing `right` is a copy of `left`.
 
-    `matcher.setting` names a stock setting (see `starling.sim.sensor.matcher.named`) that the rest of the table
-    edits, in tables or by dotted path; a table with a `kind` takes the place of a part.
+    `matcher.setting` names a stock setting (see `starling.sim.sensor.matcher.named`). The other
+    keys of the table edit it, as tables or by dotted path. A table with a `kind` replaces a part.
     """
     structure.refuse_long_integers(table, "sensor")
     table = dict(table)
@@ -95,15 +96,15 @@ def from_table(table: dict[str, Any]) -> Sensor:
     chosen = table.get("matcher")
     if isinstance(chosen, dict) and "setting" in chosen:
         stock = structure.to_table(matcher.named(chosen["setting"]))
-        told = {path: value for path, value in chosen.items() if path != "setting"}
-        table["matcher"] = _edited(stock, told)
+        changes = {path: value for path, value in chosen.items() if path != "setting"}
+        table["matcher"] = _edited(stock, changes)
     return structure.from_table(Sensor, table)
 
 
-def _edited(stock: dict[str, Any], told: dict[str, Any]) -> dict[str, Any]:
-    """A table with all that another tells of it; only the whole has to be possible."""
+def _edited(stock: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Merge changes into a table without validating it."""
     table = dict(stock)
-    for path, value in told.items():
+    for path, value in changes.items():
         name, _, rest = path.partition(".")
         new, old = {rest: value} if rest else value, table.get(name)
         if isinstance(new, dict) and isinstance(old, dict) and "kind" not in new:

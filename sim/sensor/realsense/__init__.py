@@ -1,4 +1,4 @@
-"""Device controls as RealSense users know them: named presets and the viewer's JSON files."""
+"""RealSense device controls: named presets and the viewer's JSON files."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ from starling.sim.sensor.realsense.mapping import with_emitter as with_emitter
 from starling.sim.sensor.sensor import Sensor
 
 
-def controlled(sensor: Sensor, asked: str) -> tuple[Sensor, Report]:
-    """Put a sensor under a device preset.
+def with_preset(sensor: Sensor, preset: str) -> tuple[Sensor, Report]:
+    """Apply a device preset to a sensor.
 
     Args:
-        sensor: taken to stand at the device's default preset.
-        asked: a preset's name (`starling.sim.sensor.realsense.presets.names`) or an exported file (`*.json`).
+        sensor: Sensor whose settings represent the device's default preset.
+        preset: Name of a preset (`starling.sim.sensor.realsense.presets.names`) or an exported
+            file (`*.json`).
 
     Returns:
-        The sensor, and what was mapped how and what was not.
+        The sensor, and a report of the mapped and unmapped controls.
 
     Raises:
-        InputError: unknown preset, a file that `advanced_mode.read` refuses, or a sensor that
-            `apply` refuses.
+        InputError: for an unknown preset, a file that `advanced_mode.read` refuses, or a sensor
+            that `apply` refuses.
     """
-    if asked.lower().endswith(".json"):
-        return apply(sensor, advanced_mode.read(asked))
-    return apply(sensor, presets.named(asked))
+    if preset.lower().endswith(".json"):
+        return apply(sensor, advanced_mode.read(preset))
+    return apply(sensor, presets.named(preset))

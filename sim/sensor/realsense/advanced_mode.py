@@ -1,6 +1,6 @@
-"""Reading what the RealSense viewer exports: advanced-mode settings as JSON.
+"""Reading of the RealSense viewer's JSON export of advanced-mode settings.
 
-Two forms are in use: one flat table of controls, and from newer viewers
+Two forms are in use: a flat table of controls, and in newer viewers
 `{"schema version": 1, "device": {...}, "parameters": {...}, "viewer": {...}}`. Values are text
 or numbers. Source of names: librealsense's json_loader.hpp and files exported by the viewer.
 """
@@ -24,14 +24,14 @@ def read(path: str | Path) -> dict[str, Control]:
     """Read an exported file.
 
     Args:
-        path: of the JSON file.
+        path: JSON file.
 
     Returns:
-        Values by the controls' own names.
+        Values by the controls' canonical names.
 
     Raises:
-        InputError: unreadable file, no JSON table, another product line, or a control that
-            `starling.sim.sensor.realsense.controls.canonical` refuses.
+        InputError: for an unreadable file, a file without a JSON table, another product line, or a
+            control that `starling.sim.sensor.realsense.controls.canonical` refuses.
     """
     try:
         table = json.loads(Path(path).read_text(encoding="utf-8-sig"))
@@ -54,7 +54,7 @@ _EXAMPLE = 'Write {"param-leftrightthreshold": 24, ...}.'
 
 
 def _entries(table: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """All controls of either form."""
+    """List all controls of either form."""
     if "parameters" not in table:
         return list(table.items())
     for name in table:

@@ -1,7 +1,8 @@
-"""The controls of a RealSense D400: their names, what they admit, and reading their values.
+"""The controls of a RealSense D400: names, admitted values, and parsing.
 
-Names: librealsense src/ds/advanced_mode/json_loader.hpp; meaning of the thresholds: DSAPI, library
-of the family's first chips (DSAPITypes.h). Ranges are ours: wide enough for any file seen.
+Names: librealsense src/ds/advanced_mode/json_loader.hpp. Meaning of the thresholds: DSAPI, the
+library of the family's first chips (DSAPITypes.h). The ranges are assumed; they admit all known
+files.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from typing import Any
 
 from starling.patterns import errors
 
-Control = float | str  # A control's value: a number, or one of its words.
-Controls = Mapping[str, Control]  # Values by the controls' own names (see `canonical`).
+Control = float | str  # Value of a control: a number, or one of its words.
+Controls = Mapping[str, Control]  # Values by the controls' canonical names (see `canonical`).
 
 WORDS = {
     "controls-laserstate": ("off", "on", "auto"),
@@ -22,7 +23,7 @@ WORDS = {
     "controls-color-autoexposure-auto": ("false", "true"),
     "controls-color-white-balance-auto": ("false", "true"),
 }
-ALIASES = {  # Second names of one control.
+ALIASES = {  # Alternative names of controls.
     "param-zunits": "param-depthunits",
     "aux-param-depthclampmin": "param-depthclampmin",
     "aux-param-depthclampmax": "param-depthclampmax",
@@ -32,11 +33,11 @@ ALIASES = {  # Second names of one control.
     "param-censusenablereg-vdiameter": "param-censusvsize",
     **{f"aux-param-colorcorrection{i}": f"param-colorcorrection{i}" for i in range(1, 13)},
 }
-RANGES = {  # What is mapped onto a sensor.
+RANGES = {  # Controls that are mapped onto a sensor, with their ranges.
     "param-secondpeakdelta": (0, 1023),
     "param-neighborthresh": (0, 1023),
     "param-leftrightthreshold": (0, 2047),  # [1/32 px]
-    "param-texturecountthresh": (0, 49),  # Pixels of 7x7.
+    "param-texturecountthresh": (0, 49),  # Pixels of the 7x7 window.
     "param-texturedifferencethresh": (0, 4095),
     "param-scanlinep1": (0, 1023),
     "param-scanlinep2": (0, 1023),
@@ -49,7 +50,7 @@ RANGES = {  # What is mapped onto a sensor.
     "param-depthclampmin": (0, 65_536),  # [depth units]
     "param-depthclampmax": (1, 65_536),
     "param-disparityshift": (0, 512),  # [px]
-    "param-autoexposure-setpoint": (0, 3686),  # Of 4096.
+    "param-autoexposure-setpoint": (0, 3686),  # Share of 4096.
     "controls-laserpower": (0, 360),  # [mW]
     "controls-autoexposure-manual": (1, 1_000_000),  # [us]
     "controls-depth-gain": (16, 248),  # 16 is unity.
@@ -60,7 +61,7 @@ _COLOUR = "it acts on colour channels; ours is one infrared image"
 _MODS = "our penalties do not change at steps of brightness (it gained nothing: decision 0003)"
 _STREAM = "it chooses a stream; the sensor says its size itself"
 _RGB = "it sets the colour camera"
-WITHOUT_COUNTERPART = {  # Why each of these leaves the sensor as it is.
+WITHOUT_COUNTERPART = {  # Controls without effect on the sensor, with the reason.
     "param-medianthreshold": f"{_SCORES}: a median over all disparities",
     "param-robbinsmonrodecrement": f"{_SCORES}: a running median",
     "param-robbinsmonroincrement": f"{_SCORES}: a running median",
@@ -104,47 +105,47 @@ WITHOUT_COUNTERPART = {  # Why each of these leaves the sensor as it is.
             "white-balance-auto", "white-balance-manual")), _RGB,
     ),
 }  # fmt: skip
-_FREE = ("result", "result:", "stream-depth-format", "stream-ir-format")  # Any text.
-_WIDEST = 1e6  # No register goes beyond.
+_FREE = ("result", "result:", "stream-depth-format", "stream-ir-format")  # Accept any text.
+_WIDEST = 1e6  # Range of other controls; all registers are smaller.
 KNOWN = frozenset({*WORDS, *RANGES, *WITHOUT_COUNTERPART})
 
 
 def canonical(values: Iterable[tuple[str, Any]]) -> dict[str, Control]:
-    """Return the values under the controls' own names, as numbers or words.
+    """Return the values by the controls' canonical names, as numbers or words.
 
     Args:
-        values: (name, value) as in a JSON file: numbers, or text that holds one.
+        values: Pairs (name, value) as in a JSON file; a value is a number or its text.
 
     Raises:
-        InputError: unknown control (nearest name first), no number, one out of range, or two
-            names of one control that disagree.
+        InputError: for an unknown control, a value that is not a number or is out of range, or
+            aliases of one control that disagree.
     """
-    found: dict[str, Control] = {}
-    said: dict[str, str] = {}
-    for given, value in values:
-        errors.one_of("control", given, KNOWN | ALIASES.keys())
-        name = ALIASES.get(given, given)
-        read = _read(given, name, value)
-        if found.setdefault(name, read) != read:
+    controls: dict[str, Control] = {}
+    sources: dict[str, str] = {}
+    for alias, value in values:
+        errors.one_of("control", alias, KNOWN | ALIASES.keys())
+        name = ALIASES.get(alias, alias)
+        read = _read(alias, name, value)
+        if controls.setdefault(name, read) != read:
             raise errors.refuse(
-                f"{said[name]} and {given}",
+                f"{sources[name]} and {alias}",
                 "must agree: they are one control",
-                f"{found[name]:g} and {read:g}",
+                f"{controls[name]:g} and {read:g}",
                 "Drop one.",
             )
-        said.setdefault(name, given)
-    return found
+        sources.setdefault(name, alias)
+    return controls
 
 
-def _read(given: str, name: str, value: Any) -> Control:
-    """Read one value."""
+def _read(alias: str, name: str, value: Any) -> Control:
+    """Parse one value; `alias` is the name in error messages."""
     if name in _FREE:
         return str(value)
     if name in WORDS:
         word = str(value).lower()
         if word not in WORDS[name]:
             raise errors.refuse(
-                given, f"must be one of {', '.join(WORDS[name])}", repr(value), "Mind the word."
+                alias, f"must be one of {', '.join(WORDS[name])}", repr(value), "Mind the word."
             )
         return word
     low, high = RANGES.get(name, (-_WIDEST, _WIDEST))
@@ -153,6 +154,6 @@ def _read(given: str, name: str, value: Any) -> Control:
     except ValueError:
         number = math.nan
     if not isinstance(number, (int, float)) or isinstance(number, bool) or math.isnan(number):
-        raise errors.refuse(given, "must be a number", repr(value), "Export the file again.")
-    errors.in_interval(given, number, low, high, "It is outside what the device takes.")
+        raise errors.refuse(alias, "must be a number", repr(value), "Export the file again.")
+    errors.in_interval(alias, number, low, high, "It is outside what the device takes.")
     return float(number)

@@ -10,7 +10,7 @@ from starling.patterns import errors
 from starling.sim.sensor.realsense import controls
 from starling.sim.sensor.realsense.controls import Control
 
-DEFAULT = "default"  # What our own setting stands for.
+DEFAULT = "default"  # Preset that an unchanged sensor represents.
 
 
 def names() -> list[str]:
@@ -22,7 +22,7 @@ def named(name: str) -> dict[str, Control]:
     """Return a preset's values by control.
 
     Raises:
-        InputError: unknown preset (the known ones are listed, nearest first).
+        InputError: for an unknown preset; the message lists the known ones, nearest first.
     """
     errors.one_of("device preset", name, _tables())
     return dict(_tables()[name])

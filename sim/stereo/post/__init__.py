@@ -1,1 +1,1 @@
-"""Post-processing: what a depth camera's software does to disparities before a user sees depth."""
+"""Post-processing filters of a depth camera's software."""

@@ -13,7 +13,7 @@ from starling.sim.stereo.depth import DepthMap, depth_from_disparity
 from starling.sim.stereo.post import decimation, hole_filling, spatial, temporal, threshold
 from starling.sim.stereo.post.temporal import History
 
-LARGEST_CODE = 65535  # Of the 16-bit depth image; 0 means no depth.
+LARGEST_CODE = 65535  # Largest code of the 16-bit depth image; 0 means no depth.
 
 
 def process(
@@ -23,23 +23,22 @@ def process(
     causes: Mapping[Reason, NDArray[np.bool_]],
     past: History | None = None,
 ) -> DepthMap:
-    """Turn the matcher's depth into the depth that leaves the device.
+    """Apply the post-processing filters to the matcher's depth.
 
-    In this order: what the 16-bit code cannot hold is dropped, decimation, threshold, spatial
-    filter, temporal filter, hole filling. All work on disparities, of which depth is the inverse:
-    z = f b / d holds after each. With decimation the filters run on the small image, where
-    disparities (and so both deltas) are in its own, wider pixels; at the end all pixels of a block
-    share its value, as the map keeps the left imager's size.
+    The order is: range of the 16-bit code, decimation, threshold, spatial filter, temporal filter,
+    hole filling. All filters work on disparities, and z = f b / d holds after each. With decimation
+    the later filters run on the smaller image. Its pixels are wider, and so are both deltas. The
+    result has the left imager's size: all pixels of a block share its value.
 
     Args:
-        raw: from the matcher, (h, w).
-        sensor: its geometry and `post`; a sensor whose filters are off returns `raw` itself.
-        causes: masks (h, w) of what else is known to keep a pixel from having depth; they name the
-            reason where a filter took depth away.
-        past: `history` of the depth map before, for the temporal filter.
+        raw: depth from the matcher, (h, w).
+        sensor: its geometry and `post`; with all filters off the result is `raw` itself.
+        causes: masks (h, w) of known causes of missing depth. They set the reason of pixels that
+            a filter removes.
+        past: `history` of the previous depth map, for the temporal filter.
 
     Raises:
-        InputError: if `past` is of another size.
+        InputError: if `past` has another size.
     """
     post, side = sensor.post, sensor.post.decimation
     geometry = {"focal_px": sensor.fx_px, "baseline_m": sensor.baseline_m}
@@ -81,13 +80,13 @@ def _reasons(
     side: int,
     causes: Mapping[Reason, NDArray[np.bool_]],
 ) -> NDArray[np.uint32]:
-    """Reasons after the filters: what they filled has none, what they took gets its first cause."""
+    """Reasons after the filters: filled pixels are valid, removed ones get their first cause."""
     reason = np.where(valid, np.uint32(Reason.VALID), raw.reason)
     lost = raw.valid & ~valid
     if lost.any():
         h, w = valid.shape
-        left_over = np.ones_like(valid)  # Makes no whole block.
-        left_over[: h // side * side, : w // side * side] = False
-        own = {Reason.POST_FILTER: left_over, Reason.OUT_OF_RANGE: lost}
-        reason[lost] = first_cause(~lost, dict(causes) | own)[lost]
+        outside_blocks = np.ones_like(valid)  # Pixels outside complete blocks.
+        outside_blocks[: h // side * side, : w // side * side] = False
+        filter_causes = {Reason.POST_FILTER: outside_blocks, Reason.OUT_OF_RANGE: lost}
+        reason[lost] = first_cause(~lost, dict(causes) | filter_causes)[lost]
     return reason

@@ -1,4 +1,4 @@
-"""Decimation: the pixels of a block become one."""
+"""Decimation filter: each block of pixels is reduced to one value."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-_LARGEST_MEDIAN = 3  # Longest side of a block whose median is taken; wider blocks take the mean.
+_LARGEST_MEDIAN = 3  # Largest block side for the median [px]; larger blocks use the mean.
 
 
 def decimate(disparity_px: NDArray[np.float32], side: int) -> NDArray[np.float32]:
-    """Make one value of every block of `side` x `side` pixels, the first at pixel (0, 0).
+    """Reduce every block of `side` x `side` pixels to one value; blocks start at pixel (0, 0).
 
-    Blocks of 2 and 3 pixels a side take the median depth (of an even count the nearer of the two
-    in the middle), wider ones the mean depth, both of those pixels that have one. Depth is
-    inverse to disparity, so the mean is a harmonic one here.
+    Blocks of side 2 and 3 take the median depth of their valid pixels; of an even count, the nearer
+    of the two middle ones. Larger blocks take the mean depth, which is a harmonic mean of
+    disparities.
 
     Args:
         disparity_px: (h, w) [px], > 0, NaN = none.
-        side: of a block [px]; 1 gives the input itself.
+        side: side of a block [px]; 1 returns the input array.
 
     Returns:
-        (h // side, w // side) [px of the input], NaN where a whole block had none. What is left
-        over at the right and at the bottom is dropped.
+        (h // side, w // side) [px of the input], NaN for blocks without valid pixels. Incomplete
+        blocks at the right and at the bottom are dropped.
 
     Source: librealsense, decimation filter.
     """
@@ -34,15 +34,15 @@ def decimate(disparity_px: NDArray[np.float32], side: int) -> NDArray[np.float32
 def enlarge(
     blocks_px: NDArray[np.float32], side: int, shape: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Give every pixel its block's value.
+    """Set every pixel to its block's value.
 
     Args:
         blocks_px: (h // side, w // side) from `decimate`.
-        side: of a block [px]; 1 gives the input itself.
-        shape: (h, w) to fill.
+        side: side of a block [px]; 1 returns the input array.
+        shape: (h, w) of the result.
 
     Returns:
-        (h, w), NaN in the rows and columns that make no whole block.
+        (h, w), NaN outside complete blocks.
     """
     if side == 1:
         return blocks_px
@@ -57,26 +57,26 @@ def enlarge(
 def _decimate(disparity, side, median):  # pragma: no cover - compiled
     rows, columns = disparity.shape[0] // side, disparity.shape[1] // side
     out = np.empty((rows, columns), np.float32)
-    kept = np.empty(side * side, np.float32)  # Of one block, in ascending order.
+    values = np.empty(side * side, np.float32)  # Values of one block, ascending.
     for row in range(rows):
         for column in range(columns):
             count, depths = 0, np.float32(0)
             for y in range(row * side, (row + 1) * side):
                 for x in range(column * side, (column + 1) * side):
                     value = disparity[y, x]
-                    if value != value:  # None.
+                    if value != value:  # NaN: no disparity.
                         continue
                     depths += np.float32(1) / value
                     place = count
-                    while median and place > 0 and kept[place - 1] > value:
-                        kept[place] = kept[place - 1]
+                    while median and place > 0 and values[place - 1] > value:
+                        values[place] = values[place - 1]
                         place -= 1
-                    kept[place] = value
+                    values[place] = value
                     count += 1
             if count == 0:
                 out[row, column] = np.nan
             elif median:
-                out[row, column] = kept[count // 2]
+                out[row, column] = values[count // 2]
             else:
                 out[row, column] = np.float32(count) / depths
     return out

@@ -1,4 +1,4 @@
-"""Hole filling: missing depth is taken from a neighbour."""
+"""Hole filling filter: missing depth is copied from a neighbour."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ from starling.sim.sensor.post import HoleFilling
 
 
 def fill(disparity_px: NDArray[np.float32], mode: HoleFilling) -> NDArray[np.float32]:
-    """Fill holes row by row, so that what was filled fills the next.
+    """Fill holes row by row; filled pixels can fill the next ones.
 
-    "left" repeats the last depth of the row. "farthest" takes the farthest of the five neighbours
-    that come before in the row or above and below: left, upper left, lower left, up, down.
-    "nearest" takes the nearest of them, yet only under a pixel that has depth: the filter begins
-    with the upper neighbour, and nothing is nearer than none. Both leave the first and the last
-    row and the first column alone.
+    "left" repeats the last depth of the row. "farthest" takes the farthest of five neighbours:
+    left, upper left, lower left, up, down. "nearest" takes the nearest of them, but only if the
+    upper neighbour has depth, because the filter starts with it. Both modes leave the first and
+    the last row and the first column unchanged.
 
     Args:
         disparity_px: (h, w) [px], NaN = none.
-        mode: "off" gives the input itself, and so does a map that holds nothing to fill.
+        mode: filter mode; "off" returns the input array. A map without holes is also returned.
 
     Source: librealsense, hole filling filter, modes 0, 1 (default) and 2.
     """
@@ -46,13 +45,14 @@ def _from_left(image):  # pragma: no cover - compiled
 def _from_around(image, farthest):  # pragma: no cover - compiled
     h, w = image.shape
     for y in range(1, h - 1):
-        above, here, below = image[y - 1], image[y], image[y + 1]
+        above, current, below = image[y - 1], image[y], image[y + 1]
         for x in range(1, w):
-            if here[x] == here[x] or (not farthest and above[x] != above[x]):
+            if current[x] == current[x] or (not farthest and above[x] != above[x]):
                 continue
             best = above[x]
-            for value in (above[x - 1], here[x - 1], below[x - 1], below[x]):
-                # Comparing with NaN is False: a missing best gives way, a missing value loses.
+            for value in (above[x - 1], current[x - 1], below[x - 1], below[x]):
+                # Comparisons with NaN are False: any value replaces a missing best, and a missing
+                # value replaces nothing.
                 if best != best or (value < best if farthest else value > best):
                     best = value
-            here[x] = best
+            current[x] = best

@@ -1,4 +1,4 @@
-"""A table captured by a small camera, and what a fit of levels found in it."""
+"""A simulated capture of a table by a small camera, for the tests of level fits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from starling.sim import simulate
 from starling.sim.captures import writer
 from starling.sim.render import direct
 from starling.sim.render.layers import Layers
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import edits, presets
@@ -49,12 +49,12 @@ AMBIENT = f"scene.ambient.irradiance_w_m2[{SCENE.name}]"
 
 @cache
 def captured_layers() -> Layers:
-    return direct.layers(Stage(SCENE), TRUTH, subpixels=3)
+    return direct.layers(MitsubaScene(SCENE), TRUTH, subpixels=3)
 
 
 @cache
 def fitted_layers() -> dict[str, Layers]:
-    return {SCENE.name: direct.layers(Stage(SCENE), START, subpixels=4)}
+    return {SCENE.name: direct.layers(MitsubaScene(SCENE), START, subpixels=4)}
 
 
 def observed(
@@ -66,7 +66,7 @@ def observed(
     scene: Scene = SCENE,
     layers: Layers | None = None,
 ) -> Observation:
-    """Capture the scene; the fit is told another ambient light."""
+    """Simulate a capture; the observation's scene has a different ambient light."""
     light = dataclasses.replace(scene.ambient, irradiance_w_m2=AMBIENT_W_M2)
     lit = dataclasses.replace(scene, ambient=light)
     layers = layers or captured_layers()
@@ -94,7 +94,7 @@ def observed(
     )
 
 
-def found(fit: Photometry) -> dict[str, float]:
+def values_by_name(fit: Photometry) -> dict[str, float]:
     return {estimate.name: estimate.value for estimate in fit.solution.estimates}
 
 

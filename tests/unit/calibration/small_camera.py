@@ -1,4 +1,4 @@
-"""What tests of calibration share: a preset of few pixels, and captures of it on disk."""
+"""Shared by calibration tests: a low-resolution preset, and its captures on disk."""
 
 from __future__ import annotations
 

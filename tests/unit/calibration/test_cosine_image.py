@@ -15,7 +15,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def _drawn(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """An image, places in it and around it, and values there."""
+    """Return an image, positions inside and outside it, and values."""
     rng = np.random.default_rng(seed)
     place = rng.uniform([-2, -2], [SHAPE[1] + 1, SHAPE[0] + 1], (50, 2))
     return rng.standard_normal(SHAPE), place, rng.standard_normal(50)
@@ -47,7 +47,7 @@ def test_slope_is_the_derivative_of_read_within_a_cell(seed: int) -> None:
         np.testing.assert_allclose(slope[:, axis], (ends[0] - ends[1]) / 0.1, atol=1e-10)
 
 
-def test_read_adds_and_nothing_is_read_outside() -> None:
+def test_read_accumulates_and_ignores_positions_outside() -> None:
     image = np.ones(SHAPE)
     place = np.array([[2.5, 3.5], [-0.1, 3.0], [3.0, SHAPE[0] - 0.5], [np.nan, 1.0]])
     out = np.full(4, 2.0)
@@ -58,7 +58,7 @@ def test_read_adds_and_nothing_is_read_outside() -> None:
     assert not slope.any()
 
 
-def test_cosines_are_the_places_of_the_pixels() -> None:
+def test_cosines_are_those_of_the_pixel_positions() -> None:
     grid = Grid(half_a=0.6, half_b=0.4, step=0.03)
     a, b = grid.cosines()
     assert (len(b), len(a)) == grid.shape

@@ -1,4 +1,4 @@
-"""Calibration from depth and holes of simulated captures, whose infrared is thrown away."""
+"""Calibration from depth and missing depth of simulated captures, without infrared images."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from starling.calibration.depth import depth_figures, depth_geometry, depth_only
-from starling.calibration.depth.depth_twin import twin
+from starling.calibration.depth.depth_twin import render_twin
 from starling.calibration.depth.disparity_scale import DisparityPair
 from starling.calibration.observation import Observation
 from starling.patterns import InputError
@@ -22,7 +22,7 @@ from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import disparity_from_depth, from_code, to_code
 
-TRUE = {  # What differs from the preset, by the table of effects.
+TRUE = {  # Effects of the true sensor, relative to the preset.
     "baseline_error": 0.012,
     "disparity_offset": -0.3,
     "laser_speckle": 0.45,
@@ -46,7 +46,7 @@ def _preset(width: int = 640) -> Sensor:
 def _observed(
     name: str, sensor: Sensor, settings: dict[str, float], *, seed: int, mesh: bool
 ) -> Observation:
-    """A builtin scene read by a sensor that differs; depth and truth in whole millimetres."""
+    """Simulate a builtin scene with given effects; depth and reference in whole millimetres."""
     scene = sources.load(name, sensor)
     shot = simulate.simulate(scene, setting.on_sensor(sensor, settings), seed=seed)
     depth_m, truth_m = (
@@ -71,13 +71,13 @@ UNSEEN = (
 
 @pytest.mark.long
 @pytest.mark.parametrize("mesh", [True, False])
-def test_what_depth_tells_comes_back(mesh: bool) -> None:
-    """f b within 0.05 %, offset 0.02 px; on twelve unseen scenes, in the mean, NMAD within 10 %
-    and the gap of holes halved.
+def test_depth_parameters_are_recovered(mesh: bool) -> None:
+    """f b is within 0.05 %, and the offset within 0.02 px.
 
-    With meshes the surfaces' reflectance is known, without it one grey is assumed; then texture
-    and uniqueness stand for what the assumption misses and do not come back themselves.
-    It does not prove that a device's matcher is ours: both sides share its code.
+    On twelve held-out scenes, the mean NMAD is within 10 % and the gap of hole rates is halved.
+    With meshes the reflectance is known; otherwise a grey is assumed. In that case the texture and
+    uniqueness thresholds absorb the error of the assumption and are not recovered. Device and
+    simulation share the matcher, so the test does not validate a real matcher.
     """
     preset = _preset()
     names = ("clutter:1", "tabletop:2", "clutter:8", "tabletop:9", "clutter:11", "tabletop:10")
@@ -85,25 +85,25 @@ def test_what_depth_tells_comes_back(mesh: bool) -> None:
         _observed(name, preset, TRUE, seed=100 + n, mesh=mesh) for n, name in enumerate(names)
     ]
     solution = depth_only.fit_depth(fitted, preset)
-    found = {estimate.name: estimate for estimate in solution.estimates}
+    estimates = {estimate.name: estimate for estimate in solution.estimates}
 
     true_fb = preset.focal_baseline_px_m * (1 + TRUE["baseline_error"])
-    assert found["focal_baseline"].value == pytest.approx(true_fb, rel=5e-4)
-    assert found["disparity_offset"].value == pytest.approx(TRUE["disparity_offset"], abs=0.02)
+    assert estimates["focal_baseline"].value == pytest.approx(true_fb, rel=5e-4)
+    assert estimates["disparity_offset"].value == pytest.approx(TRUE["disparity_offset"], abs=0.02)
     assert solution.cost[-1] < solution.cost[0]
     if mesh:
         assert solution.cost[-1] < 0.5 * solution.cost[0]
         for name in ("laser_speckle", "texture_threshold"):
-            assert abs(found[name].value - TRUE[name]) < 3 * found[name].sd
+            assert abs(estimates[name].value - TRUE[name]) < 3 * estimates[name].sd
     assert any(line.startswith("Focal length and baseline") for line in solution.undetermined)
     assert solution.covariance.shape == (6, 6)
 
     held = [
-        twin(_observed(name, preset, TRUE, seed=200 + n, mesh=mesh), preset, seed=50 + n)
+        render_twin(_observed(name, preset, TRUE, seed=200 + n, mesh=mesh), preset, seed=50 + n)
         for n, name in enumerate(UNSEEN)
     ]
-    rows = depth_figures.side_by_side(held, preset, solution.sensor)
-    row = {key: np.mean([one[key] for one in rows.values()]) for key in rows["clutter:3"]}
+    rows = depth_figures.compare_readings(held, preset, solution.sensor)
+    row = {key: np.mean([figures[key] for figures in rows.values()]) for key in rows["clutter:3"]}
     assert row["nmad_px_after"] == pytest.approx(row["nmad_px_device"], rel=0.1)
     gap = {
         side: abs(row[f"ndp_rate_{side}"] - row["ndp_rate_device"]) for side in ("before", "after")
@@ -113,8 +113,8 @@ def test_what_depth_tells_comes_back(mesh: bool) -> None:
 
 
 @pytest.mark.long
-def test_every_room_is_scored_by_a_fit_that_never_saw_it() -> None:
-    """Geometry alone, two folds: held-out scenes lose the bias that the preset has on them."""
+def test_cross_validation_scores_held_out_rooms() -> None:
+    """With geometry only and two folds, the fit removes the preset's bias on held-out scenes."""
     preset = _preset(320)
     settings = {"baseline_error": 0.01, "disparity_offset": -0.2}
     seen = [
@@ -131,42 +131,42 @@ def test_every_room_is_scored_by_a_fit_that_never_saw_it() -> None:
         assert missed["after"] < 0.25 * missed["before"]
 
 
-def test_a_wall_does_not_tell_scale_from_offset() -> None:
+def test_one_wall_does_not_separate_scale_from_offset() -> None:
     preset = _preset(320)
     wall = _observed("wall:1", preset, {"disparity_offset": -0.2}, seed=0, mesh=False)
     solution = depth_only.fit_depth([wall], preset, free=("baseline", "offset"))
     assert all(np.isinf(estimate.sd) for estimate in solution.estimates)
-    assert any("cannot be told apart" in line for line in solution.undetermined)
-    assert any("rooms differ" in line for line in solution.undetermined)
+    assert any("cannot be separated" in line for line in solution.undetermined)
+    assert any("scatter between rooms" in line for line in solution.undetermined)
 
 
-def test_a_surface_from_reference_depth_stands_where_it_was_measured() -> None:
-    """Within 0.05 px where the reference is whole; the hole in it is closed."""
+def test_a_surface_from_reference_depth_keeps_its_position() -> None:
+    """The surface is within 0.05 px of the reference, and fills a hole in it."""
     preset = _preset(320)
     seen = _observed("wall:1", preset, {}, seed=0, mesh=False)
     assert seen.truth_m is not None
     seen.truth_m[80:84, 200:204] = np.nan
-    given = {"focal_px": preset.fx_px, "baseline_m": preset.baseline_m}
-    truth_px = disparity_from_depth(seen.truth_m, **given)
-    made = twin(seen, preset)
-    assert len(made.stage.scene.bodies) == 1  # Nothing is behind a wall.
-    off = disparity_from_depth(made.layers.truth.depth_m, **given) - truth_px
+    geometry = {"focal_px": preset.fx_px, "baseline_m": preset.baseline_m}
+    truth_px = disparity_from_depth(seen.truth_m, **geometry)
+    depth_twin = render_twin(seen, preset)
+    assert len(depth_twin.stage.scene.bodies) == 1  # Nothing is behind a wall.
+    off = disparity_from_depth(depth_twin.layers.truth.depth_m, **geometry) - truth_px
     assert np.nanmax(np.abs(off)) < 0.05
-    assert np.isfinite(made.layers.truth.depth_m[82, 202])
+    assert np.isfinite(depth_twin.layers.truth.depth_m[82, 202])
 
 
-def test_a_twin_is_read_as_a_device_reads_it() -> None:
-    """By all bits of the converter: in weak light images of 8 lose what one of 10 bits shows."""
+def test_a_twin_matches_all_converter_bits() -> None:
+    """The twin matches all bits of the converter, which matters in weak light."""
     dim = with_values(_preset(320), [("projector.power_w", 0.02)])
     assert dim.left.matched_bits > dim.left.bit_depth
-    made = twin(_observed("clutter", dim, {}, seed=0, mesh=True), dim, seed=3)
-    shot = simulate.expose(made.layers, made.stage.scene, dim, seed=3)
+    depth_twin = render_twin(_observed("clutter", dim, {}, seed=0, mesh=True), dim, seed=3)
+    shot = simulate.expose(depth_twin.layers, depth_twin.stage.scene, dim, seed=3)
     read_m = from_code(to_code(shot.depth.depth_m, 1e-3), 1e-3)
-    np.testing.assert_array_equal(made.reading(dim), made.info.disparity_px(read_m))
+    np.testing.assert_array_equal(depth_twin.reading(dim), depth_twin.info.disparity_px(read_m))
 
 
 def _blank(**changes: object) -> Observation:
-    """A capture of nothing in particular, which nothing renders."""
+    """Return a minimal observation that is not rendered."""
     sensor = _preset(320)
     depth = np.full((sensor.height, sensor.width), 1.0, np.float32)
     info = writer.info_of(sensor, source="", licence="", notes="")
@@ -180,7 +180,7 @@ def _blank(**changes: object) -> Observation:
     return dataclasses.replace(seen, **changes)
 
 
-def test_what_cannot_be_fitted_is_refused() -> None:
+def test_unsupported_inputs_are_refused() -> None:
     preset = _preset(320)
     with pytest.raises(InputError, match=r"free must be among .* without infrared; got 'pattern'"):
         depth_only.fit_depth([_blank()], preset, free=("pattern",))
@@ -190,9 +190,9 @@ def test_what_cannot_be_fitted_is_refused() -> None:
         depth_only.fit_depth([_blank()], preset, free=())
     with pytest.raises(InputError, match=r"sensor.kind must be stereo without infrared"):
         depth_only.fit_depth([_blank()], presets.load("kinect-v1"))
-    other = _blank(name="b", info=dataclasses.replace(_blank().info, fx_px=300.0))
+    foreign = _blank(name="b", info=dataclasses.replace(_blank().info, fx_px=300.0))
     with pytest.raises(InputError, match=r"geometry of b must be that of a"):
-        depth_only.fit_depth([_blank(), other], preset)
+        depth_only.fit_depth([_blank(), foreign], preset)
     with pytest.raises(InputError, match=r"scene a must hold depth.png"):
         depth_only.fit_depth([_blank(depth_m=None)], preset)
     with pytest.raises(InputError, match=r"scene a must have truth.png or a mesh in scene.toml"):
@@ -204,14 +204,14 @@ def test_what_cannot_be_fitted_is_refused() -> None:
 
 
 def test_a_reference_of_another_scale_is_refused() -> None:
-    """Metres read as millimetres, or a wrong preset's baseline."""
+    """The cause may be a wrong unit or the baseline of a wrong preset."""
     seen = _blank(depth_m=np.full((180, 320), 2.0, np.float32))
     with pytest.raises(InputError, match=r"depth of a must be the reference's .*; got 2 times it"):
         depth_only.fit_depth([seen], _preset(320))
 
 
-def test_settling_finds_a_known_offset_and_scale() -> None:
-    """Of a slanted surface that both cameras see, the believed one off by both."""
+def test_fit_by_simulation_recovers_offset_and_scale() -> None:
+    """The iteration recovers offset and scale on a slanted surface."""
     down, along = np.mgrid[0:1:240j, 0:1:320j]
     truth_px = (12 + 30 * (0.4 * down + 0.6 * along)).astype(np.float32)
     noise = np.random.default_rng(0).normal(0, 0.02, truth_px.shape).astype(np.float32)
@@ -220,16 +220,16 @@ def test_settling_finds_a_known_offset_and_scale() -> None:
     device = setting.on_sensor(sensor, {"baseline_error": 0.01, "disparity_offset": 0.4})
 
     class Drawn:
-        """Depth as both numbers have it."""
+        """A depth twin with disparity from offset and scale only."""
 
-        def reading(self, of: Sensor) -> np.ndarray:
-            offset_px = of.right.alignment.offset_x_px
-            return (truth_px * (1 + of.baseline_error) - offset_px).astype(np.float32)
+        def reading(self, model: Sensor) -> np.ndarray:
+            offset_px = model.right.alignment.offset_x_px
+            return (truth_px * (1 + model.baseline_error) - offset_px).astype(np.float32)
 
-        def rendered(self, of: Sensor) -> Drawn:
+        def rendered(self, model: Sensor) -> Drawn:
             return self
 
-        def beside(self, expected_px: np.ndarray) -> DisparityPair:
+        def pair_with(self, expected_px: np.ndarray) -> DisparityPair:
             return DisparityPair(
                 name="a",
                 room="a",
@@ -241,6 +241,6 @@ def test_settling_finds_a_known_offset_and_scale() -> None:
             )
 
     drawn: Any = [Drawn()]
-    found = depth_geometry.settle(drawn, sensor, ("scale", "offset")).sensor
-    assert found.baseline_error == pytest.approx(0.01, abs=5e-4)
-    assert found.right.alignment.offset_x_px == pytest.approx(0.4, abs=0.02)
+    fitted = depth_geometry.fit_by_simulation(drawn, sensor, ("scale", "offset")).sensor
+    assert fitted.baseline_error == pytest.approx(0.01, abs=5e-4)
+    assert fitted.right.alignment.offset_x_px == pytest.approx(0.4, abs=0.02)

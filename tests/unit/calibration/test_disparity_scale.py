@@ -1,4 +1,4 @@
-"""Scale and offset of disparity by regression, on maps made without a camera."""
+"""Regression of scale and offset of disparity, on synthetic maps."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ BOTH = ("scale", "offset")
 
 
 def _coded(disparity: np.ndarray) -> np.ndarray:
-    """Disparity that depth in whole millimetres means."""
+    """Quantise disparity to depth in whole millimetres."""
     return (FOCAL_BASELINE / (np.rint(FOCAL_BASELINE / disparity / STEP_M) * STEP_M)).astype("f4")
 
 
@@ -30,9 +30,9 @@ def _pair(
     outliers: float = 0.0,
     bend: np.ndarray | float = 0.0,
 ) -> DisparityPair:
-    """A plane that leans by `slope_px` of disparity over the image, read with scatter.
+    """Return a noisy reading of a plane with a range of `slope_px` of disparity.
 
-    Each leans its own way, or the reference's rounding would be the same in all.
+    The direction of the slope depends on the seed, so that quantisation errors differ.
     """
     rng = np.random.default_rng(seed)
     down, along = np.mgrid[0:1:240j, 0:1:320j]
@@ -59,32 +59,32 @@ def _pair(
     offset_px=st.floats(-0.5, 0.5),
     outliers=st.sampled_from([0.0, 0.1]),
 )
-def test_scale_and_offset_come_back(scale: float, offset_px: float, outliers: float) -> None:
-    """Within 0.1 % and 0.03 px, four times the deviation of these maps' scatter.
+def test_scale_and_offset_are_recovered(scale: float, offset_px: float, outliers: float) -> None:
+    """The fit is within 0.1 % and 0.03 px, four standard deviations for these maps.
 
-    It does not prove that a matcher's own pull stays out: see `test_depth_only`.
+    The maps have no matcher bias; `test_depth_only` covers it.
     """
     pairs = [
         _pair(scale=scale, offset_px=offset_px, seed=seed, outliers=outliers) for seed in range(2)
     ]
-    found = disparity_scale.fit(pairs, free=BOTH)
-    assert found.told_apart
-    assert found.scale == pytest.approx(scale, abs=1e-3)
-    assert found.offset_px == pytest.approx(offset_px, abs=0.03)
+    fitted = disparity_scale.fit(pairs, free=BOTH)
+    assert fitted.separable
+    assert fitted.scale == pytest.approx(scale, abs=1e-3)
+    assert fitted.offset_px == pytest.approx(offset_px, abs=0.03)
 
 
-def test_deviations_are_those_of_repeated_readings() -> None:
-    """Errors over their stated deviation have RMS 1; of 40 draws 0.75 to 1.35 with 99 %."""
+def test_deviations_match_repeated_readings() -> None:
+    """Errors over their reported deviation have RMS 1, or 0.75 to 1.35 (99 %) for 40 draws."""
     z = []
     for draw in range(40):
-        found = disparity_scale.fit([_pair(seed=2 * draw), _pair(seed=2 * draw + 1)], free=BOTH)
-        z.append([found.scale, found.offset_px] / np.sqrt(np.diagonal(found.covariance)))
+        fitted = disparity_scale.fit([_pair(seed=2 * draw), _pair(seed=2 * draw + 1)], free=BOTH)
+        z.append([fitted.scale, fitted.offset_px] / np.sqrt(np.diagonal(fitted.covariance)))
     assert (np.sqrt(np.mean(np.square(z), axis=0)) > 0.75).all()
     assert (np.sqrt(np.mean(np.square(z), axis=0)) < 1.35).all()
 
 
-def test_rooms_that_disagree_widen_the_deviation() -> None:
-    """References placed 0.3 % apart from room to room: tiles alone would not show it."""
+def test_scatter_between_rooms_increases_the_deviation() -> None:
+    """References with scale errors of 0.3 % by room increase the deviation."""
     alike = disparity_scale.fit([_pair(seed=seed) for seed in range(4)], free=BOTH)
     shares = (-0.003, 0.003, -0.003, 0.003)
     apart = disparity_scale.fit(
@@ -94,27 +94,27 @@ def test_rooms_that_disagree_widen_the_deviation() -> None:
 
 
 @pytest.mark.parametrize(("free", "scale", "offset_px"), [("scale", 0.01, 0), ("offset", 0, 0.2)])
-def test_one_alone(free: str, scale: float, offset_px: float) -> None:
-    found = disparity_scale.fit([_pair(scale=scale, offset_px=offset_px)], free=(free,))
-    assert (found.scale, found.offset_px) == pytest.approx((scale, offset_px), abs=0.01)
-    other = {"scale": 1, "offset": 0}[free]
-    assert (found.scale, found.offset_px)[other] == 0
-    assert found.covariance[other, other] == 0
+def test_a_single_free_parameter(free: str, scale: float, offset_px: float) -> None:
+    fitted = disparity_scale.fit([_pair(scale=scale, offset_px=offset_px)], free=(free,))
+    assert (fitted.scale, fitted.offset_px) == pytest.approx((scale, offset_px), abs=0.01)
+    fixed = {"scale": 1, "offset": 0}[free]
+    assert (fitted.scale, fitted.offset_px)[fixed] == 0
+    assert fitted.covariance[fixed, fixed] == 0
 
 
-def test_one_distance_does_not_tell_scale_from_offset() -> None:
-    found = disparity_scale.fit([_pair(offset_px=0.2, slope_px=0.5)], free=BOTH)
-    assert not found.told_apart
-    assert np.isinf(np.diagonal(found.covariance)).all()
-    assert found.offset_px + 12 * found.scale == pytest.approx(0.2, abs=0.02)
+def test_one_distance_does_not_separate_scale_from_offset() -> None:
+    fitted = disparity_scale.fit([_pair(offset_px=0.2, slope_px=0.5)], free=BOTH)
+    assert not fitted.separable
+    assert np.isinf(np.diagonal(fitted.covariance)).all()
+    assert fitted.offset_px + 12 * fitted.scale == pytest.approx(0.2, abs=0.02)
 
 
 def test_a_smooth_bend_is_measured_not_fitted() -> None:
-    """x^2 - 1/3 over the square has RMS sqrt(4/45)."""
+    """The RMS of x^2 - 1/3 over the square is sqrt(4/45)."""
     x = np.linspace(-1, 1, SHAPE[1]) * np.ones(SHAPE)
-    found = disparity_scale.fit([_pair(bend=0.5 * (x**2 - 1 / 3))], free=BOTH)
-    assert found.bend_px == pytest.approx(0.5 * np.sqrt(4 / 45), rel=0.15)
-    assert found.bend_px > 3 * found.bend_sd_px
+    fitted = disparity_scale.fit([_pair(bend=0.5 * (x**2 - 1 / 3))], free=BOTH)
+    assert fitted.bend_px == pytest.approx(0.5 * np.sqrt(4 / 45), rel=0.15)
+    assert fitted.bend_px > 3 * fitted.bend_sd_px
     plain = disparity_scale.fit([_pair()], free=BOTH)
     assert plain.bend_px < 3 * plain.bend_sd_px
 

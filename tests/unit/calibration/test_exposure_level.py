@@ -1,4 +1,4 @@
-"""The level that auto exposure aims at, against one that is known."""
+"""The fitted target level of auto exposure."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ def _seen(name: str, level_dn: float) -> Observation:
     return Observation(name=name, room=name, info=info, left=image, right=image)
 
 
-def test_the_mean_level_is_aimed_at() -> None:
+def test_the_target_is_the_mean_level() -> None:
     levels = (19.0, 22.0, 25.0)
-    found = fit_exposure_level([_seen(str(dn), dn) for dn in levels], SENSOR)
-    assert found is not None
-    (estimate,) = found.estimates
+    solution = fit_exposure_level([_seen(str(dn), dn) for dn in levels], SENSOR)
+    assert solution is not None
+    (estimate,) = solution.estimates
     assert estimate.value == pytest.approx(22 / 255)
     assert estimate.sd == pytest.approx(3 / np.sqrt(3) / 255)
-    for imager in (found.sensor.left, found.sensor.right):
+    for imager in (solution.sensor.left, solution.sensor.right):
         assert imager.auto_exposure_level == estimate.value
     assert estimate.start == SENSOR.left.auto_exposure_level
 
 
 def test_a_level_is_the_mean_of_all_pixels() -> None:
-    """Dots included, of which most pixels have none."""
+    """The mean includes bright dots."""
     dotted = _seen("dots", 10.0)
     assert dotted.left is not None
     dotted.left[0] = 250.0
-    found = fit_exposure_level([dotted, replace(dotted, name="again")], SENSOR)
-    assert found is not None and found.estimates[0].value == pytest.approx(40 / 255)
+    solution = fit_exposure_level([dotted, replace(dotted, name="again")], SENSOR)
+    assert solution is not None and solution.estimates[0].value == pytest.approx(40 / 255)
 
 
-def test_one_scene_or_a_fixed_exposure_says_nothing() -> None:
+def test_one_scene_or_a_fixed_exposure_gives_no_level() -> None:
     seen = [_seen("a", 20.0), _seen("b", 21.0)]
     assert fit_exposure_level(seen[:1], SENSOR) is None
     blind = replace(seen[1], left=None, right=None)

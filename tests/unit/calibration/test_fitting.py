@@ -1,4 +1,4 @@
-"""Fitting as a whole, and `starling calibrate`: what is refused, and what is written."""
+"""The complete fit and `starling calibrate`: refused inputs and written files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from starling.patterns.errors import InputError
 from starling.sim.captures import capture
 from starling.sim.render import direct as render
 from starling.sim.render import emission as projector
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes as builtin
 from starling.sim.scene.scene import Ambient, Scene
 from starling.sim.sensor import presets as sensors
@@ -36,7 +36,7 @@ ROOMS = ("attic", "bath", "cellar", "den")
 
 
 def _write_scene(folder: Path, room: str, number: int, truth: Sensor) -> None:
-    """One simulated scene with reference depth, in a room of its own."""
+    """Write a simulated scene with reference depth, in a separate room."""
     scene = (builtin.tabletop(1), builtin.clutter(2), builtin.staircase(0.6), builtin.tabletop(7))
     body = dataclasses.replace(scene[number], interreflection=0.0)
     place = folder / f"scene-{room}"
@@ -45,7 +45,7 @@ def _write_scene(folder: Path, room: str, number: int, truth: Sensor) -> None:
 
 
 def _write(place: Path, scene: Scene, truth: Sensor, *, seed: int = 0) -> None:
-    layers = render.layers(Stage(scene), truth)
+    layers = render.layers(MitsubaScene(scene), truth)
     pair = infrared(layers, scene, truth, seed=seed)
     small_camera.write_scene(place, layers.truth.depth_m, (pair.left, pair.right), truth)
 
@@ -57,7 +57,7 @@ def small() -> Sensor:
 
 @pytest.fixture(scope="module")
 def captures(small: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A set of four rooms by a D435 whose projector stands 1 mm beside its preset's place."""
+    """Write captures of four rooms by a D435 whose projector is 1 mm off its nominal position."""
     folder = tmp_path_factory.mktemp("captures") / "set"
     small_camera.write_info(folder, small)
     x = small.projector.position_m[0] + 1e-3
@@ -86,7 +86,7 @@ def test_an_unknown_room_is_refused(captures: Path, small: Sensor, tmp_path: Pat
     assert message.startswith("heldout must be a known name; got 'garage'.") and "attic" in message
 
 
-def test_a_room_must_be_left(captures: Path, small: Sensor, tmp_path: Path) -> None:
+def test_holding_out_all_rooms_is_refused(captures: Path, small: Sensor, tmp_path: Path) -> None:
     message = _refused(captures, small, tmp_path, heldout=list(ROOMS))
     assert message.startswith("heldout must leave a room to fit; got attic, bath, cellar, den.")
 
@@ -103,11 +103,11 @@ def test_a_warp_of_one_room_is_refused(captures: Path, small: Sensor, tmp_path: 
     assert message.startswith("captures must hold infrared pairs of 2 rooms for the warp; got 1.")
 
 
-def test_light_that_was_told_with_haze_does_not_tell_haze(tmp_path: Path) -> None:
-    """Even ambient light and a haze of 0.3, where none is believed: a map of light by place, told
-    by the same dots under that belief, would confirm it.
+def test_haze_is_not_biased_by_the_initial_ambient_map(tmp_path: Path) -> None:
+    """A haze of 0.3 is recovered from an initial haze of 0, because the light map is dropped.
 
-    To 0.1 and a fifth: reflectance is made under the belief too, so not all of it is forgotten.
+    The map is estimated with the initial haze and would bias the fit towards it. Reflectance is
+    also estimated with the initial haze, so the tolerances are 0.1 and 20 %.
     """
     start = small_camera.small("d435", 424, 240)
     truth = with_values(start, [("projector.haze", 0.3)])
@@ -116,34 +116,36 @@ def test_light_that_was_told_with_haze_does_not_tell_haze(tmp_path: Path) -> Non
     table = dataclasses.replace(builtin.tabletop(3), interreflection=0.0, ambient=light)
     _write(tmp_path / "set" / "table", table, truth)
     scenes = capture.open_set(tmp_path / "set").scenes
-    told = observation.load(scenes[0], start).scene
-    assert told is not None and told.bodies[0].ambient_share is not None
+    initial_scene = observation.load(scenes[0], start).scene
+    assert initial_scene is not None and initial_scene.bodies[0].ambient_share is not None
     fit = fitting.fit(scenes, start, free=["photometry"], folder=tmp_path, heldout=[])
-    found = {one.name: one.value for one in fit.solutions["photometry"].estimates}
-    assert found["projector.haze"] == pytest.approx(0.3, abs=0.1)
-    assert found["scene.ambient.irradiance_w_m2[table]"] == pytest.approx(1.0, rel=0.2)
+    estimates = {
+        estimate.name: estimate.value for estimate in fit.solutions["photometry"].estimates
+    }
+    assert estimates["projector.haze"] == pytest.approx(0.3, abs=0.1)
+    assert estimates["scene.ambient.irradiance_w_m2[table]"] == pytest.approx(1.0, rel=0.2)
 
 
 @pytest.mark.long
 def test_a_warp_is_fitted_last(captures: Path, small: Sensor, tmp_path: Path) -> None:
-    """The captures have none; that another one is found, `test_warp_fit.py` tests."""
+    """The captures have no warp; `test_warp_fit.py` covers a nonzero warp."""
     scenes = capture.open_set(captures).scenes
-    found = fitting.fit(
+    result = fitting.fit(
         scenes, small, folder=tmp_path, free=["projector", "warp"], heldout=ROOMS[2:]
     )
-    assert list(found.solutions) == ["geometry", "warp"]
-    assert found.sensor.right.alignment.warp_px
-    (estimate,) = found.solutions["warp"].estimates
+    assert list(result.solutions) == ["geometry", "warp"]
+    assert result.sensor.right.alignment.warp_px
+    (estimate,) = result.solutions["warp"].estimates
     assert estimate.value < 0.1
 
 
-def test_wrong_captures_are_refused_before_their_surfaces_are_made(
+def test_invalid_captures_are_refused_before_surfaces_are_loaded(
     captures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def made(*_: object, **__: object) -> Observation:
+    def fail(*_: object, **__: object) -> Observation:
         raise AssertionError("a surface was made")
 
-    monkeypatch.setattr(observation, "with_surface", made)
+    monkeypatch.setattr(observation, "with_surface", fail)
     message = _refused(captures, small_camera.small("d415", 424, 240), tmp_path)
     assert message.startswith("sensor d415 must fit the captures")
 
@@ -157,7 +159,7 @@ def test_a_group_of_depth_alone_is_refused_with_infrared(
 
 
 @pytest.mark.parametrize(
-    ("rooms", "asked", "expected"),
+    ("rooms", "requested", "expected"),
     [
         (ROOMS, None, ("den",)),
         (ROOMS[:3], None, ("cellar",)),
@@ -169,14 +171,14 @@ def test_a_group_of_depth_alone_is_refused_with_infrared(
 )
 def test_rooms_held_out(
     rooms: tuple[str, ...],
-    asked: list[str] | None,
+    requested: list[str] | None,
     expected: tuple[str, ...],
     captures: Path,
 ) -> None:
-    """Every fourth, the last of three, none of fewer; or those that are asked for."""
+    """The default is every fourth room, the last of three, and none of fewer."""
     by_room = {scene.room: scene for scene in capture.open_set(captures).scenes}
     scenes = [by_room[room] for room in rooms]
-    assert fitting._held_out(scenes, asked) == expected
+    assert fitting._held_out(scenes, requested) == expected
 
 
 def _calibrate(captures: Path, sensor: Sensor, out: Path) -> str:
@@ -185,7 +187,7 @@ def _calibrate(captures: Path, sensor: Sensor, out: Path) -> str:
     return str(caught.value)
 
 
-def test_what_cannot_be_written_is_refused_before_any_work(
+def test_invalid_output_is_refused_before_the_fit(
     captures: Path, small: Sensor, tmp_path: Path
 ) -> None:
     message = _calibrate(captures, small, tmp_path / "mine.json")
@@ -201,7 +203,7 @@ def test_what_cannot_be_written_is_refused_before_any_work(
     assert not (tmp_path / "folder.toml").exists()
 
 
-def test_nothing_is_left_of_a_refused_fit(captures: Path, small: Sensor, tmp_path: Path) -> None:
+def test_a_refused_fit_leaves_no_files(captures: Path, small: Sensor, tmp_path: Path) -> None:
     with pytest.raises(InputError):
         calibrate_captures(
             str(captures), small, tmp_path / "x.toml", free=["pattern"], heldout=["garage"]
@@ -213,34 +215,36 @@ def test_nothing_is_left_of_a_refused_fit(captures: Path, small: Sensor, tmp_pat
 def written(
     captures: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, dict[str, object]]:
-    """What `starling calibrate` writes, moved to another folder, and what it prints."""
+    """Run `starling calibrate`; return its moved output folder and its printed figures."""
     folder = tmp_path_factory.mktemp("calibrated")
     out = folder / "x.toml"
     words = ["calibrate", str(captures), "--sensor", "d435", "--free", "pattern", "--json"]
     words += ["--set", "projector.power_w=1.0", "--out", str(out)]
-    with redirect_stdout(io.StringIO()) as said:
+    with redirect_stdout(io.StringIO()) as output:
         status = command_line.main(words)
     assert not status
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     shutil.move(out, elsewhere / "x.toml")
     shutil.move(folder / "x", elsewhere / "x")
-    return elsewhere, json.loads(said.getvalue())
+    return elsewhere, json.loads(output.getvalue())
 
 
 @pytest.mark.slow
 def test_the_sensor_file_and_its_folder_move_together(
     written: tuple[Path, dict[str, object]],
 ) -> None:
-    """Loaded from where they lie now, both sensor files throw the same light."""
+    """After the move, both sensor files give the same projector light."""
     folder, _ = written
     outer, inner = (
         asked_sensor.load(str(path)) for path in (folder / "x.toml", folder / "x" / "sensor.toml")
     )
-    one, other = (projector.irradiance_at_unit_distance(each.projector) for each in (outer, inner))
-    np.testing.assert_array_equal(one, other)
+    outer_light, inner_light = (
+        projector.irradiance_at_unit_distance(each.projector) for each in (outer, inner)
+    )
+    np.testing.assert_array_equal(outer_light, inner_light)
     for emitter in outer.projector.emitters:
         assert Path(emitter.pattern).parent.name == "x"
-    # The true projector stands 1 mm beside the preset's place.
+    # The true projector is 1 mm off the preset's position.
     x = outer.projector.position_m[0] - sensors.load("d435").projector.position_m[0]
     assert x == pytest.approx(1e-3, abs=2e-4)
 
@@ -262,13 +266,13 @@ def test_the_folder_holds_the_report(written: tuple[Path, dict[str, object]]) ->
 
 
 @pytest.mark.slow
-def test_what_is_printed_keeps_the_contract(written: tuple[Path, dict[str, object]]) -> None:
-    """The keys that the design fixes; a held-out room whose dots are found again."""
+def test_printed_figures_have_the_specified_keys(written: tuple[Path, dict[str, object]]) -> None:
+    """The printed keys and the held-out score meet the specification."""
     folder, printed = written
     parameters, heldout = printed["parameters"], printed["heldout"]
     assert isinstance(parameters, dict) and isinstance(heldout, dict)
-    for one in parameters.values():
-        assert {"value", "sd", "unit"} <= set(one)
+    for parameter in parameters.values():
+        assert {"value", "sd", "unit"} <= set(parameter)
     assert "projector.position_m.x" in parameters
     assert isinstance(printed["undetermined"], list) and printed["undetermined"]
     assert isinstance(printed["seconds"], float)

@@ -1,6 +1,6 @@
-"""The geometry of small simulated sensors, fitted: found, named as open, or refused.
+"""Geometry fits of small simulated sensors: recovered, undetermined or refused.
 
-What is simulated uses another seed and another number of sub-pixel positions than the fit does.
+Simulation and fit use different seeds and sub-pixel positions.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from starling.patterns.errors import InputError
 from starling.sim import metrics
 from starling.sim.captures import writer
 from starling.sim.render import direct
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes as builtin
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import presets
@@ -31,7 +31,7 @@ FREE = ("baseline", "focal", "projector")
 
 
 def preset() -> Sensor:
-    """A d435 of 320x180, which sees its dots 1.3 px wide."""
+    """Return a D435 of 320x180, with dots 1.3 px wide."""
     sensor = presets.load("d435")
     scale = 320 / sensor.width
     values = {
@@ -47,7 +47,7 @@ def preset() -> Sensor:
 
 
 def unit(sensor: Sensor) -> Sensor:
-    """One unit of it, off within the tolerances."""
+    """Return a device whose parameters are off within the tolerances."""
     part = sensor.projector
     return parameters.with_values(
         sensor,
@@ -67,9 +67,9 @@ def unit(sensor: Sensor) -> Sensor:
 
 def observed(scenes: Sequence[Scene], truth: Sensor, **changes: object) -> list[Observation]:
     """Simulated captures of scenes known in metres."""
-    found = []
+    observations = []
     for number, scene in enumerate(scenes):
-        layers = direct.layers(Stage(scene), truth, subpixels=3)
+        layers = direct.layers(MitsubaScene(scene), truth, subpixels=3)
         pair = infrared(layers, scene, truth, seed=40 + number)
         assert pair.right is not None
         seen = Observation(
@@ -82,8 +82,8 @@ def observed(scenes: Sequence[Scene], truth: Sensor, **changes: object) -> list[
             scene=scene,
             metric=True,
         )
-        found.append(dataclasses.replace(seen, **changes))
-    return found
+        observations.append(dataclasses.replace(seen, **changes))
+    return observations
 
 
 @pytest.fixture(scope="module")
@@ -92,21 +92,21 @@ def table() -> list[Observation]:
     return observed([builtin.tabletop(3)], unit(preset()))
 
 
-def test_windows_find_the_dots_over_many_pixels(table: list[Observation]) -> None:
-    """The start alone comes within a seventh of the tolerances, some hundredths of a pixel here."""
+def test_window_matching_finds_distant_dots(table: list[Observation]) -> None:
+    """The initial values are within 15 % of the tolerances, a few hundredths of a pixel."""
     sensor, truth = preset(), unit(preset())
     rows = parameters.free(FREE, sensor)
-    begun = start.found(residuals.views(table, sensor), sensor, rows)
-    assert begun.correlation > 0.5
-    found = start.stepped(sensor, rows, begun.step)
+    initial = start.find_start(residuals.make_views(table, sensor), sensor, rows)
+    assert initial.correlation > 0.5
+    fitted = start.apply_step(sensor, rows, initial.step)
     for row in rows:
-        off = parameters.value(found, row.name) - parameters.value(truth, row.name)
+        off = parameters.value(fitted, row.name) - parameters.value(truth, row.name)
         assert abs(off) < 0.15 * row.tolerance, row.name
 
 
 @pytest.mark.long
-def test_a_unit_is_found(table: list[Observation]) -> None:
-    """From one scene of 320x180, within the figures that hold for three of 640x360."""
+def test_a_device_is_recovered(table: list[Observation]) -> None:
+    """One scene of 320x180 meets the limits for three scenes of 640x360."""
     truth = unit(preset())
     solution = geometry_fit.fit_geometry(table, preset(), free=FREE)
     limits = {"baseline_m": 3e-5, "fx_px": 1e-3 * truth.fx_px}
@@ -116,22 +116,22 @@ def test_a_unit_is_found(table: list[Observation]) -> None:
         assert abs(off) < limit, estimate.name
         assert abs(off) < 4 * estimate.sd < 4 * limit, estimate.name
     assert solution.undetermined == ()
-    # Coarse images led there, and weights are taken anew at every step.
+    # Weights are recomputed at each step, so the cost hardly changes.
     assert solution.cost[0] > 0.999 and solution.cost[-1] == 1
-    (both,) = (one for one in solution.derived if one.name == "focal_baseline_px_m")
+    (both,) = (estimate for estimate in solution.derived if estimate.name == "focal_baseline_px_m")
     assert abs(both.value - truth.focal_baseline_px_m) < 4 * both.sd
     np.testing.assert_allclose(np.diagonal(solution.correlation), 1)
 
 
 @pytest.mark.long
-def test_one_wall_leaves_directions_open() -> None:
-    """A fronto-parallel wall alone cannot tell the projector's place from its rotation."""
+def test_one_wall_leaves_directions_undetermined() -> None:
+    """A single fronto-parallel wall does not separate the projector's position and rotation."""
     wall = observed([builtin.wall(1.0)], unit(preset()))
     solution = geometry_fit.fit_geometry(wall, preset(), free=(*FREE, "centre", "alignment"))
     assert solution.undetermined
     named = " ".join(solution.undetermined)
     assert "cx_px" in named and "projector." in named
-    opened = {one.name for one in solution.estimates if not np.isfinite(one.sd)}
+    opened = {estimate.name for estimate in solution.estimates if not np.isfinite(estimate.sd)}
     assert opened
     assert np.isfinite(solution.correlation).all()
 
@@ -151,46 +151,49 @@ def test_captures_that_cannot_be_fitted_are_refused(table: list[Observation]) ->
             geometry_fit.fit_geometry([dataclasses.replace(table[0], **{missing: None})], preset())
 
 
-def test_bright_and_bent_levels_are_undone(table: list[Observation]) -> None:
-    """A view's levels go with the light; burnt ones do not count."""
+def test_gamma_is_inverted_and_saturation_masked(table: list[Observation]) -> None:
+    """Levels are linear in light, and saturated pixels are not used."""
     left = np.full((180, 320), 255, np.float32)
     left[:90] = 104
     sensor = with_values(preset(), [("left.gamma", 2.0), ("left.black_level_dn", 4.0)])
-    view = residuals.views([dataclasses.replace(table[0], left=left)], sensor)[0]
+    view = residuals.make_views([dataclasses.replace(table[0], left=left)], sensor)[0]
     np.testing.assert_allclose(view.level[:90], 255 * (100 / 255) ** 2, rtol=1e-4)
     assert view.usable[:90].all() and not view.usable[90:].any()
 
 
-def test_pixels_beside_edges_and_burnt_ones_are_not_believed(table: list[Observation]) -> None:
+def test_pixels_near_edges_and_saturated_ones_are_unusable(table: list[Observation]) -> None:
     sensor = preset()
-    view = residuals.views(table, sensor)[0]
+    view = residuals.make_views(table, sensor)[0]
     plain = residuals.predict(view, sensor)
     edges = metrics.depth_edges(plain.disparity_px)
-    beside = cv2.dilate(edges.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
-    assert edges.any() and not plain.usable[beside].any()
+    near_edges = cv2.dilate(edges.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    assert edges.any() and not plain.usable[near_edges].any()
     row, column = np.argwhere(cv2.erode(plain.usable.astype(np.uint8), np.ones((3, 3))))[50]
     usable = view.usable.copy()
     usable[row, column] = False
-    found = residuals.predict(dataclasses.replace(view, usable=usable), sensor).usable
+    result = residuals.predict(dataclasses.replace(view, usable=usable), sensor).usable
     expected = plain.usable.copy()
     expected[row - 1 : row + 2, column - 1 : column + 2] = False
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(result, expected)
 
 
 def test_another_body_in_a_tile_does_not_count(table: list[Observation]) -> None:
-    """Reflectance of one body twice what it was leaves the derivatives' pixels of tiles' others."""
+    """Doubling the reflectance of one body hardly changes the step."""
     sensor = unit(preset())
-    view = residuals.views(table, sensor)[0]
+    view = residuals.make_views(table, sensor)[0]
     predicted = residuals.predict(view, sensor, parameters.free(("baseline", "focal"), sensor))
     size = residuals.tile_px([predicted])
     assert 12 <= size <= 48
-    normal = residuals.normal(predicted, size_px=size, blur_px=0.0, variance=None)
+    normal = residuals.normal_equations(predicted, size_px=size, blur_px=0.0, variance=None)
     bodies, counts = np.unique(predicted.body[predicted.usable], return_counts=True)
     chosen = bodies[np.argsort(counts)[-2]]
     level = np.where(predicted.body == chosen, 2 * view.level, view.level)
     bright = dataclasses.replace(predicted, view=dataclasses.replace(view, level=level))
-    other = residuals.normal(bright, size_px=size, blur_px=0.0, variance=normal.variances[0])
+    bright_normal = residuals.normal_equations(
+        bright, size_px=size, blur_px=0.0, variance=normal.variances[0]
+    )
     step, moved = (
-        -np.linalg.solve(one.information + np.eye(2), one.gradient) for one in (normal, other)
+        -np.linalg.solve(equations.information + np.eye(2), equations.gradient)
+        for equations in (normal, bright_normal)
     )
     assert np.abs(moved - step).max() < 0.02  # In tolerances.

@@ -1,4 +1,4 @@
-"""A fit of geometry in the parameters' own terms: combinations, units, and where it starts."""
+"""Conversion of a geometry fit to parameters: products, units, steps."""
 
 from __future__ import annotations
 
@@ -24,44 +24,46 @@ def product(sensor: Sensor, name: str) -> float:
 
 
 @pytest.mark.parametrize("x_m", [0.029, 0.0])
-def test_combinations_have_the_deviation_of_their_differences(x_m: float) -> None:
-    """f b and the projector's place over b, by moving each parameter a little."""
+def test_deviations_of_products_match_finite_differences(x_m: float) -> None:
+    """The deviations of f b and of the projector's position over b match finite differences."""
     position = [x_m, *SENSOR.projector.position_m[1:]]
     edits = [("baseline_m", SENSOR.baseline_m * 1.02), ("projector.position_m", position)]
-    ended = with_values(SENSOR, edits)
+    fitted = with_values(SENSOR, edits)
     root = np.random.default_rng(0).standard_normal((len(ROWS), len(ROWS)))
-    found = Uncertainty(
+    uncertainties = Uncertainty(
         covariance=root @ root.T,
         open=np.zeros(len(ROWS), bool),
         directions=np.zeros((0, len(ROWS))),
     )
     unit = np.array([row.tolerance for row in ROWS])
-    derived = geometry_fit.derived(SENSOR, ended, ROWS, found, unit)
-    assert [one.name for one in derived] == [
+    derived = geometry_fit.derived(SENSOR, fitted, ROWS, uncertainties, unit)
+    assert [estimate.name for estimate in derived] == [
         "focal_baseline_px_m",
         "projector.position_x_over_baseline",
         "focal_field_px",
     ]
-    for one in derived[:2]:
+    for estimate in derived[:2]:
         slope = [
             (
-                product(start.stepped(ended, ROWS, 1e-3 * along), one.name)
-                - product(start.stepped(ended, ROWS, -1e-3 * along), one.name)
+                product(start.apply_step(fitted, ROWS, 1e-3 * along), estimate.name)
+                - product(start.apply_step(fitted, ROWS, -1e-3 * along), estimate.name)
             )
             / 2e-3
             for along in np.eye(len(ROWS))
         ]
-        assert one.value == pytest.approx(product(ended, one.name))
-        assert one.start == pytest.approx(product(SENSOR, one.name))
-        assert one.sd == pytest.approx(np.sqrt(slope @ found.covariance @ slope), rel=1e-3)
+        assert estimate.value == pytest.approx(product(fitted, estimate.name))
+        assert estimate.start == pytest.approx(product(SENSOR, estimate.name))
+        assert estimate.sd == pytest.approx(
+            np.sqrt(slope @ uncertainties.covariance @ slope), rel=1e-3
+        )
 
 
-def test_a_step_of_the_dots_width_is_one_of_its_variance() -> None:
-    """And the width's own deviation is what that makes at first order."""
+def test_the_step_of_dot_width_is_in_variance() -> None:
+    """The deviation of the width follows at first order."""
     (row,) = parameters.free(("dots",), SENSOR)
 
     def width(step: float) -> float:
-        return parameters.value(start.stepped(SENSOR, (row,), np.array([step])), DOT_BLUR)
+        return parameters.value(start.apply_step(SENSOR, (row,), np.array([step])), DOT_BLUR)
 
     assert width(1.0) == pytest.approx(np.hypot(1.2, row.tolerance))
     assert width(-9.0) == 0.0
@@ -70,7 +72,7 @@ def test_a_step_of_the_dots_width_is_one_of_its_variance() -> None:
 
 
 @pytest.mark.parametrize("peak", [-0.4, 0.0, 0.3])
-def test_a_parabola_s_vertex_is_where_it_is_highest(peak: float) -> None:
-    before, at, after = (5 - 2 * (x - peak) ** 2 for x in (-1, 0, 1))
-    assert start._vertex(before, at, after) == pytest.approx(peak)
+def test_vertex_of_a_parabola(peak: float) -> None:
+    before, centre, after = (5 - 2 * (x - peak) ** 2 for x in (-1, 0, 1))
+    assert start._vertex(before, centre, after) == pytest.approx(peak)
     assert start._vertex(1.0, 1.0, 1.0) == 0.0

@@ -1,4 +1,4 @@
-"""How like its real infrared a held-out scene's re-simulation is."""
+"""Scores of simulated held-out scenes against real infrared images."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WIDTH, HEIGHT = 400, 224
 
 
 def _pattern(sensor: Sensor, folder: Path, name: str, flip: bool) -> Sensor:
-    """Its own pattern from a file, as it is or turned over."""
+    """Write the sensor's pattern to a file, optionally mirrored."""
     part = sensor.projector
     drawn = emission.pattern("d435", part.fov_x_deg, part.fov_y_deg, part.pattern_seed)
     image = drawn.image[:, ::-1] if flip else drawn.image
@@ -45,7 +45,7 @@ def sensor(folder: Path) -> Sensor:
 
 @pytest.fixture(scope="module")
 def seen(sensor: Sensor, folder: Path) -> Observation:
-    """A simulated scene through files: reference depth, reflectance by its smoothed left image."""
+    """Return a simulated scene read from files, with reflectance from its smoothed left image."""
     sensor = with_values(sensor, [("projector.pattern_scale", 1.002)])
     scene = dataclasses.replace(sources.load("tabletop:3", sensor), interreflection=0.0)
     shot = simulate(scene, sensor, seed=4)
@@ -57,16 +57,13 @@ def seen(sensor: Sensor, folder: Path) -> Observation:
 
 
 @pytest.fixture(scope="module")
-def scored(seen: Observation, sensor: Sensor, folder: Path) -> heldout.Scored:
+def scored(seen: Observation, sensor: Sensor, folder: Path) -> heldout.SceneScore:
     control = _pattern(sensor, folder, "mirrored.png", flip=True)
     return heldout.score(seen, sensor, scale=1.002, mirrored=control)
 
 
-def test_the_true_sensor_scores_high_and_its_mirror_by_chance(scored: heldout.Scored) -> None:
-    """The sensor that made the images: noise, speckle and the mesh leave 0.9.
-
-    How a recovered sensor scores is the recovery's test.
-    """
+def test_the_true_sensor_scores_high_and_its_mirror_by_chance(scored: heldout.SceneScore) -> None:
+    """With the true sensor, noise, speckle and the mesh limit the score to about 0.9."""
     for side in ("left", "right"):
         assert float(np.median(scored.ncc[side])) > 0.9
         assert abs(float(np.median(scored.mirrored[side]))) < 0.05
@@ -75,17 +72,17 @@ def test_the_true_sensor_scores_high_and_its_mirror_by_chance(scored: heldout.Sc
 
 
 def test_a_wrong_scale_scores_less(
-    seen: Observation, sensor: Sensor, scored: heldout.Scored
+    seen: Observation, sensor: Sensor, scored: heldout.SceneScore
 ) -> None:
     wrong = heldout.score(seen, sensor, scale=0.99)
     assert np.median(wrong.ncc["left"]) < np.median(scored.ncc["left"]) - 0.05
     assert not wrong.mirrored
 
 
-def test_simulated_images_are_the_real_ones_in_unit_and_noise_free(
-    seen: Observation, sensor: Sensor, scored: heldout.Scored
+def test_simulated_images_are_noiseless_in_the_sensors_unit(
+    seen: Observation, sensor: Sensor, scored: heldout.SceneScore
 ) -> None:
-    """Codes of the sensor's own depth; two simulations are one."""
+    """Images have the sensor's range and are deterministic."""
     again, depth = heldout.simulate(seen.stage, sensor, 1.002)
     np.testing.assert_array_equal(again["left"], scored.simulated["left"])
     assert again["left"].max() <= sensor.left.ceiling_dn
@@ -101,9 +98,11 @@ def test_without_a_right_image_the_left_is_scored(seen: Observation, sensor: Sen
 
 
 @pytest.mark.parametrize("missing", ["left", "scene"])
-def test_what_cannot_be_scored_is_refused(missing: str, seen: Observation, sensor: Sensor) -> None:
+def test_scenes_without_images_or_surface_are_refused(
+    missing: str, seen: Observation, sensor: Sensor
+) -> None:
     less = dataclasses.replace(seen, **{missing: None})
     with pytest.raises(InputError, match="held-out scene a must have infrared images") as caught:
         heldout.score(less, sensor)
-    assert "Hold out another one." in str(caught.value)
+    assert "Hold out another scene." in str(caught.value)
     assert isinstance(seen.scene, Scene)

@@ -1,4 +1,4 @@
-"""Lattices of dots: which dots there are, and finding them in a pattern."""
+"""Dot lattices: positions of their dots, and their detection in a pattern."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from starling.calibration.pattern.lattice import Lattice
 from starling.calibration.pattern.unprojected import PatternImage
 
 GRID = Grid(half_a=0.6, half_b=0.4, step=1.6e-3)
-SIGMA = 2e-3  # Of a dot, in cosines.
+SIGMA = 2e-3  # Width of a dot, in cosines.
 
 keystones = st.tuples(st.floats(-0.03, 0.03), st.floats(-0.03, 0.03)).map(np.array)
 lattices = st.builds(
@@ -31,7 +31,7 @@ lattices = st.builds(
 def _lattice(
     pitch: float, ratio: float, angle_deg: float, phase: tuple[float, float] = (0.1, -0.3)
 ) -> Lattice:
-    """Of rectangular cells, `pitch` by `ratio * pitch`."""
+    """Return a lattice with rectangular cells, `pitch` by `ratio * pitch`."""
     angle = np.radians(angle_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     return Lattice(
@@ -40,7 +40,7 @@ def _lattice(
 
 
 def _pattern(dots: np.ndarray, noise: float = 0.3, missing: bool = True) -> PatternImage:
-    """Gaussian dots (n, 2) about their mean, of unit deviation, with noise and a blind corner."""
+    """Return a noisy image of Gaussian dots (n, 2), without coverage in one corner."""
     a, b = GRID.cosines()
     image = np.zeros(GRID.shape)
     reach = int(np.ceil(4 * SIGMA / GRID.step))
@@ -61,46 +61,48 @@ def _pattern(dots: np.ndarray, noise: float = 0.3, missing: bool = True) -> Patt
     )
 
 
-def _same_dots(found: Lattice, truth: Lattice) -> None:
-    """The found lattice's dots are the true one's, and all of them.
+def _same_dots(fitted: Lattice, truth: Lattice) -> None:
+    """Assert that two lattices have the same dots.
 
-    Bases of a lattice differ; what any two share: each is whole in the other, and as fine.
+    Bases of a lattice are related by an integer matrix of determinant +-1.
     """
-    whole = found.frequencies @ truth.pitch
+    whole = fitted.frequencies @ truth.pitch
     np.testing.assert_allclose(whole, np.rint(whole), atol=2e-3)
     assert abs(np.linalg.det(whole)) == pytest.approx(1, abs=4e-3)
     basis = np.rint(whole) @ truth.frequencies
-    off = np.linalg.norm(found.frequencies - basis, axis=1) / np.linalg.norm(basis, axis=1)
+    off = np.linalg.norm(fitted.frequencies - basis, axis=1) / np.linalg.norm(basis, axis=1)
     assert off.max() < 1e-3
-    phase = found.phase - np.rint(whole) @ truth.phase
+    phase = fitted.phase - np.rint(whole) @ truth.phase
     assert np.abs(phase - np.rint(phase)).max() < 0.02
 
 
 @given(lattices, keystones)
-def test_dots_are_where_the_steps_are_whole(one: Lattice, keystone: np.ndarray) -> None:
-    one = dataclasses.replace(one, keystone=keystone)
-    dots = one.dots(0.3, 0.2)
+def test_dots_have_integer_lattice_coordinates(example: Lattice, keystone: np.ndarray) -> None:
+    example = dataclasses.replace(example, keystone=keystone)
+    dots = example.dots(0.3, 0.2)
     even = dots * (1 - dots @ keystone)[:, None]
-    steps = even @ one.frequencies.T - one.phase
+    steps = even @ example.frequencies.T - example.phase
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
     assert len(np.unique(np.rint(steps), axis=0)) == len(dots)
-    # As many as the area holds, up to those about its border.
-    area, cell = 0.6 * 0.4, abs(np.linalg.det(one.pitch))
-    border = 2 * (0.6 + 0.4) * np.linalg.norm(one.pitch, axis=0).max()
+    # The count equals area over cell area, except for dots at the border.
+    area, cell = 0.6 * 0.4, abs(np.linalg.det(example.pitch))
+    border = 2 * (0.6 + 0.4) * np.linalg.norm(example.pitch, axis=0).max()
     assert abs(len(dots) - area / cell) < 1.1 * border / cell
 
 
 @given(lattices, keystones, st.tuples(st.floats(-0.2, 0.2), st.floats(-0.15, 0.15)))
-def test_nearest_tells_the_dot_and_the_way_from_it(
-    one: Lattice, keystone: np.ndarray, direction: tuple[float, float]
+def test_nearest_returns_the_dot_and_the_offset(
+    example: Lattice, keystone: np.ndarray, direction: tuple[float, float]
 ) -> None:
-    """The way and the distance are those before the keystone, where the lattice is even."""
-    one = dataclasses.replace(one, keystone=keystone)
+    """Offset and distance refer to the lattice without keystone."""
+    example = dataclasses.replace(example, keystone=keystone)
     cosines = np.array([direction])
-    number, way = one.nearest(cosines)
+    number, way = example.nearest(cosines)
     even = cosines * (1 - cosines @ keystone)
-    np.testing.assert_allclose((even - way) @ one.frequencies.T - one.phase, number, atol=1e-9)
-    dots = one.dots(0.3, 0.3)
+    np.testing.assert_allclose(
+        (even - way) @ example.frequencies.T - example.phase, number, atol=1e-9
+    )
+    dots = example.dots(0.3, 0.3)
     dots = dots * (1 - dots @ keystone)[:, None]
     nearest = np.linalg.norm(dots - even, axis=1).min()
     assert np.linalg.norm(way) == pytest.approx(nearest, abs=1e-6)
@@ -108,46 +110,46 @@ def test_nearest_tells_the_dot_and_the_way_from_it(
 
 @given(keystones)
 def test_a_keystone_widens_towards_its_side(keystone: np.ndarray) -> None:
-    """Of two dots opposite each other, each as far as its own scale says; second order is left."""
+    """Two opposite dots have the local scale 1 + k . a, to first order."""
     plain = dataclasses.replace(_lattice(0.0123, 1.0, 0.0), phase=np.zeros(2))
     wide = dataclasses.replace(plain, keystone=keystone)
     place = plain.pitch @ np.array([10, 0])
     for way in (place, -place):
-        found = wide.dots(0.3, 0.3)
-        off = np.linalg.norm(found - way, axis=1).argmin()
-        scale = np.linalg.norm(found[off]) / np.linalg.norm(way)
+        dots = wide.dots(0.3, 0.3)
+        off = np.linalg.norm(dots - way, axis=1).argmin()
+        scale = np.linalg.norm(dots[off]) / np.linalg.norm(way)
         assert scale == pytest.approx(1 + keystone @ way, abs=1e-4)
 
 
 @given(lattices)
 @settings(max_examples=4)
-def test_one_lattice_is_found(one: Lattice) -> None:
-    """Through noise and a corner that nobody saw; 1e-3 of a frequency, 0.02 of a phase."""
-    found = lattice.find(_pattern(one.dots(0.6, 0.4)))
-    assert len(found) == 1
-    _same_dots(found[0], one)
+def test_one_lattice_is_found(example: Lattice) -> None:
+    """Noise and a missing corner allow 1e-3 of a frequency and 0.02 of a phase."""
+    detected = lattice.find(_pattern(example.dots(0.6, 0.4)))
+    assert len(detected) == 1
+    _same_dots(detected[0], example)
 
 
 @pytest.mark.parametrize("twist_deg", [5.0, 11.0, 30.0])
 def test_two_twisted_lattices_are_found(twist_deg: float) -> None:
-    """Neither what they make together nor a multiple is taken for a third one."""
+    """Neither combination frequencies nor multiples give a third lattice."""
     first = _lattice(0.0123, 1.0, 49.0)
     second = _lattice(0.0123, 1.0, 49.0 + twist_deg, phase=(0.4, 0.2))
     dots = np.concatenate([first.dots(0.6, 0.4), second.dots(0.6, 0.4)])
-    found = lattice.find(_pattern(dots))
-    assert len(found) == 2
+    detected = lattice.find(_pattern(dots))
+    assert len(detected) == 2
     for truth in (first, second):
-        angles = [_angle(one, truth) for one in found]
-        _same_dots(found[int(np.argmin(angles))], truth)
+        angles = [_angle(fitted, truth) for fitted in detected]
+        _same_dots(detected[int(np.argmin(angles))], truth)
 
 
-def _angle(found: Lattice, truth: Lattice) -> float:
-    whole = found.frequencies @ truth.pitch
+def _angle(fitted: Lattice, truth: Lattice) -> float:
+    whole = fitted.frequencies @ truth.pitch
     return float(np.abs(whole - np.rint(whole)).max())
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_scattered_dots_are_no_lattice(seed: int) -> None:
+def test_irregular_dots_give_no_lattice(seed: int) -> None:
     drawn = patterns.quasirandom(fov_x_deg=74.0, fov_y_deg=48.0, seed=seed)
     assert drawn.dots is not None
     height, width = drawn.image.shape
@@ -156,15 +158,15 @@ def test_scattered_dots_are_no_lattice(seed: int) -> None:
     assert lattice.find(_pattern(np.stack([x / far, y / far], axis=1))) == ()
 
 
-def test_noise_is_no_lattice() -> None:
-    """White noise of unit deviation, no dot at all."""
+def test_noise_gives_no_lattice() -> None:
+    """White noise of unit deviation gives no lattice."""
     rng = np.random.default_rng(1)
     sd = np.ones(GRID.shape)
     noise = rng.standard_normal(GRID.shape).astype(np.float32)
     assert lattice.find(PatternImage(grid=GRID, value=noise, sd=sd, views=sd)) == ()
 
 
-def test_a_pattern_that_nobody_saw_is_no_lattice() -> None:
+def test_a_pattern_without_coverage_gives_no_lattice() -> None:
     nothing = np.zeros(GRID.shape, np.float32)
     blind = PatternImage(grid=GRID, value=nothing, sd=nothing + np.inf, views=nothing)
     assert lattice.find(blind) == ()

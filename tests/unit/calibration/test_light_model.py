@@ -1,4 +1,4 @@
-"""What is taken for a captured image, and what its black level and the projector's axis are."""
+"""The light model of captured images: masks, exposure, black level, falloff."""
 
 from __future__ import annotations
 
@@ -19,39 +19,39 @@ from tests.unit.calibration.lit_table import AMBIENT_W_M2, SCENE, START, fitted_
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_turned_projector_s_falloff_is_about_its_own_axis(side: levels.Side) -> None:
-    """log cos off its axis, by the angle between the axis and each surface point."""
+    """The falloff uses the angle between the projector's axis and each surface point."""
     sensor = edits.with_values(
         START, [("projector.rotation_deg", [6.0, -20.0, 9.0]), ("baseline_error", 0.02)]
     )
     depth_m = np.full((sensor.height, sensor.width), 0.6, np.float32)
     depth_m[:, 100:] = 1.5
     depth_m[0, 0] = np.nan
-    found = levels._projector_log_cos(depth_m, sensor, side)
+    log_cos = levels._projector_log_cos(depth_m, sensor, side)
     axis = frames.rotation((6.0, -20.0, 9.0))[:, 2]
-    at = 0.0 if side == "left" else sensor.baseline_m * 1.02
+    shift_m = 0.0 if side == "left" else sensor.baseline_m * 1.02
     for row, column in ((5, 7), (5, 300), (180, 30), (100, 200)):
         z = float(depth_m[row, column])
-        x = (column - sensor.cx_px) / sensor.fx_px * z + at
+        x = (column - sensor.cx_px) / sensor.fx_px * z + shift_m
         y = (row - sensor.cy_px) / sensor.fy_px * z
         away = np.array([x, y, z]) - sensor.projector.position_m
         cosine = away @ axis / np.linalg.norm(away)
-        assert found[row, column] == pytest.approx(np.log(cosine), abs=1e-5)
-    assert np.isfinite(found).all()
+        assert log_cos[row, column] == pytest.approx(np.log(cosine), abs=1e-5)
+    assert np.isfinite(log_cos).all()
 
 
 @pytest.mark.parametrize("recorded", [None, Exposure(exposure_s=0.01, gain=3.0)])
 def test_the_right_imager_s_gain_is_over_the_left_s(recorded: Exposure | None) -> None:
-    """What a camera records is the left imager's."""
+    """A recorded exposure is that of the left imager."""
     sensor = edits.with_values(START, [("left.gain", 1.5), ("right.gain", 2.1)])
-    told = {} if recorded is None else {SCENE.name: recorded}
-    left, right = light_model.images([observed()], sensor, fitted_layers(), told)
+    exposures = {} if recorded is None else {SCENE.name: recorded}
+    left, right = light_model.images([observed()], sensor, fitted_layers(), exposures)
     assert (left.side, right.side) == ("left", "right")
     assert left.exposure.gain == (1.5 if recorded is None else 3.0)
     assert right.exposure.gain == pytest.approx(left.exposure.gain * 1.4)
 
 
-def test_a_tile_with_a_burnt_pixel_does_not_count() -> None:
-    """Leaving out the pixel alone would cut noise on one side."""
+def test_a_tile_with_a_saturated_pixel_is_unused() -> None:
+    """Excluding only the saturated pixel would bias the noise."""
     plain = observed()
     assert plain.left is not None
     before = light_model.images([plain], START, fitted_layers(), {})[0].used
@@ -67,18 +67,18 @@ def test_a_tile_with_a_burnt_pixel_does_not_count() -> None:
     np.testing.assert_array_equal(after, apart)
 
 
-def test_dots_match_where_most_images_show_them() -> None:
-    """Two of three images of noise: what the third shows is not believed."""
+def test_dots_match_if_most_images_show_them() -> None:
+    """If two of three images are noise, dots do not match."""
     image = light_model.images([observed()], START, fitted_layers(), {})[0]
     noise = np.random.default_rng(0).normal(60, 5, image.level.shape).astype(np.float32)
-    other = dataclasses.replace(image, level=noise)
-    assert light_model.dots_match([image, image, other])
-    assert not light_model.dots_match([image, other, other])
+    noise_image = dataclasses.replace(image, level=noise)
+    assert light_model.dots_match([image, image, noise_image])
+    assert not light_model.dots_match([image, noise_image, noise_image])
     assert not light_model.dots_match([dataclasses.replace(image, on=False)])
 
 
-def test_a_pixel_s_variance_is_of_reading_and_rounding_light_and_speckle() -> None:
-    """[DN^2]; light's as the signal, speckle's as the laser's square."""
+def test_variance_of_read_noise_rounding_shot_noise_and_speckle() -> None:
+    """Shot noise [DN^2] is proportional to the signal, speckle to the square of laser light."""
     sensor = edits.with_values(
         START,
         [
@@ -100,24 +100,24 @@ def test_a_pixel_s_variance_is_of_reading_and_rounding_light_and_speckle() -> No
 
 
 def test_the_black_level_s_column_is_not_scaled_by_the_reflectance() -> None:
-    """A surface of 0.4 is lit by 0.4 a step of power; a step of the black level is one of 1."""
+    """Reflectance scales the power's column but not the black level's."""
     rng = np.random.default_rng(1)
     model, change = (rng.uniform(1, 2, (16, 32)) for _ in range(2))
     ones = np.ones((16, 32))
     signal = 0.4 * model + 0.01 * rng.standard_normal((16, 32))
     gram = tiles.grams([signal, model, ones, change], ones, means=False)
     case: Any = SimpleNamespace(eliminate=True, names=(light_model.LEFT_BLACK, light_model.POWER))
-    found = photometry_fit._jacobian(gram, case, "left")
-    inner, factor = tiles.eliminated(gram, 1)
+    products = photometry_fit._jacobian(gram, case, "left")
+    inner, factor = tiles.eliminate(gram, 1)
     assert factor == pytest.approx(0.4, rel=0.01)
-    np.testing.assert_allclose(found[:, 0, :2], inner[:, 0, :2])
-    np.testing.assert_allclose(found[:, 1, 1], inner[:, 1, 1])
-    np.testing.assert_allclose(found[:, 1, 2], factor * inner[:, 1, 2])
-    np.testing.assert_allclose(found[:, 2, 2], factor**2 * inner[:, 2, 2])
+    np.testing.assert_allclose(products[:, 0, :2], inner[:, 0, :2])
+    np.testing.assert_allclose(products[:, 1, 1], inner[:, 1, 1])
+    np.testing.assert_allclose(products[:, 1, 2], factor * inner[:, 1, 2])
+    np.testing.assert_allclose(products[:, 2, 2], factor**2 * inner[:, 2, 2])
 
 
-def test_black_levels_begin_no_higher_than_the_darkest_pixels() -> None:
-    """And none that is below 0 gets into the sensor."""
+def test_initial_black_levels_are_limited_by_the_darkest_pixels() -> None:
+    """The fitted sensor has no negative black level."""
     bright = edits.with_values(START, [("imager.black_level_dn", 30.0)])
     images = light_model.images([observed()], bright, fitted_layers(), {})
     case = photometry_fit._case(images, bright, (), eliminate=True, means=False)

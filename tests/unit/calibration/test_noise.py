@@ -1,4 +1,4 @@
-"""Noise of images: which repeats tell it, and what single images bound it by."""
+"""Noise of images: choice of repeats, and bound from single images."""
 
 from __future__ import annotations
 
@@ -15,22 +15,24 @@ from tests.unit.calibration.lit_table import INFO
 from tests.unit.calibration.test_photon_transfer import repeats, sensor_with
 
 
-def test_the_scene_with_most_frames_tells_the_noise() -> None:
+def test_noise_is_fitted_to_the_scene_with_most_frames() -> None:
     truth = sensor_with(bit_depth=8, read_noise_e=90.0, black_level_dn=9.0)
     noisier = dataclasses.replace(truth.left, read_noise_e=200.0)
     scenes = [
         Observation(name=name, room=name, info=INFO, repeats=repeats(part, count=count))
         for name, part, count in (("two", noisier, 2), ("four", truth.left, 4), ("2", noisier, 2))
     ]
-    found = fit_noise(scenes, (), truth)
+    result = fit_noise(scenes, (), truth)
     repeated = scenes[1].repeats
     assert repeated is not None
     expected = fit_photon_transfer(repeated, truth)
-    assert [one.value for one in found.estimates[:3]] == [one.value for one in expected.estimates]
+    assert [estimate.value for estimate in result.estimates[:3]] == [
+        estimate.value for estimate in expected.estimates
+    ]
 
 
 def test_the_noise_s_bound_is_that_at_the_median_level() -> None:
-    """Noise of a fiftieth of a level from 0 to 200 DN: some 2 DN in the middle."""
+    """Noise of 2 % of a level from 0 to 200 DN is about 2 DN at the median level."""
     rng = np.random.default_rng(0)
     level = np.broadcast_to(np.linspace(0, 200, 320, dtype=np.float32), (192, 320))
     noise = (0.02 * level * rng.standard_normal(level.shape)).astype(np.float32)

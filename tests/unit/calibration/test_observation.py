@@ -1,4 +1,4 @@
-"""What a fit reads of captured scenes: images first, surfaces when they are asked for."""
+"""Reading of captured scenes: images, and surfaces on demand."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_reference_depth_becomes_a_surface(small_set: Path) -> None:
     assert len(observation.load_all([scene, scene], sensor)) == 2
 
 
-def test_a_posed_mesh_goes_before_reference_depth(small_set: Path) -> None:
+def test_a_posed_mesh_takes_precedence_over_reference_depth(small_set: Path) -> None:
     scene = _first(small_set)
     (scene.path / "scene.toml").write_text(f'scene = "wall:2"\nleft_from_world = {EYE}\n')
     seen = observation.load(scene, scene.info.geometry_into(presets.load("d415")))
@@ -48,7 +48,9 @@ def test_a_posed_mesh_goes_before_reference_depth(small_set: Path) -> None:
 
 
 @pytest.mark.parametrize("missing", [("truth",), ("0/ir_left", "0/ir_right")])
-def test_what_shows_no_surface_has_none(missing: tuple[str, ...], small_set: Path) -> None:
+def test_scenes_without_reference_have_no_surface(
+    missing: tuple[str, ...], small_set: Path
+) -> None:
     scene = _first(small_set)
     for name in missing:
         (scene.path / f"{name}.png").unlink()
@@ -58,13 +60,13 @@ def test_what_shows_no_surface_has_none(missing: tuple[str, ...], small_set: Pat
         _ = seen.stage
 
 
-def test_a_surface_is_set_up_once(small_set: Path) -> None:
-    """And anew for another surface."""
+def test_the_mitsuba_scene_is_cached(small_set: Path) -> None:
+    """A copy of the observation has its own surface."""
     scene = _first(small_set)
     seen = observation.load(scene, scene.info.geometry_into(presets.load("d415")))
     assert seen.stage is seen.stage and seen.stage.scene is seen.scene
-    other = dataclasses.replace(seen, name="b")
-    assert other.stage is not seen.stage
+    renamed = dataclasses.replace(seen, name="b")
+    assert renamed.stage is not seen.stage
 
 
 def test_no_scene_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""The table of what a fit may free, and reading and setting it on a sensor."""
+"""The table of free parameters, and reading and setting them on a sensor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ READABLE = [row.name for row in parameters.TABLE if not row.name.startswith("sce
 
 
 @given(st.sampled_from(READABLE), st.floats(-0.5, 0.5))
-def test_what_is_set_is_read_back(name: str, share: float) -> None:
+def test_values_are_read_back(name: str, share: float) -> None:
     sensor = presets.load("d435")
     (row,) = (row for row in parameters.TABLE if row.name == name)
     was = parameters.value(sensor, name)
@@ -28,7 +28,7 @@ def test_ratios_are_kept() -> None:
     sensor = with_values(presets.load("d435"), [("fy_px", 400.0)])
     wide = parameters.with_values(sensor, [("fx_px", 2 * sensor.fx_px), (parameters.FIELD, 0.5)])
     assert wide.fy_px == pytest.approx(800)
-    before, after = (parameters.with_values(one, []).projector for one in (sensor, wide))
+    before, after = (parameters.with_values(item, []).projector for item in (sensor, wide))
     from starling.sim.render.emission import half_tangents
 
     (x, y), (wide_x, wide_y) = half_tangents(before), half_tangents(after)
@@ -46,7 +46,7 @@ def test_groups_and_tolerances() -> None:
     assert field.tolerance == pytest.approx(0.02 * parameters.value(image, parameters.FIELD))
 
 
-def test_what_cannot_be_freed_is_refused() -> None:
+def test_invalid_groups_are_refused() -> None:
     sensor = presets.load("d435")
     with pytest.raises(InputError, match="free must be a known name; got 'photometry'"):
         parameters.free(("photometry",), sensor)

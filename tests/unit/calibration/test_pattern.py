@@ -1,4 +1,4 @@
-"""Patterns recovered from simulated captures: what is found of what they were made with."""
+"""Patterns recovered from simulated captures, against ground truth."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from starling.calibration import heldout, observation
 from starling.calibration.observation import Observation
 from starling.calibration.pattern import pattern_sensor, pattern_solution, recovery
 from starling.calibration.pattern import views as seeing
-from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.pattern.recovery import RecoveredPattern
 from starling.calibration.solution import Estimate, Solution
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, png, writer
 from starling.sim.render import direct
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes as builtin
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.edits import with_values
@@ -28,16 +28,16 @@ from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import infrared
 from tests.unit.calibration import small_camera
 
-SUBPIXELS = 3  # The fit looks at pixels' middles alone.
-PLACE = (0.0285, 7e-4, -1e-3)  # Of the true projector; the fit begins 1 to 1.5 mm off.
-OFFSETS = ((-2.2e-3, 0.0, 0.0), (2.2e-3, 3e-4, 0.0))  # Of its emitters: 4.4 mm apart.
-SCALES = (0.998, 1.001, 1.001)  # Of the scenes; their mean is 1.
+SUBPIXELS = 3  # The fit samples only pixel centres.
+PLACE = (0.0285, 7e-4, -1e-3)  # True position; the initial one is 1 to 1.5 mm off.
+OFFSETS = ((-2.2e-3, 0.0, 0.0), (2.2e-3, 3e-4, 0.0))  # Offsets of emitters, 4.4 mm apart.
+SCALES = (0.998, 1.001, 1.001)  # Pattern scales of the scenes; their mean is 1.
 TRUE = {
     "right.alignment.offset_y_px": 0.4,
     "right.alignment.offset_x_px": 0.3,
     "right.alignment.roll_deg": 0.05,
 }
-SHORTER_M = 2e-4  # The true baseline than the one believed.
+SHORTER_M = 2e-4  # Nominal minus true baseline.
 
 Kind = Literal["reference", "metric"]
 
@@ -61,32 +61,32 @@ def _seen(
     drawn: list[Scene] | None = None,
     seed: int = 50,
 ) -> list[Observation]:
-    """Captures by the true sensor, as the claimed one's; reference depth goes through files."""
+    """Write captures of the true sensor with nominal metadata, and read them."""
     small_camera.write_info(folder, claimed)
     scenes = (drawn or _scenes())[: len(scales)]
     for number, (scene, scale) in enumerate(zip(scenes, scales, strict=True)):
         sensor = with_values(truth, [("projector.pattern_scale", scale)])
-        layers = direct.layers(Stage(scene), sensor, subpixels=SUBPIXELS)
+        layers = direct.layers(MitsubaScene(scene), sensor, subpixels=SUBPIXELS)
         pair = infrared(layers, scene, sensor, seed=seed + number)
         place = folder / f"scene{number}"
         small_camera.write_scene(place, layers.truth.depth_m, (pair.left, pair.right), claimed)
         (place / "room").write_text(f"room{number}\n")
-    found = list(observation.load_all(capture.open_set(folder).scenes, claimed))
+    observations = list(observation.load_all(capture.open_set(folder).scenes, claimed))
     if kind == "metric":
         return [
-            dataclasses.replace(one, scene=scene, metric=True)
-            for one, scene in zip(found, scenes, strict=True)
+            dataclasses.replace(item, scene=scene, metric=True)
+            for item, scene in zip(observations, scenes, strict=True)
         ]
-    return found
+    return observations
 
 
-def _recovered(observations: list[Observation], sensor: Sensor) -> Recovered:
-    """As `calibration.fit` does: twice, the second time as its own alignment has the images."""
-    views = [view for one in observations for view in seeing.of(one, sensor)]
+def _recovered(observations: list[Observation], sensor: Sensor) -> RecoveredPattern:
+    """Recover and refine the pattern as `calibration.fit` does."""
+    views = [view for item in observations for view in seeing.make_views(item, sensor)]
     recovered = recovery.recover(views, sensor)
-    aligned = pattern_sensor.aligned(sensor, recovered.model)
-    views = [view for one in observations for view in seeing.of(one, aligned)]
-    return recovery.again(recovered, views, aligned)
+    aligned = pattern_sensor.with_alignment(sensor, recovered.model)
+    views = [view for item in observations for view in seeing.make_views(item, aligned)]
+    return recovery.refine(recovered, views, aligned)
 
 
 def _misaligned(sensor: Sensor) -> Sensor:
@@ -98,22 +98,22 @@ def _misaligned(sensor: Sensor) -> Sensor:
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """What was recovered, and of what."""
+    """A recovered pattern with its true sensor."""
 
     start: Sensor
     truth: Sensor
-    recovered: Recovered
+    recovered: RecoveredPattern
     solution: Solution
 
     def estimate(self, name: str) -> Estimate:
-        """One of the solution's, derived ones included."""
-        by_name = {one.name: one for one in (*self.solution.estimates, *self.solution.derived)}
+        """Return an estimate of the solution, including derived ones."""
+        by_name = {item.name: item for item in (*self.solution.estimates, *self.solution.derived)}
         return by_name[name]
 
 
 @pytest.fixture(scope="module", params=["reference", "metric"])
 def lattices(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
-    """A D415 with two emitters apart, each throwing one lattice."""
+    """A D415 with two emitters, each with one lattice."""
     folder = tmp_path_factory.mktemp(request.param)
     start = _nominal("d415", 480)
     part = start.projector
@@ -142,19 +142,19 @@ def lattices(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 @pytest.mark.long
-def test_two_emitters_are_found(lattices: Case) -> None:
-    """Each within 0.1 mm, 1.5 mm and more off the start and 4.4 mm apart."""
+def test_two_emitters_are_recovered(lattices: Case) -> None:
+    """Each emitter is within 0.1 mm; the initial error is at least 1.5 mm."""
     assert len(lattices.recovered.lattices) == 2
-    found = np.array([one.position_m for one in lattices.recovered.model.emitters])
+    positions = np.array([emitter.position_m for emitter in lattices.recovered.model.emitters])
     true = np.array(PLACE) + OFFSETS
-    off = np.linalg.norm(found[:, None] - true[None], axis=2)
+    off = np.linalg.norm(positions[:, None] - true[None], axis=2)
     assert sorted(off.argmin(axis=1)) == [0, 1]
     assert off.min(axis=1).max() < 1e-4
 
 
 @pytest.mark.long
-def test_the_lattices_are_those_drawn(lattices: Case) -> None:
-    """A pitch of 16 mrad at 49 and 60 degrees, to 3e-4 and 0.02 degrees."""
+def test_the_lattices_are_recovered(lattices: Case) -> None:
+    """The pitch of 16 mrad is within 3e-4, the angles of 49 and 60 degrees within 0.02."""
     angles = []
     for number in range(2):
         cycles = lattices.estimate(f"emitter{number}.lattice.0.cycles").value
@@ -165,15 +165,15 @@ def test_the_lattices_are_those_drawn(lattices: Case) -> None:
 
 
 @pytest.mark.long
-def test_scenes_scales_are_found(lattices: Case) -> None:
-    """To 3e-5, of a laser's drift of 1e-3."""
+def test_pattern_scales_are_recovered(lattices: Case) -> None:
+    """Scales are within 3e-5, for a drift of 1e-3."""
     scales = list(lattices.recovered.model.scales.values())
     np.testing.assert_allclose(scales, SCALES, atol=3e-5)
 
 
 @pytest.mark.long
-def test_the_right_image_is_put_right(lattices: Case) -> None:
-    """Sign and size of each number, as the sensor has it that renders the captures."""
+def test_the_right_images_alignment_is_recovered(lattices: Case) -> None:
+    """Sign and magnitude of the right image's alignment match the true sensor."""
     limits = {
         "right.alignment.offset_y_px": 0.01,
         "right.alignment.offset_x_px": 0.03,
@@ -182,7 +182,7 @@ def test_the_right_image_is_put_right(lattices: Case) -> None:
     for name, limit in limits.items():
         assert lattices.estimate(name).value == pytest.approx(TRUE[name], abs=limit), name
     true = lattices.truth.focal_baseline_px_m
-    # A tenth of a millimetre of baseline is 0.18 %.
+    # An error of 0.1 mm in the baseline is 0.18 %.
     assert lattices.estimate("focal_baseline_px_m").value == pytest.approx(true, rel=5e-4)
     fitted = lattices.solution.sensor
     assert fitted.right.alignment.offset_y_px == pytest.approx(0.4, abs=0.01)
@@ -190,11 +190,11 @@ def test_the_right_image_is_put_right(lattices: Case) -> None:
 
 
 @pytest.mark.long
-def test_intervals_are_no_empty_words(lattices: Case) -> None:
-    """Half of the 90 % intervals hold the truth, and no number is off by ten deviations.
+def test_intervals_are_plausible(lattices: Case) -> None:
+    """Half of the 90 % intervals cover the truth, and no error exceeds 9.9 deviations.
 
-    A deviation from three rooms has two degrees of freedom: one in a hundred is off by 9.9. Twelve
-    numbers of one draw, with errors that they share, do not measure coverage.
+    A deviation from three rooms has two degrees of freedom: 1 % of the errors exceed 9.9. Twelve
+    parameters of one draw share errors and do not measure coverage.
     """
     middle = np.array(PLACE) + np.mean(OFFSETS, axis=0)
     true = {
@@ -220,7 +220,7 @@ def test_intervals_are_no_empty_words(lattices: Case) -> None:
 
 @pytest.fixture(scope="module")
 def scattered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, list[Observation], Path]:
-    """A D435, whose dots no lattice describes, from a projector's place 3 mm off."""
+    """A D435, whose dots form no lattice, with an initial position error of 3 mm."""
     folder = tmp_path_factory.mktemp("scattered")
     start = _nominal("d435", 480)
     x, y, z = start.projector.position_m
@@ -240,10 +240,10 @@ def scattered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, list[Obse
 
 
 @pytest.mark.long
-def test_an_image_and_its_emitter_s_place_are_found(
+def test_an_image_and_its_emitters_position_are_recovered(
     scattered: tuple[Case, list[Observation], Path],
 ) -> None:
-    """3 mm off at the start, 0.15 mm at the end: the image follows, but not from all distances."""
+    """An initial position error of 3 mm is reduced to 0.15 mm."""
     case = scattered[0]
     assert not case.recovered.lattices
     (emitter,) = case.recovered.model.emitters
@@ -256,12 +256,12 @@ def test_an_image_and_its_emitter_s_place_are_found(
 
 
 @pytest.mark.long
-def test_an_image_s_intervals_hold(tmp_path: Path) -> None:
-    """Nominal 90 % intervals of place and alignment hold in 80 to 97 % of eight draws.
+def test_intervals_of_an_image_fit_cover(tmp_path: Path) -> None:
+    """Nominal 90 % intervals of position and alignment cover 80 to 97 % of eight draws.
 
-    Each draw has other scenes and other noise. Seven numbers that share errors, eight times: chance
-    alone makes four per cent. Scenes' own scales are left out: a scene's reference is wrong by less
-    than a code of depth here, but in one way for the whole scene, which no other room tells.
+    Draws differ in scenes and noise. Seven parameters that share errors, in eight draws, give a
+    sampling error of 4 %. Pattern scales of scenes are excluded. The quantisation error of a
+    scene's reference is common to the scene, so no other room reveals it.
     """
     start = _nominal("d435", 480)
     x, y, z = start.projector.position_m
@@ -279,12 +279,12 @@ def test_an_image_s_intervals_hold(tmp_path: Path) -> None:
     for draw in range(8):
         first, second = builtin.tabletop(100 * draw + 1), builtin.clutter(100 * draw + 8)
         third = builtin.staircase(0.5 + 0.02 * draw) if draw % 2 else builtin.tabletop(77 + draw)
-        drawn = [dataclasses.replace(one, interreflection=0.0) for one in (first, second, third)]
+        drawn = [dataclasses.replace(item, interreflection=0.0) for item in (first, second, third)]
         folder = tmp_path / str(draw)
         folder.mkdir()
         seen = _seen(folder, truth, start, SCALES, "reference", drawn=drawn, seed=1000 * draw)
-        found = pattern_solution.solution(_recovered(seen, start), start, metric=False)
-        by_name = {one.name: one for one in (*found.estimates, *found.derived)}
+        solution = pattern_solution.solution(_recovered(seen, start), start, metric=False)
+        by_name = {item.name: item for item in (*solution.estimates, *solution.derived)}
         inside += [
             abs(by_name[name].value - true) < 1.645 * by_name[name].sd
             for name, true in want.items()
@@ -293,21 +293,26 @@ def test_an_image_s_intervals_hold(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_another_scene_is_simulated_as_it_was_seen(
+def test_a_held_out_scene_correlates_with_its_simulation(
     scattered: tuple[Case, list[Observation], Path],
 ) -> None:
-    """NCC above 0.9 in the median; with the pattern turned over, chance."""
+    """The median NCC is above 0.9, and at chance level with the mirrored pattern."""
     case, observations, folder = scattered
-    found = folder / "found"
-    found.mkdir()
-    fitted = pattern_sensor.with_pattern(case.start, case.recovered, found)
-    other = _held_out(folder, case.start)
-    scale = recovery.scene_scale(seeing.of(other, case.start), case.start, case.recovered.model)
+    output_folder = folder / "found"
+    output_folder.mkdir()
+    fitted = pattern_sensor.with_pattern(case.start, case.recovered, output_folder)
+    held_out = _held_out(folder, case.start)
+    scale = recovery.scene_scale(
+        seeing.make_views(held_out, case.start), case.start, case.recovered.model
+    )
     assert scale == pytest.approx(1.0, abs=2e-4)
     scored = heldout.score(
-        other, fitted, scale=scale, mirrored=pattern_sensor.mirrored(fitted, found)
+        held_out,
+        fitted,
+        scale=scale,
+        mirrored=pattern_sensor.with_mirrored_pattern(fitted, output_folder),
     )
-    assert other.name not in [one.name for one in observations[:3]]
+    assert held_out.name not in [item.name for item in observations[:3]]
     for side in ("left", "right"):
         assert np.median(scored.ncc[side]) > 0.9
         assert abs(np.median(scored.mirrored[side])) < 0.05
@@ -319,7 +324,7 @@ def _held_out(folder: Path, sensor: Sensor) -> Observation:
 
 
 def _flat(sensor: Sensor) -> Observation:
-    """A scene that no image was taken of."""
+    """Return an observation without images."""
     return Observation(
         name="hall",
         room="hall",
@@ -330,13 +335,13 @@ def _flat(sensor: Sensor) -> Observation:
 def test_views_need_images_and_a_surface() -> None:
     sensor = _nominal("d415", 160)
     with pytest.raises(InputError, match="scene hall must have infrared images and reference"):
-        seeing.of(_flat(sensor), sensor)
+        seeing.make_views(_flat(sensor), sensor)
 
 
 def test_a_projector_that_lights_nothing_is_refused() -> None:
     sensor = _nominal("d415", 160)
     shape = (sensor.height, sensor.width)
-    dark = seeing.View(
+    dark = seeing.PatternView(
         scene="a",
         room="a",
         side="left",
@@ -348,11 +353,11 @@ def test_a_projector_that_lights_nothing_is_refused() -> None:
         recovery.recover([dark], sensor)
 
 
-def test_views_are_placed_as_the_sensor_is_aligned() -> None:
-    """A pixel of an image that lies 3 px right and 2 px low shows what is 3 px left and 2 up."""
+def test_views_use_the_sensors_alignment() -> None:
+    """A pixel of an image shifted by 3 px and 2 px shows the point of the unshifted pixel."""
     sensor = _nominal("d415", 160)
     scene = _scenes()[0]
-    layers = direct.layers(Stage(scene), sensor)
+    layers = direct.layers(MitsubaScene(scene), sensor)
     pair = infrared(layers, scene, sensor, seed=0)
     assert pair.right is not None
     seen = dataclasses.replace(
@@ -365,11 +370,11 @@ def test_views_are_placed_as_the_sensor_is_aligned() -> None:
     moved = with_values(
         sensor, [("right.alignment.offset_x_px", 3.0), ("right.alignment.offset_y_px", 2.0)]
     )
-    left, right = seeing.of(seen, sensor)
-    same, off = seeing.of(seen, moved)
+    left, right = seeing.make_views(seen, sensor)
+    same, off = seeing.make_views(seen, moved)
     np.testing.assert_array_equal(same.points_m, left.points_m)
-    there, here = off.points_m[10:-10, 10:-10], right.points_m[8:-12, 7:-13]
+    moved_points, expected_points = off.points_m[10:-10, 10:-10], right.points_m[8:-12, 7:-13]
     both = off.usable[10:-10, 10:-10] & right.usable[8:-12, 7:-13]
     assert both.mean() > 0.3
-    np.testing.assert_allclose(there[both], here[both], atol=1e-4)
+    np.testing.assert_allclose(moved_points[both], expected_points[both], atol=1e-4)
     assert not off.usable[:2].any() and not off.usable[:, :3].any()

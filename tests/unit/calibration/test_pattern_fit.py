@@ -1,4 +1,4 @@
-"""Emitters fitted to views that are made of them, and the derivatives that the fit goes by."""
+"""Fits of emitters to synthetic views, and their derivatives."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from starling.calibration.pattern import emission, emitter_model, pattern_fit
-from starling.calibration.pattern.absorbed import Absorbed
+from starling.calibration.pattern.absorbed import AbsorbedMotion
 from starling.calibration.pattern.cosine_image import Grid
-from starling.calibration.pattern.emission import Alignment
-from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.emission import RightAlignment
+from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
 from starling.calibration.pattern.lattice import Lattice
-from starling.calibration.pattern.pattern_fit import Fitted
+from starling.calibration.pattern.pattern_fit import PatternFit
 from starling.calibration.pattern.unprojected import PatternImage
-from starling.calibration.pattern.views import View
+from starling.calibration.pattern.views import PatternView
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
@@ -54,32 +54,36 @@ def _sensor() -> Sensor:
 
 
 def _lattice(angle_deg: float, phase: tuple[float, float]) -> Lattice:
-    """A pitch of 32 mrad, 7 px, and dots of 1.4 px."""
+    """Return a lattice with a pitch of 32 mrad (7 px) and dots of 1.4 px."""
     angle = np.radians(angle_deg)
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     return Lattice(frequencies=turn / 0.032, phase=np.array(phase), sigma=6e-3)
 
 
-def _truth() -> Model:
-    return Model(
+def _truth() -> EmitterModel:
+    return EmitterModel(
         emitters=(
-            Emission(position_m=np.array([0.026, 1e-3, -5e-4]), source=_lattice(49.0, (0.1, -0.2))),
-            Emission(position_m=np.array([0.0305, 0.0, 1e-3]), source=_lattice(60.0, (0.4, 0.3))),
+            PatternEmitter(
+                position_m=np.array([0.026, 1e-3, -5e-4]), source=_lattice(49.0, (0.1, -0.2))
+            ),
+            PatternEmitter(
+                position_m=np.array([0.0305, 0.0, 1e-3]), source=_lattice(60.0, (0.4, 0.3))
+            ),
         ),
         rotation_deg=(0.3, -0.2, 0.0),
         scales=SCENES,
-        alignment=Alignment(offset_y=0.4, roll=0.3, offset_x=-0.3, focal_baseline=0.05),
+        alignment=RightAlignment(offset_y=0.4, roll=0.3, offset_x=-0.3, focal_baseline=0.05),
     )
 
 
-def _unlit(scene: str, side: str, sensor: Sensor) -> View:
-    """A slanted surface as the pixels' nominal rays meet it."""
+def _unlit(scene: str, side: str, sensor: Sensor) -> PatternView:
+    """Return a view of a slanted surface without light."""
     depth, slant = DEPTHS[scene]
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     x, y = (x - sensor.cx_px) / FOCAL_PX, (y - sensor.cy_px) / FOCAL_PX
     z = depth * (1 + 0.3 * slant * x + slant * y) + 0.05 * np.sin(6 * x)
     points = np.stack([x * z + (sensor.baseline_m if side == "right" else 0), y * z, z], axis=-1)
-    return View(
+    return PatternView(
         scene=scene,
         room=scene,
         side="right" if side == "right" else "left",
@@ -89,16 +93,20 @@ def _unlit(scene: str, side: str, sensor: Sensor) -> View:
     )
 
 
-def _views(model: Model, sensor: Sensor, seed: int, shading: float = 0.3) -> list[View]:
-    """Reflectance and level go from tile to tile; noise of the sensor."""
+def _views(
+    model: EmitterModel, sensor: Sensor, seed: int, shading: float = 0.3
+) -> list[PatternView]:
+    """Return noisy views with smoothly varying reflectance."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:HEIGHT, :WIDTH] / WIDTH
     views = []
     for scene in model.scales:
         for side in ("left", "right"):
             view = _unlit(scene, side, sensor)
-            laid = emitter_model.lay(pattern_fit.seen_of(view, sensor), model, model.scales[scene])
-            light = 60 * laid[0].light + 40 * laid[1].light
+            lights = emitter_model.illuminate(
+                pattern_fit.surface_points(view, sensor), model, model.scales[scene]
+            )
+            light = 60 * lights[0].light + 40 * lights[1].light
             reflectance = 1 + shading * np.sin(3 * x + 2 * y)
             expected = (20 + light.reshape(HEIGHT, WIDTH)) * reflectance
             electron = sensor.left.dn_per_electron
@@ -109,26 +117,26 @@ def _views(model: Model, sensor: Sensor, seed: int, shading: float = 0.3) -> lis
     return views
 
 
-def _off(truth: Model) -> Model:
-    """A start half a millimetre off, a thousandth of a frequency, no alignment known."""
+def _off(truth: EmitterModel) -> EmitterModel:
+    """Return an initial model: 0.5 mm off, frequencies off by 1e-3, no alignment."""
     emitters = []
-    for number, one in enumerate(truth.emitters):
-        assert isinstance(one.source, Lattice)
+    for number, emitter in enumerate(truth.emitters):
+        assert isinstance(emitter.source, Lattice)
         source = dataclasses.replace(
-            one.source,
-            frequencies=one.source.frequencies * 1.001,
-            phase=one.source.phase + 0.03,
+            emitter.source,
+            frequencies=emitter.source.frequencies * 1.001,
+            phase=emitter.source.phase + 0.03,
             sigma=5e-3,
         )
-        position = one.position_m + np.array([5e-4, -5e-4, 3e-4 * (-1) ** number])
-        emitters.append(Emission(position_m=position, source=source))
-    return Model(
+        position = emitter.position_m + np.array([5e-4, -5e-4, 3e-4 * (-1) ** number])
+        emitters.append(PatternEmitter(position_m=position, source=source))
+    return EmitterModel(
         emitters=tuple(emitters), rotation_deg=(0.0, 0.0, 0.0), scales=dict.fromkeys(SCENES, 1.0)
     )
 
 
-def _value(model: Model, name: str) -> float:
-    """One of `SHARED`; turns by the difference of rotation vectors, which are small."""
+def _value(model: EmitterModel, name: str) -> float:
+    """Return a parameter of `SHARED`; rotations are small, so vectors are subtracted."""
     if name in emission.TURN:
         return float(np.radians(model.rotation_deg[emission.TURN.index(name)]))
     if name.startswith("right."):
@@ -142,69 +150,71 @@ def sensor() -> Sensor:
 
 
 @pytest.fixture(scope="module")
-def found(sensor: Sensor) -> Fitted:
+def fitted_pattern(sensor: Sensor) -> PatternFit:
     truth = _truth()
     return pattern_fit.fit(_views(truth, sensor, 0), sensor, _off(truth))
 
 
-def test_every_parameter_is_found(found: Fitted) -> None:
-    """Within four deviations, and the deviations are small beside the start's errors."""
+def test_all_parameters_are_recovered(fitted_pattern: PatternFit) -> None:
+    """Errors are within four deviations, which are much smaller than the initial errors."""
     truth = _truth()
     for name in SHARED:
-        assert abs(_value(found.model, name) - _value(truth, name)) < 4 * found.sd(name), name
+        assert abs(
+            _value(fitted_pattern.model, name) - _value(truth, name)
+        ) < 4 * fitted_pattern.sd(name), name
     for number in range(2):
-        assert found.sd(f"emitter{number}.position.x") < 1e-4
+        assert fitted_pattern.sd(f"emitter{number}.position.x") < 1e-4
     for scene, scale in SCENES.items():
-        assert found.model.scales[scene] == pytest.approx(scale, abs=5e-5)
-    for one, true in zip(found.model.emitters, truth.emitters, strict=True):
-        assert isinstance(one.source, Lattice) and isinstance(true.source, Lattice)
-        np.testing.assert_allclose(one.source.frequencies, true.source.frequencies, rtol=5e-4)
-        assert one.source.sigma == pytest.approx(true.source.sigma, rel=0.02)
+        assert fitted_pattern.model.scales[scene] == pytest.approx(scale, abs=5e-5)
+    for emitter, true in zip(fitted_pattern.model.emitters, truth.emitters, strict=True):
+        assert isinstance(emitter.source, Lattice) and isinstance(true.source, Lattice)
+        np.testing.assert_allclose(emitter.source.frequencies, true.source.frequencies, rtol=5e-4)
+        assert emitter.source.sigma == pytest.approx(true.source.sigma, rel=0.02)
 
 
-def test_signs_of_the_alignment(found: Fitted) -> None:
-    """Each of the four is found with its sign, far beyond doubt."""
+def test_signs_of_the_alignment(fitted_pattern: PatternFit) -> None:
+    """Each alignment parameter has the correct sign, at more than ten deviations."""
     truth = _truth().alignment.as_vector()
     for name, true in zip(emission.RIGHT, truth, strict=True):
-        value = _value(found.model, f"right.{name}")
+        value = _value(fitted_pattern.model, f"right.{name}")
         assert np.sign(value) == np.sign(true)
-        assert abs(value) > 10 * found.sd(f"right.{name}")
+        assert abs(value) > 10 * fitted_pattern.sd(f"right.{name}")
 
 
-def test_only_noise_is_left(sensor: Sensor, found: Fitted) -> None:
-    """A cost of 1 is the sensor's noise, 2 %; shading within tiles leaves some more, a start most.
+def test_only_noise_remains(sensor: Sensor, fitted_pattern: PatternFit) -> None:
+    """Without shading, the final cost is 1 within 2 %; shading within tiles increases it.
 
-    Weights follow noisy readings, which makes half a per cent.
+    Weights depend on noisy levels, which changes the cost by 0.5 %.
     """
     truth = _truth()
     even = pattern_fit.fit(_views(truth, sensor, 0, shading=0.0), sensor, truth, steps=1)
     assert even.cost[-1] == pytest.approx(1, abs=0.02)
-    assert 1 < found.cost[-1] < 1.15
-    assert found.cost[0] > 1.3 * found.cost[-1]
+    assert 1 < fitted_pattern.cost[-1] < 1.15
+    assert fitted_pattern.cost[0] > 1.3 * fitted_pattern.cost[-1]
 
 
 @pytest.mark.parametrize("steps", [1, 3])
-def test_no_more_steps_than_asked(steps: int, sensor: Sensor) -> None:
-    """From far off, where every step is wanted."""
+def test_the_number_of_steps_is_limited(steps: int, sensor: Sensor) -> None:
+    """From a distant initial model, all steps are used."""
     truth = _truth()
     fitted = pattern_fit.fit(_views(truth, sensor, 0), sensor, _off(truth), steps=steps)
     assert len(fitted.cost) == steps
 
 
-def test_shares_are_the_emitters_part_of_the_light(found: Fitted) -> None:
-    np.testing.assert_allclose(found.shares, [0.6, 0.4], atol=0.02)
+def test_shares_are_the_emitters_shares_of_light(fitted_pattern: PatternFit) -> None:
+    np.testing.assert_allclose(fitted_pattern.shares, [0.6, 0.4], atol=0.02)
 
 
-def test_the_scenes_mean_scale_is_one(found: Fitted) -> None:
-    """It cannot be told from the pattern's own: the gauge holds it."""
-    assert np.mean(list(found.model.scales.values())) == pytest.approx(1, abs=1e-6)
+def test_the_scenes_mean_scale_is_one(fitted_pattern: PatternFit) -> None:
+    """The mean scale is confounded with the pattern's scale, so the gauge fixes it."""
+    assert np.mean(list(fitted_pattern.model.scales.values())) == pytest.approx(1, abs=1e-6)
 
 
 @pytest.mark.long
-def test_nine_intervals_of_ten_hold_the_truth(sensor: Sensor) -> None:
-    """Of twelve parameters and eight draws: 80 to 100 %, and no interval idly wide.
+def test_intervals_cover_the_truth(sensor: Sensor) -> None:
+    """Coverage of twelve parameters in eight draws is above 80 %, without overly wide intervals.
 
-    Reference surfaces are exact here: what errors of theirs do is another matter.
+    Reference surfaces are exact; the test does not cover reference errors.
     """
     truth = _truth()
     scores = []
@@ -221,21 +231,21 @@ def test_nine_intervals_of_ten_hold_the_truth(sensor: Sensor) -> None:
     assert np.sqrt(np.mean(np.square(scores))) > 0.4
 
 
-def test_only_what_is_named_is_freed(sensor: Sensor, found: Fitted) -> None:
+def test_only_named_parameters_are_free(sensor: Sensor, fitted_pattern: PatternFit) -> None:
     truth = _truth()
     start = dataclasses.replace(truth, scales={**SCENES, "far": 1.0})
     fitted = pattern_fit.fit(
-        _views(truth, sensor, 3), sensor, start, only=[emitter_model.of_scene("far")]
+        _views(truth, sensor, 3), sensor, start, only=[emitter_model.scene_scale_name("far")]
     )
     assert fitted.model.scales["far"] == pytest.approx(SCENES["far"], abs=3e-5)
     assert fitted.model.scales["near"] == SCENES["near"]
     assert fitted.model.alignment == truth.alignment
-    for one, true in zip(fitted.model.emitters, truth.emitters, strict=True):
-        np.testing.assert_array_equal(one.position_m, true.position_m)
+    for emitter, true in zip(fitted.model.emitters, truth.emitters, strict=True):
+        np.testing.assert_array_equal(emitter.position_m, true.position_m)
 
 
 def _image_source() -> PatternImage:
-    """A smooth image: Gaussians wider than its pixels."""
+    """Return a smooth pattern image."""
     grid = Grid(half_a=0.7, half_b=0.45, step=4e-3)
     a, b = grid.cosines()
     value = np.cos(2 * np.pi * 12 * a)[None, :] * np.cos(2 * np.pi * 9 * b)[:, None]
@@ -244,61 +254,63 @@ def _image_source() -> PatternImage:
 
 
 @pytest.mark.parametrize("kind", ["lattice", "keystone", "image"])
-def test_derivatives_are_differences(kind: str, sensor: Sensor) -> None:
-    """Of one emitter's light by every name, against central differences of `lay`.
+def test_derivatives_match_differences(kind: str, sensor: Sensor) -> None:
+    """Derivatives of one emitter's light match central differences of `illuminate`.
 
-    2 % of the largest: an image's are those of its bilinear cells, a lattice's jump half-way
-    between two dots, where it is darkest. The median pixel's difference is what is compared.
+    The tolerance is 2 % of the largest difference, for the median pixel. Derivatives of an image
+    are piecewise constant, and those of a lattice jump half-way between dots.
     """
     source = _image_source() if kind == "image" else _lattice(49.0, (0.1, -0.2))
     if isinstance(source, Lattice) and kind == "keystone":
         source = dataclasses.replace(source, keystone=np.array([0.02, -0.03]))
     model = dataclasses.replace(
-        _truth(), emitters=(Emission(position_m=np.array([0.026, 1e-3, 0.0]), source=source),)
+        _truth(), emitters=(PatternEmitter(position_m=np.array([0.026, 1e-3, 0.0]), source=source),)
     )
     view = _unlit("near", "right", sensor)
-    seen = pattern_fit.seen_of(view, sensor, 3)
-    (laid,) = emitter_model.lay(seen, model, model.scales["near"])
+    seen = pattern_fit.surface_points(view, sensor, 3)
+    (laid,) = emitter_model.illuminate(seen, model, model.scales["near"])
     turns = "pitch" in model.names
-    found = emitter_model.derivatives(seen, "near", model.emitters[0], laid, 0, turns)
+    derivatives = emitter_model.derivatives(seen, "near", model.emitters[0], laid, 0, turns)
     steps = {"position": 2e-5, "frequency": 2e-3, "phase": 5e-4, "keystone": 2e-4, "sigma": 1e-5}
     others = {"pitch": 5e-5, "yaw": 5e-5, "pattern_scale": 5e-5, "right": 1e-2}
     names = [
         name for name in model.names if name not in ("pattern_scale[middle]", "pattern_scale[far]")
     ]
-    assert set(found) == set(names)
+    assert set(derivatives) == set(names)
     for name in names:
         word = name.removeprefix("emitter0.").partition(".")[0].partition("[")[0]
         step = (steps | others)[word]
         ends = []
         for way in (step, -step):
-            vector = np.array([way if one == name else 0.0 for one in model.names])
-            moved = emitter_model.moved(model, vector)
-            ends.append(emitter_model.lay(seen, moved, moved.scales["near"])[0].light)
+            vector = np.array([way if candidate == name else 0.0 for candidate in model.names])
+            moved = emitter_model.apply_step(model, vector)
+            ends.append(emitter_model.illuminate(seen, moved, moved.scales["near"])[0].light)
         difference = (ends[0].astype(np.float64) - ends[1]) / (2 * step)
-        off = np.abs(found[name] - difference)
+        off = np.abs(derivatives[name] - difference)
         assert np.median(off) < 0.02 * np.abs(difference).max(), name
-        assert np.corrcoef(found[name], difference)[0, 1] > 0.99, name
+        assert np.corrcoef(derivatives[name], difference)[0, 1] > 0.99, name
 
 
-def test_what_an_image_follows_is_no_move(sensor: Sensor) -> None:
-    """A mean derivative that equals a view's own leaves nothing of it."""
+def test_absorbed_motion_is_subtracted(sensor: Sensor) -> None:
+    """If the mean derivative equals that of a view, the remaining derivative is 0."""
     source = _image_source()
-    seen = pattern_fit.seen_of(_unlit("near", "left", sensor), sensor, 3)
+    seen = pattern_fit.surface_points(_unlit("near", "left", sensor), sensor, 3)
     model = dataclasses.replace(
-        _truth(), emitters=(Emission(position_m=np.zeros(3), source=source),)
+        _truth(), emitters=(PatternEmitter(position_m=np.zeros(3), source=source),)
     )
-    (laid,) = emitter_model.lay(seen, model, 1.0)
-    own = emitter_model.partials(seen, "near", laid.there, 0)["emitter0.position.y"]
-    middle = np.median(own, axis=0)
+    (laid,) = emitter_model.illuminate(seen, model, 1.0)
+    partial = emitter_model.partials(seen, "near", laid.rays, 0)["emitter0.position.y"]
+    middle = np.median(partial, axis=0)
     even = tuple(np.full(source.grid.shape, value, np.float32) for value in middle)
     follows = dataclasses.replace(
         model.emitters[0],
-        absorbed=Absorbed(grid=source.grid, partials={"emitter0.position.y": (even[0], even[1])}),
+        absorbed=AbsorbedMotion(
+            grid=source.grid, partials={"emitter0.position.y": (even[0], even[1])}
+        ),
     )
     plain, less = (
-        emitter_model.derivatives(seen, "near", one, laid, 0, False)
-        for one in (model.emitters[0], follows)
+        emitter_model.derivatives(seen, "near", emitter, laid, 0, False)
+        for emitter in (model.emitters[0], follows)
     )
     expected = plain["emitter0.position.y"] - laid.slope @ middle
     np.testing.assert_allclose(less["emitter0.position.y"], expected, rtol=1e-4, atol=1e-3)

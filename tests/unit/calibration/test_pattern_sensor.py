@@ -1,4 +1,4 @@
-"""A recovered pattern as a sensor: images on disk, emitters in their places."""
+"""A recovered pattern in a sensor: pattern images on disk, emitter positions."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from scipy import ndimage
 
 from starling.calibration.pattern import pattern_sensor
 from starling.calibration.pattern.cosine_image import Grid
-from starling.calibration.pattern.emission import Alignment
-from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.emission import RightAlignment
+from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
 from starling.calibration.pattern.image_recovery import imager_blur_px
 from starling.calibration.pattern.lattice import Lattice
-from starling.calibration.pattern.pattern_fit import Fitted
-from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.pattern.pattern_fit import PatternFit
+from starling.calibration.pattern.recovery import RecoveredPattern
 from starling.calibration.pattern.unprojected import PatternImage
 from starling.patterns.field import Field
 from starling.sim.captures import png
@@ -30,7 +30,7 @@ GRID = Grid(half_a=0.66, half_b=0.46, step=2e-3)
 
 
 def _image() -> PatternImage:
-    """Smooth and without any symmetry; an edge that nobody saw, whose values mean nothing."""
+    """Return a smooth image without symmetry, with invalid values at an uncovered edge."""
     rng = np.random.default_rng(2)
     value = cv2.GaussianBlur(rng.standard_normal(GRID.shape), (0, 0), 3.0)
     value /= value.std()
@@ -46,24 +46,24 @@ def _lattice(angle_deg: float, sigma: float = 2.5e-3) -> Lattice:
     return Lattice(frequencies=turn / 0.03, phase=np.array([0.15, -0.3]), sigma=sigma)
 
 
-def _recovered(*sources: Lattice | PatternImage) -> Recovered:
+def _recovered(*sources: Lattice | PatternImage) -> RecoveredPattern:
     places = np.array([[0.026, 0.001, -0.001], [0.0305, 0.0, 0.001]])
-    model = Model(
+    model = EmitterModel(
         emitters=tuple(
-            Emission(position_m=place, source=one)
-            for place, one in zip(places, sources, strict=False)
+            PatternEmitter(position_m=place, source=source)
+            for place, source in zip(places, sources, strict=False)
         ),
         rotation_deg=(2.0, -3.0, 1.0),
         scales={"a": 1.0},
-        alignment=Alignment(offset_y=0.4, roll=0.8, offset_x=0.3, focal_baseline=0.09),
+        alignment=RightAlignment(offset_y=0.4, roll=0.8, offset_x=0.3, focal_baseline=0.09),
     )
-    fitted = Fitted(
+    fitted = PatternFit(
         model=model,
         covariance=np.eye(len(model.names)),
         cost=(1.0,),
         shares=np.array([0.6, 0.4])[: len(sources)],
     )
-    return Recovered(fitted=fitted, image=_image())
+    return RecoveredPattern(fitted=fitted, image=_image())
 
 
 @pytest.fixture(scope="module")
@@ -76,27 +76,27 @@ def _read(path: str) -> np.ndarray:
 
 
 def _light_at(image: np.ndarray, slopes: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """A written pattern at tangents (n, 2), by the field's own convention."""
+    """Sample a written pattern at tangents (n, 2)."""
     field = Field(sensor.projector.fov_x_deg, sensor.projector.fov_y_deg)
     x, y = field.pixels(slopes[:, 0], slopes[:, 1], (image.shape[0], image.shape[1]))
     return ndimage.map_coordinates(image, [y, x], order=1, mode="nearest")
 
 
 def _inside(cosines: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """Tangents of those directions that are well inside the projector's field."""
+    """Select directions well inside the projector's field."""
     slopes = cosines / np.sqrt(1 - (cosines**2).sum(axis=1))[:, None]
     return (np.abs(slopes) < 0.95 * np.array(emission.half_tangents(sensor.projector))).all(axis=1)
 
 
-def test_emitters_stand_where_they_were_found(sensor: Sensor, tmp_path: Path) -> None:
+def test_emitters_have_their_fitted_positions(sensor: Sensor, tmp_path: Path) -> None:
     recovered = _recovered(_lattice(49.0), _lattice(60.0))
     light = pattern_sensor.with_pattern(sensor, recovered, tmp_path).projector
     assert light.rotation_deg == recovered.model.rotation_deg
-    for emitter, one in zip(light.emitters, recovered.model.emitters, strict=True):
+    for emitter, fitted_emitter in zip(light.emitters, recovered.model.emitters, strict=True):
         place = np.array(light.position_m) + frames.rotation(light.rotation_deg) @ np.array(
             emitter.offset_m
         )
-        np.testing.assert_allclose(place, one.position_m, atol=1e-12)
+        np.testing.assert_allclose(place, fitted_emitter.position_m, atol=1e-12)
     assert [emitter.power_share for emitter in light.emitters] == [0.6, 0.4]
     assert [Path(emitter.pattern).name for emitter in light.emitters] == [
         "emitter-0.png",
@@ -105,8 +105,8 @@ def test_emitters_stand_where_they_were_found(sensor: Sensor, tmp_path: Path) ->
     assert all(Path(emitter.pattern).is_file() for emitter in light.emitters)
 
 
-def test_a_lattice_s_dots_are_drawn_where_it_has_them(sensor: Sensor, tmp_path: Path) -> None:
-    """Bright at every dot, dark halfway to the next; mirrored, at few of them."""
+def test_a_lattices_dots_are_drawn_at_their_positions(sensor: Sensor, tmp_path: Path) -> None:
+    """The pattern is bright at each dot and dark half-way between dots; its mirror is not."""
     source = _lattice(49.0)
     drawn = pattern_sensor.with_pattern(sensor, _recovered(source), tmp_path)
     image = _read(drawn.projector.emitters[0].pattern)
@@ -115,7 +115,7 @@ def test_a_lattice_s_dots_are_drawn_where_it_has_them(sensor: Sensor, tmp_path: 
     between = cosines + source.pitch @ np.array([0.5, 0.5])
     far = np.sqrt(1 - (cosines**2).sum(axis=1))[:, None]
     bright = _light_at(image, cosines / far, sensor)
-    # Dots of one power are dimmer off the axis, as the plane meets them larger: 1 / cos^4.
+    # Off-axis dots of equal power are larger and dimmer in the plane, by cos^4.
     expected = bright.max() * far[:, 0] ** 4
     np.testing.assert_allclose(bright / expected, 1, atol=0.15)
     dark = _light_at(image, between / np.sqrt(1 - (between**2).sum(axis=1))[:, None], sensor)
@@ -124,22 +124,22 @@ def test_a_lattice_s_dots_are_drawn_where_it_has_them(sensor: Sensor, tmp_path: 
     assert np.mean(turned > 0.5 * expected) < 0.5
 
 
-def test_drawn_dots_lack_the_imager_s_blur(sensor: Sensor, tmp_path: Path) -> None:
-    """Seen width squared less blur squared, read off a dot on the axis; 1 mrad at least."""
+def test_drawn_dots_exclude_the_imagers_blur(sensor: Sensor, tmp_path: Path) -> None:
+    """The drawn width is the observed width minus blur in quadrature, at least 1 mrad."""
     blur = imager_blur_px(sensor) / sensor.fx_px
-    for own, drawn_mrad in ((2e-3, 2.0), (0.2e-3, 1.0)):
+    for sigma, drawn_mrad in ((2e-3, 2.0), (0.2e-3, 1.0)):
         source = dataclasses.replace(
-            _lattice(0.0, sigma=float(np.hypot(own, blur))), phase=np.zeros(2)
+            _lattice(0.0, sigma=float(np.hypot(sigma, blur))), phase=np.zeros(2)
         )
         drawn = pattern_sensor.with_pattern(sensor, _recovered(source), tmp_path)
         image = _read(drawn.projector.emitters[0].pattern)
-        beside = np.array([[0.0, 0.0], [drawn_mrad * 1e-3, 0.0]])
-        middle, side = _light_at(image, beside, sensor)
+        samples = np.array([[0.0, 0.0], [drawn_mrad * 1e-3, 0.0]])
+        middle, side = _light_at(image, samples, sensor)
         assert side / middle == pytest.approx(np.exp(-0.5), abs=0.08)
 
 
 def test_an_image_is_resampled_into_the_field(sensor: Sensor, tmp_path: Path) -> None:
-    """Value for value at its directions, up to gain and offset; what nobody saw adds nothing."""
+    """The resampled image matches up to gain and offset; uncovered directions are dark."""
     source = _image()
     drawn = pattern_sensor.with_pattern(sensor, _recovered(source), tmp_path)
     image = _read(drawn.projector.emitters[0].pattern)
@@ -151,36 +151,35 @@ def test_an_image_is_resampled_into_the_field(sensor: Sensor, tmp_path: Path) ->
     seen = _light_at(image, slopes[inside], sensor)
     bright = value[inside] > np.quantile(source.value[np.isfinite(source.sd)], 0.05)
     assert np.corrcoef(seen[bright], value[inside][bright])[0, 1] > 0.99
-    # The darkest fiftieth is no light, and neither is what is darker than that.
+    # The darkest 2 % become 0.
     dark = value[inside] < np.quantile(source.value[np.isfinite(source.sd)], 0.01)
     assert dark.any() and seen[dark].max() < 0.02 * seen.max()
     mirrored = _light_at(image[:, ::-1], slopes[inside], sensor)
     assert abs(np.corrcoef(mirrored, value[inside])[0, 1]) < 0.1
     top = (source.value[np.isfinite(source.sd)]).max()
-    assert image.max() == 65535  # Of what was seen: the blind edge's 50 is not the top.
+    assert image.max() == 65535  # The maximum excludes the uncovered edge.
     assert top < 10
 
 
-def test_the_control_is_turned_over(sensor: Sensor, tmp_path: Path) -> None:
+def test_the_control_is_mirrored(sensor: Sensor, tmp_path: Path) -> None:
     drawn = pattern_sensor.with_pattern(sensor, _recovered(_lattice(49.0)), tmp_path)
-    control = pattern_sensor.mirrored(drawn, tmp_path)
-    one, other = (each.projector.emitters[0].pattern for each in (drawn, control))
-    np.testing.assert_array_equal(_read(one)[:, ::-1], _read(other))
-    assert one != other
+    control = pattern_sensor.with_mirrored_pattern(drawn, tmp_path)
+    original, mirrored = (each.projector.emitters[0].pattern for each in (drawn, control))
+    np.testing.assert_array_equal(_read(original)[:, ::-1], _read(mirrored))
+    assert original != mirrored
     assert control.projector.position_m == drawn.projector.position_m
 
 
-def test_the_right_image_s_rest_is_added(sensor: Sensor) -> None:
-    """To what the sensor has already; less f b is less baseline, and the image's turn is the
-    imager's the other way."""
+def test_the_right_images_alignment_is_added(sensor: Sensor) -> None:
+    """The shift adds to the sensor's alignment; the roll of the imager has the opposite sign."""
     recovered = _recovered(_lattice(49.0))
-    once = pattern_sensor.aligned(sensor, recovered.model)
-    twice = pattern_sensor.aligned(once, recovered.model)
-    for found, times in ((once, 1), (twice, 2)):
-        rest = found.right.alignment
+    once = pattern_sensor.with_alignment(sensor, recovered.model)
+    twice = pattern_sensor.with_alignment(once, recovered.model)
+    for aligned, times in ((once, 1), (twice, 2)):
+        rest = aligned.right.alignment
         assert rest.offset_y_px == pytest.approx(times * 0.4)
         assert rest.offset_x_px == pytest.approx(times * 0.3)
         assert rest.roll_deg == pytest.approx(-times * np.degrees(0.8 / sensor.fx_px))
         expected = sensor.focal_baseline_px_m - times * 0.09
-        assert found.focal_baseline_px_m == pytest.approx(expected)
+        assert aligned.focal_baseline_px_m == pytest.approx(expected)
     assert once.left == sensor.left

@@ -1,7 +1,7 @@
-"""Levels of simulated captures: known strengths come back, or are named as open.
+"""Level fits to simulated captures: parameters are recovered or reported as not determined.
 
-The captures are drawn with other sub-pixel positions than the fit's renders. They come from this
-simulator: that real light is so is for captures of real devices to say.
+Captures and fit use different sub-pixel positions. Both use this simulator, so the tests do not
+validate real devices.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from starling.sim import simulate
 from starling.sim.imaging.imager import charge, smoothing
 from starling.sim.imaging.imager.exposure import Exposure
 from starling.sim.render import direct
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import edits
 from tests.unit.calibration.lit_table import (
@@ -34,8 +34,8 @@ from tests.unit.calibration.lit_table import (
     captured_layers,
     deviations,
     fitted_layers,
-    found,
     observed,
+    values_by_name,
 )
 
 
@@ -43,7 +43,7 @@ def test_known_reflectance_gives_all_strengths() -> None:
     """Power 2 %, ambient 3 %, black level 0.3 DN, exponents 0.2; one scene alone."""
     start = edits.with_values(START, [("projector.speckle_contrast", 0.2)])
     fit = fit_photometry([observed()], start, layers=fitted_layers(), reflectance_known=True)
-    values = found(fit)
+    values = values_by_name(fit)
     assert values["projector.power_w"] == pytest.approx(0.22, rel=0.02)
     assert values[AMBIENT] == pytest.approx(AMBIENT_W_M2, rel=0.03)
     assert values["left.black_level_dn"] == pytest.approx(6.0, abs=0.3)
@@ -54,33 +54,33 @@ def test_known_reflectance_gives_all_strengths() -> None:
     assert fit.solution.undetermined == ()
     assert fit.solution.cost[-1] == pytest.approx(1.0, abs=0.1)
     sensor = fit.solution.sensor
-    for one in fit.predictions:
-        black_dn = values[f"{one.side}.black_level_dn"]
-        left = one.level_dn - np.float32(black_dn) - one.signal_dn
-        np.testing.assert_allclose(one.residual_dn, left, atol=1e-3)
+    for prediction in fit.predictions:
+        black_dn = values[f"{prediction.side}.black_level_dn"]
+        expected = prediction.level_dn - np.float32(black_dn) - prediction.signal_dn
+        np.testing.assert_allclose(prediction.residual_dn, expected, atol=1e-3)
     assert sensor.right.lens.vignetting == sensor.left.lens.vignetting
     assert sensor.projector.power_w == values["projector.power_w"]
 
 
 @pytest.mark.parametrize("known", [False, True])
-def test_dark_current_is_no_black_level(known: bool) -> None:
-    """24 DN of it: the black level is what the imager adds to it, as `starling.sim.imaging.imager` reads it out."""
+def test_dark_current_does_not_change_the_black_level(known: bool) -> None:
+    """With 24 DN of dark current, the fitted black level excludes it, as in the imager model."""
     dark = [("imager.dark_current_e_s", 60_000.0)]
-    truth, start = (edits.with_values(one, dark) for one in (TRUTH, START))
+    truth, start = (edits.with_values(sensor, dark) for sensor in (TRUTH, START))
     observation = observed(sensor=truth, off=True)
     fit = fit_photometry([observation], start, layers=fitted_layers(), reflectance_known=known)
-    assert found(fit)["left.black_level_dn"] == pytest.approx(6.0, abs=0.3)
-    assert found(fit)["right.black_level_dn"] == pytest.approx(6.0, abs=0.3)
+    assert values_by_name(fit)["left.black_level_dn"] == pytest.approx(6.0, abs=0.3)
+    assert values_by_name(fit)["right.black_level_dn"] == pytest.approx(6.0, abs=0.3)
 
 
-def test_laser_light_is_kept_as_it_was_before_it_was_mixed() -> None:
-    """Crosstalk and averaging take it to the laser's part of the level, whatever the haze."""
+def test_sharp_laser_light_precedes_crosstalk_and_averaging() -> None:
+    """Crosstalk and averaging of the sharp laser light give the laser level, for any haze."""
     sensor = edits.with_values(START, [("imager.smoothing_px", 0.68), ("imager.crosstalk", 0.2)])
     image = light_model.images([observed()], sensor, fitted_layers(), {})[0]
     values = light_model.start(sensor, {SCENE.name: AMBIENT_W_M2}) | {light_model.HAZE: 0.3}
     column = light_model.columns(image, values, sensor, (), {})
     assert column.sharp_laser.std() > 1.1 * column.laser.std()
-    mixed = smoothing.smoothed(charge.crosstalk(column.sharp_laser, 0.2), 0.68)
+    mixed = smoothing.smooth(charge.crosstalk(column.sharp_laser, 0.2), 0.68)
     np.testing.assert_allclose(mixed, column.laser, rtol=1e-4, atol=1e-3)
 
 
@@ -88,7 +88,7 @@ def test_laser_light_is_kept_as_it_was_before_it_was_mixed() -> None:
 def test_unknown_reflectance_leaves_ratio_and_black_level(off: bool) -> None:
     """Ambient over power 3 %, black level 0.3 DN, falloff 0.2; power, vignetting named."""
     fit = fit_photometry([observed(off=off)], START, layers=fitted_layers())
-    values, sds = found(fit), deviations(fit)
+    values, sds = values_by_name(fit), deviations(fit)
     ratio = values[AMBIENT] / values["projector.power_w"]
     assert ratio == pytest.approx(AMBIENT_W_M2 / 0.22, rel=0.03)
     assert values["left.black_level_dn"] == pytest.approx(6.0, abs=0.3)
@@ -97,15 +97,15 @@ def test_unknown_reflectance_leaves_ratio_and_black_level(off: bool) -> None:
     assert np.isinf(sds["left.lens.vignetting"])
     text = " ".join(fit.solution.undetermined)
     assert "projector.power_w" in text
-    assert "reflectance cannot be told apart" in text
+    assert "reflectance cannot be separated" in text
     assert "left.lens.vignetting and reflectance" in text
     assert f"{AMBIENT} and projector.haze" not in text
 
 
-def test_wrong_reflectance_is_noticed() -> None:
-    """Every second body's reflectance off by 0.6, the others' by 1.4: power is not known then.
+def test_wrong_reflectance_is_detected() -> None:
+    """Reflectances that are wrong by 0.6 and 1.4 alternately make power unidentifiable.
 
-    A factor common to all bodies is nowhere in the images: this cannot be noticed.
+    A factor common to all bodies would not be detectable.
     """
     wrong = [
         dataclasses.replace(
@@ -119,9 +119,9 @@ def test_wrong_reflectance_is_noticed() -> None:
     ]
     believed = dataclasses.replace(SCENE, bodies=tuple(wrong))
     observation = dataclasses.replace(observed(), scene=believed)
-    layers = {SCENE.name: direct.layers(Stage(believed), START)}
+    layers = {SCENE.name: direct.layers(MitsubaScene(believed), START)}
     fit = fit_photometry([observation], START, layers=layers, reflectance_known=True)
-    values = found(fit)
+    values = values_by_name(fit)
     assert np.isinf(deviations(fit)["projector.power_w"])
     assert any("reflectance as given does not fit" in line for line in fit.solution.undetermined)
     ratio = values[AMBIENT] / values["projector.power_w"]
@@ -137,43 +137,43 @@ def test_auto_exposure_hides_power_unless_it_is_recorded() -> None:
     blind = fit_photometry([observation], start, layers=fitted_layers(), reflectance_known=True)
     assert np.isinf(deviations(blind)["projector.power_w"])
     assert any("under auto exposure" in line for line in blind.solution.undetermined)
-    ratio = found(blind)[AMBIENT] / found(blind)["projector.power_w"]
+    ratio = values_by_name(blind)[AMBIENT] / values_by_name(blind)["projector.power_w"]
     assert ratio == pytest.approx(AMBIENT_W_M2 / 0.22, rel=0.03)
     light = dataclasses.replace(SCENE.ambient, irradiance_w_m2=AMBIENT_W_M2)
     lit = dataclasses.replace(SCENE, ambient=light)
     taken = simulate.infrared(captured_layers(), lit, truth, seed=7).exposure
-    told = fit_photometry(
+    recorded = fit_photometry(
         [observation],
         start,
         layers=fitted_layers(),
         exposures={SCENE.name: Exposure(exposure_s=taken.exposure_s, gain=taken.gain)},
         reflectance_known=True,
     )
-    assert found(told)["projector.power_w"] == pytest.approx(0.22, rel=0.02)
+    assert values_by_name(recorded)["projector.power_w"] == pytest.approx(0.22, rel=0.02)
 
 
-def test_dots_elsewhere_are_not_fitted() -> None:
-    """Another pattern than the device's: mean levels alone, and a sentence that says so."""
-    other = edits.with_values(START, [("projector.pattern_seed", 9)])
-    fit = fit_photometry([observed()], other)
+def test_dots_of_a_wrong_pattern_are_not_fitted() -> None:
+    """With a wrong pattern the fit uses mean levels only and reports it."""
+    wrong_pattern = edits.with_values(START, [("projector.pattern_seed", 9)])
+    fit = fit_photometry([observed()], wrong_pattern)
     assert np.isinf(deviations(fit)["left.lens.blur_px"])
     assert np.isinf(deviations(fit)[AMBIENT])
     text = " ".join(fit.solution.undetermined)
     assert "dots were not used" in text
-    assert f"{AMBIENT} cannot be told from reflectance" in text
-    assert fit_speckle(fit.predictions, other) is None
-    solution = fit_noise([observed()], fit.predictions, other)
-    assert any("speckle_contrast is open" in line for line in solution.undetermined)
+    assert f"{AMBIENT} cannot be separated from reflectance" in text
+    assert fit_speckle(fit.predictions, wrong_pattern) is None
+    solution = fit_noise([observed()], fit.predictions, wrong_pattern)
+    assert any("speckle_contrast is not determined" in line for line in solution.undetermined)
 
 
-def test_one_wall_leaves_the_black_level_open() -> None:
-    """One even wall through a lens that does not darken: black level and ambient light are one."""
+def test_one_wall_leaves_the_black_level_undetermined() -> None:
+    """With a uniform wall and no vignetting, black level and ambient light are confounded."""
     wall = scenes.wall(1.0)
     even = dataclasses.replace(wall, ambient=dataclasses.replace(wall.ambient, gradient=0.0))
     no_darkening = [("imager.lens.vignetting", 0.0), ("projector.falloff", 1.5)]
     truth = edits.with_values(TRUTH, no_darkening)
     start = edits.with_values(START, no_darkening)
-    layers = direct.layers(Stage(even), truth, subpixels=3)
+    layers = direct.layers(MitsubaScene(even), truth, subpixels=3)
     observation = observed(scene=even, layers=layers, sensor=truth)
     fit = fit_photometry([observation], start, free=(PARAMETERS[1], PARAMETERS[2]))
     estimate = next(e for e in fit.solution.estimates if e.name == "left.black_level_dn")
@@ -197,24 +197,26 @@ def test_noise_of_a_whole_capture() -> None:
 
 
 def test_texture_is_not_taken_for_speckle() -> None:
-    """Residuals of half the image that grow with the laser's light are not everywhere."""
+    """Residuals that grow with laser light in only half of the image are texture."""
     fit = fit_photometry([observed()], START, layers=fitted_layers())
     rng = np.random.default_rng(0)
     textured = []
-    for one in fit.predictions:
-        more = one.sharp_laser_dn * rng.standard_normal(one.sharp_laser_dn.shape)
-        more[:, more.shape[1] // 2 :] = 0
+    for prediction in fit.predictions:
+        texture = prediction.sharp_laser_dn * rng.standard_normal(prediction.sharp_laser_dn.shape)
+        texture[:, texture.shape[1] // 2 :] = 0
         textured.append(
-            dataclasses.replace(one, residual_dn=one.residual_dn + more.astype(np.float32))
+            dataclasses.replace(
+                prediction, residual_dn=prediction.residual_dn + texture.astype(np.float32)
+            )
         )
-    found = fit_speckle(textured, fit.solution.sensor)
-    assert found is not None and np.isinf(found.sd)
-    assert found.value <= speckle_bound(textured, fit.solution.sensor) < 0.5
+    estimate = fit_speckle(textured, fit.solution.sensor)
+    assert estimate is not None and np.isinf(estimate.sd)
+    assert estimate.value <= speckle_bound(textured, fit.solution.sensor) < 0.5
     assert speckle_bound([], fit.solution.sensor) == 1.0
 
 
 def test_single_images_bound_the_noise() -> None:
-    """The bound is no less than the noise there is, and the sentence says what it is."""
+    """The bound is at least the actual noise, and a sentence reports it."""
     observation = observed()
     fit = fit_photometry([observation], START, layers=fitted_layers(), reflectance_known=True)
     left = fit.predictions[0]
@@ -224,68 +226,75 @@ def test_single_images_bound_the_noise() -> None:
     assert shot_dn <= bound <= 4 * shot_dn
     solution = fit_noise([observation], fit.predictions, fit.solution.sensor)
     assert all(np.isinf(e.sd) for e in solution.estimates[:3])
-    assert any("capture a scene at rest twice" in line for line in solution.undetermined)
+    assert any("capture a static scene at least twice" in line for line in solution.undetermined)
     nowhere = dataclasses.replace(left, used=np.zeros_like(left.used))
     assert np.isnan(noise_bound_dn(nowhere))
 
 
 @pytest.mark.parametrize("light", [1e-3, 5e-3])
-def test_a_contrast_that_nothing_tells_is_open(light: float) -> None:
-    """Residuals of noise far above the laser's light: the start stays, and a sentence.
+def test_an_undetermined_contrast_is_reported(light: float) -> None:
+    """With noise far above the laser light, the initial contrast stays and a sentence reports it.
 
-    A thousand times, nothing is told; two hundred times, 0.42 +- 0.18, which is little more than
-    that it lies between 0 and 1.
+    At a ratio of 1000 the contrast is undetermined. At a ratio of 200 it is 0.42 +- 0.18, which
+    is not much better than a uniform prior from 0 to 1.
     """
     fit = fit_photometry([observed()], START, layers=fitted_layers())
     rng = np.random.default_rng(0)
     drowned = [
         dataclasses.replace(
-            one,
-            sharp_laser_dn=np.float32(light) * one.sharp_laser_dn,
-            residual_dn=rng.standard_normal(one.residual_dn.shape).astype(np.float32),
+            prediction,
+            sharp_laser_dn=np.float32(light) * prediction.sharp_laser_dn,
+            residual_dn=rng.standard_normal(prediction.residual_dn.shape).astype(np.float32),
         )
-        for one in fit.predictions
+        for prediction in fit.predictions
     ]
-    found = fit_noise([observed()], drowned, START)
-    speckle = found.estimates[-1]
-    assert speckle.name == SPECKLE and np.isinf(speckle.sd) and np.isinf(found.covariance[-1, -1])
-    assert speckle.value == speckle.start == found.sensor.projector.speckle_contrast
+    solution = fit_noise([observed()], drowned, START)
+    speckle = solution.estimates[-1]
+    assert (
+        speckle.name == SPECKLE and np.isinf(speckle.sd) and np.isinf(solution.covariance[-1, -1])
+    )
+    assert speckle.value == speckle.start == solution.sensor.projector.speckle_contrast
     assert any(
-        f"{SPECKLE} is open: texture and dots not quite as predicted" in one
-        for one in found.undetermined
+        f"{SPECKLE} is not determined: texture and errors of dots" in prediction
+        for prediction in solution.undetermined
     )
 
 
-def test_noise_known_less_than_by_its_range_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A full well less sure than its size, an averaging of 3 px +- 2: starts stay, and are named.
+def test_noise_estimates_worse_than_their_range_are_rejected(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A full well with a deviation above its value, and averaging of 3 px +- 2, are rejected.
 
-    That photon transfer gives such deviations where levels hardly differ is not shown.
+    The test does not show that photon transfer reports such deviations.
     """
     observation = observed(frames=2)
     assert observation.repeats is not None
-    told = fit_photon_transfer(observation.repeats, START)
-    rows = zip(told.estimates, (2e5, 1.0, 2.0), strict=True)
+    transfer = fit_photon_transfer(observation.repeats, START)
+    rows = zip(transfer.estimates, (2e5, 1.0, 2.0), strict=True)
     unsure = tuple(
-        dataclasses.replace(one, value=9e4 if sd == 2e5 else 3.0, sd=sd) for one, sd in rows
+        dataclasses.replace(estimate, value=9e4 if sd == 2e5 else 3.0, sd=sd)
+        for estimate, sd in rows
     )
-    loose = dataclasses.replace(told, estimates=unsure, covariance=np.diag([4e10, 1.0, 4.0]))
+    loose = dataclasses.replace(transfer, estimates=unsure, covariance=np.diag([4e10, 1.0, 4.0]))
     monkeypatch.setattr(noise, "fit_photon_transfer", lambda *_: loose)
-    found = fit_noise([observation], (), START)
-    well, read, averaging = found.estimates[:3]
-    for one in (well, averaging):
-        assert np.isinf(one.sd) and one.value == one.start
-        assert any(line.startswith(f"{one.name} is open") for line in found.undetermined)
+    solution = fit_noise([observation], (), START)
+    well, read, averaging = solution.estimates[:3]
+    for estimate in (well, averaging):
+        assert np.isinf(estimate.sd) and estimate.value == estimate.start
+        assert any(
+            line.startswith(f"{estimate.name} is not determined") for line in solution.undetermined
+        )
     assert read.sd == 1.0 and read.value == 3.0
-    np.testing.assert_array_equal(np.diagonal(found.covariance)[:3], [np.inf, 1.0, np.inf])
-    assert found.sensor.left.full_well_e == START.left.full_well_e
+    np.testing.assert_array_equal(np.diagonal(solution.covariance)[:3], [np.inf, 1.0, np.inf])
+    assert solution.sensor.left.full_well_e == START.left.full_well_e
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("known", [True, False])
 def test_intervals_cover(known: bool) -> None:
-    """Nominal 90 % intervals hold the truth in 80 to 97 % of 40 repeats, all numbers together.
+    """Nominal 90 % intervals cover the truth in 80 to 97 % of 40 repeats, over all parameters.
 
-    Blur stands for the sub-pixel positions too, which differ, and is left out.
+    Blur is excluded, because it absorbs the different sub-pixel positions.
     """
     want = {
         "projector.power_w": 0.22,

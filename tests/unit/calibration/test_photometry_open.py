@@ -1,4 +1,4 @@
-"""Sentences on what levels leave open, one for each way that it can be so."""
+"""Sentences on unidentifiable photometric parameters."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ def estimate(name: str, value: float, sd: float) -> Estimate:
     return Estimate(name=name, value=value, sd=sd, unit="", start=value)
 
 
-def said(
+def open_text(
     estimates: Sequence[Estimate],
     images: Sequence[Any] = (image(),),
     correlation: float = 0.0,
     *,
     eliminate: bool = False,
 ) -> str:
-    deviation = np.array([one.sd for one in estimates])
+    deviation = np.array([item.sd for item in estimates])
     covariance = np.diag(deviation**2)
     if correlation:
         covariance[0, 1] = covariance[1, 0] = correlation * deviation[0] * deviation[1]
-    found = photometry_open.sentences(
+    texts = photometry_open.sentences(
         estimates,
         covariance,
         images=images,
@@ -44,14 +44,15 @@ def said(
         means=False,
         scatter=None,
     )
-    return "\n".join(found)
+    return "\n".join(texts)
 
 
-def test_an_image_without_the_projector_needs_no_shape_of_dots() -> None:
+def test_emitter_off_images_change_the_remedy() -> None:
     held = [estimate(POWER, 0.2, np.inf), estimate(HAZE, 0.1, 0.01)]
-    dots = "with the emitter off too the ratio no longer rests on the dots' shape"
+    dots = "Captures with the emitter off make the ratio independent of the dots' shape"
     lit, both = (
-        said(held, images, eliminate=True) for images in ([image()], [image(), image(on=False)])
+        open_text(held, images, eliminate=True)
+        for images in ([image()], [image(), image(on=False)])
     )
     assert dots in lit and "grey card" not in lit
     assert dots not in both and "grey card" in both
@@ -60,25 +61,27 @@ def test_an_image_without_the_projector_needs_no_shape_of_dots() -> None:
 @pytest.mark.parametrize(
     ("value", "sd", "named"), [(6.4, 0.3, False), (7.0, 0.3, True), (7.0, 0.6, False)]
 )
-def test_a_black_level_above_the_darkest_pixels_is_named(
+def test_a_black_level_above_the_darkest_pixels_is_reported(
     value: float, sd: float, named: bool
 ) -> None:
-    """By more than 1 DN and two deviations, of the darkest image of that side."""
+    """The excess over the darkest image of that side is above 1 DN and two deviations."""
     images = [image(lowest_dn=9.0), image(lowest_dn=5.0)]
-    text = said([estimate(LEFT_BLACK, value, sd)], images)
+    text = open_text([estimate(LEFT_BLACK, value, sd)], images)
     assert (f"{LEFT_BLACK} = {value:.3g} DN exceeds the darkest pixels' 5 DN" in text) == named
 
 
 @pytest.mark.parametrize(("correlation", "named"), [(0.99, True), (-0.99, True), (-0.9, False)])
-def test_two_that_go_together_are_named_whichever_way(correlation: float, named: bool) -> None:
+def test_confounded_pairs_are_reported(correlation: float, named: bool) -> None:
     both = [estimate(FALLOFF, 1.0, 0.1), estimate(AMBIENT, 1.0, 0.2)]
-    text = said(both, correlation=correlation)
-    assert (f"{FALLOFF} and {AMBIENT} cannot be told apart" in text) == named
+    text = open_text(both, correlation=correlation)
+    assert (f"{FALLOFF} and {AMBIENT} cannot be separated" in text) == named
 
 
-def test_a_deviation_wider_than_the_range_tells_nothing() -> None:
-    """Anywhere from 0 to 20 has a deviation of 20 / sqrt(12) = 5.8."""
-    assert f"{FALLOFF} is open: its deviation of 6 is more" in said([estimate(FALLOFF, 3.0, 6.0)])
-    assert "is open" not in said([estimate(FALLOFF, 3.0, 5.5)])
-    assert "is open" in said([estimate(HAZE, 0.3, 0.3)])
-    assert "is open" not in said([estimate(VIGNETTING, 3.0, 0.3)])
+def test_a_deviation_above_the_range_is_reported() -> None:
+    """A uniform distribution from 0 to 20 has a deviation of 20 / sqrt(12) = 5.8."""
+    assert f"{FALLOFF} is not determined: its standard deviation of 6 exceeds" in open_text(
+        [estimate(FALLOFF, 3.0, 6.0)]
+    )
+    assert "is not determined" not in open_text([estimate(FALLOFF, 3.0, 5.5)])
+    assert "is not determined" in open_text([estimate(HAZE, 0.3, 0.3)])
+    assert "is not determined" not in open_text([estimate(VIGNETTING, 3.0, 0.3)])

@@ -52,64 +52,72 @@ def values(solution: Solution) -> dict[str, float]:
         ({"bit_depth": 12, "read_noise_e": 12.0, "shot_noise": 0.5}, 6000.0),
     ],
 )
-def test_known_noise_is_found(changes: dict, start_well_e: float) -> None:
-    """Within 5 % (electrons per DN) and 10 % (read noise); other fixed patterns stay in.
+def test_known_noise_is_recovered(changes: dict, start_well_e: float) -> None:
+    """The fit is within 5 % (electrons per DN) and 10 % (read noise), with fixed-pattern noise.
 
-    The images come from the imager model itself: this does not prove that a device's noise is so.
+    The images come from the simulated imager, so the test does not validate a device.
     """
     truth = sensor_with(**changes)
     start = dataclasses.replace(truth.left, full_well_e=start_well_e, read_noise_e=3.0)
     start = dataclasses.replace(truth, left=start)
-    found = values(fit_photon_transfer(repeats(truth.left), start))
-    assert found["full_well_e"] == pytest.approx(truth.left.full_well_e, rel=0.05)
-    assert found["read_noise_e"] == pytest.approx(truth.left.read_noise_e, rel=0.10)
-    assert found["smoothing_px"] == pytest.approx(truth.left.smoothing_px, abs=0.02)
+    fitted_values = values(fit_photon_transfer(repeats(truth.left), start))
+    assert fitted_values["full_well_e"] == pytest.approx(truth.left.full_well_e, rel=0.05)
+    assert fitted_values["read_noise_e"] == pytest.approx(truth.left.read_noise_e, rel=0.10)
+    assert fitted_values["smoothing_px"] == pytest.approx(truth.left.smoothing_px, abs=0.02)
 
 
 @pytest.mark.parametrize("dark_current_e_s", [0.0, 900.0])
-def test_dark_current_is_no_read_noise(dark_current_e_s: float) -> None:
-    """30 electrons, whose shot noise is as loud as reading, are a level like light's."""
+def test_dark_current_does_not_change_read_noise(dark_current_e_s: float) -> None:
+    """Dark current of 30 electrons, with shot noise equal to read noise, counts as signal."""
     truth = sensor_with(
         bit_depth=12, read_noise_e=5.6, dark_current_e_s=dark_current_e_s, exposure_s=0.033
     )
     start = dataclasses.replace(truth, left=dataclasses.replace(truth.left, read_noise_e=3.0))
-    found = values(fit_photon_transfer(repeats(truth.left, count=8, top=0.1), start))
-    assert found["read_noise_e"] == pytest.approx(5.6, rel=0.10)
-    assert found["full_well_e"] == pytest.approx(truth.left.full_well_e, rel=0.03)
+    fitted_values = values(fit_photon_transfer(repeats(truth.left, count=8, top=0.1), start))
+    assert fitted_values["read_noise_e"] == pytest.approx(5.6, rel=0.10)
+    assert fitted_values["full_well_e"] == pytest.approx(truth.left.full_well_e, rel=0.03)
 
 
-def test_a_black_level_that_was_fitted_counts() -> None:
-    """Of 20 DN that the sensor does not know: its own would take their noise for reading's."""
+def test_a_fitted_black_level_is_used() -> None:
+    """Without the fitted black level of 20 DN, the read noise would be wrong."""
     truth = sensor_with(bit_depth=12, read_noise_e=12.0, black_level_dn=20.0)
     unknowing = sensor_with(bit_depth=12, read_noise_e=3.0, black_level_dn=0.0)
     frames = repeats(truth.left)
-    found = values(fit_photon_transfer(frames, unknowing, black_level_dn=20.0))
-    assert found["read_noise_e"] == pytest.approx(12.0, rel=0.10)
+    fitted_values = values(fit_photon_transfer(frames, unknowing, black_level_dn=20.0))
+    assert fitted_values["read_noise_e"] == pytest.approx(12.0, rel=0.10)
     wrong = values(fit_photon_transfer(frames, unknowing))
     assert abs(wrong["read_noise_e"] - 12.0) > 1.2
 
 
-def test_deviations_are_of_the_size_of_what_repeats_scatter() -> None:
-    """Of eight sets of frames; `test_intervals_cover` has more of them."""
+def test_deviations_match_the_scatter_of_repeats() -> None:
+    """The scatter is that of eight sets of frames; `test_intervals_cover` uses more."""
     truth = sensor_with(bit_depth=10, read_noise_e=30.0, smoothing_px=0.5)
     solutions = [
         fit_photon_transfer(repeats(truth.left, count=2, seed=seed), truth) for seed in range(8)
     ]
-    scatter = np.std([[e.value for e in one.estimates] for one in solutions], axis=0, ddof=1)
-    told = np.median([[e.sd for e in one.estimates] for one in solutions], axis=0)
-    assert (told < 2.5 * scatter).all() and (told > scatter / 2.5).all()
+    scatter = np.std(
+        [[estimate.value for estimate in solution.estimates] for solution in solutions],
+        axis=0,
+        ddof=1,
+    )
+    reported = np.median(
+        [[estimate.sd for estimate in solution.estimates] for solution in solutions], axis=0
+    )
+    assert (reported < 2.5 * scatter).all() and (reported > scatter / 2.5).all()
 
 
-def test_a_row_s_own_mean_takes_no_noise_away() -> None:
-    """Of eight pixels in a row, an eighth of the variance goes with the mean and is put back."""
+def test_removing_row_means_keeps_the_noise_variance() -> None:
+    """Subtracting the mean of a row of 8 pixels removes 1/8 of the variance, which is restored."""
     noise = np.random.default_rng(0).standard_normal((4000, 8)).astype(np.float32)
     mean = np.broadcast_to(np.linspace(10, 90, 4000, dtype=np.float32)[:, None], noise.shape)
-    still = photon_transfer._still(noise + 3 * noise[:, :1], mean, np.ones(noise.shape, bool))
+    still = photon_transfer._remove_global(
+        noise + 3 * noise[:, :1], mean, np.ones(noise.shape, bool)
+    )
     assert (still**2).mean() == pytest.approx(1.0, rel=0.03)
 
 
-def test_hidden_read_noise_is_named_and_not_guessed() -> None:
-    """5 electrons beside steps of 600: no photon transfer sees them."""
+def test_read_noise_below_the_detection_limit_is_reported() -> None:
+    """Read noise of 5 electrons is below the detection limit at codes of 600 electrons."""
     truth = sensor_with(bit_depth=8, read_noise_e=5.0, full_well_e=150_000.0, black_level_dn=10.0)
     solution = fit_photon_transfer(repeats(truth.left, count=2), truth)
     read = solution.estimates[1]
@@ -118,14 +126,14 @@ def test_hidden_read_noise_is_named_and_not_guessed() -> None:
     assert any("left.read_noise_e is below" in sentence for sentence in solution.undetermined)
 
 
-def test_power_that_flickers_from_frame_to_frame_is_no_noise() -> None:
+def test_flicker_of_power_is_not_noise() -> None:
     truth = sensor_with(bit_depth=12, read_noise_e=15.0)
     frames = repeats(truth.left).astype(np.float64)
     black = truth.left.black_level_dn
     scale = np.array([1.0, 1.02, 0.98, 1.01])[:, None, None]
     flickering = np.rint((frames - black) * scale + black).astype(np.uint16)
-    found = values(fit_photon_transfer(flickering, truth))
-    assert found["full_well_e"] == pytest.approx(truth.left.full_well_e, rel=0.05)
+    fitted_values = values(fit_photon_transfer(flickering, truth))
+    assert fitted_values["full_well_e"] == pytest.approx(truth.left.full_well_e, rel=0.05)
 
 
 @pytest.mark.long
@@ -171,5 +179,5 @@ def test_noise_that_falls_with_the_level_is_refused() -> None:
     rng = np.random.default_rng(1)
     level = np.repeat(np.linspace(30, 200, 300)[None], 200, axis=0)
     frames = level + (8 - level / 30) * rng.standard_normal((3, 200, 300))
-    with pytest.raises(InputError, match="noisier where they are brighter"):
+    with pytest.raises(InputError, match="must have more noise at higher levels"):
         fit_photon_transfer(np.rint(frames).astype(np.uint8), BASE)

@@ -1,6 +1,6 @@
-"""Speckle's contrast of dots drawn by hand, through crosstalk, averaging and noise.
+"""Speckle contrast of synthetic dots after crosstalk, averaging and noise.
 
-The prediction is the mean exactly: what wrong geometry leaves over is not tried here.
+The prediction is the exact mean. The tests do not cover errors of the geometry.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def sensor_with(**changes: float) -> Sensor:
 
 
 def captured(sensor: Sensor, contrast: float, *, seed: int = 0) -> Prediction:
-    """One image of dots here and there under even ambient light, and what it is without lot."""
+    """Return an image of random dots under uniform ambient light, with its exact mean."""
     part, rng = sensor.left, np.random.default_rng(seed)
     dots = (rng.random(SHAPE) < 0.02).astype(np.float32)
     laser = cv2.GaussianBlur(dots, (0, 0), DOT_PX) * np.float32(PEAK_DN * 2 * np.pi * DOT_PX**2)
@@ -49,7 +49,7 @@ def captured(sensor: Sensor, contrast: float, *, seed: int = 0) -> Prediction:
         seed=seed,
         frame=0,
     ).delivered
-    mean = imager.mixed(part, laser + np.float32(AMBIENT_DN))
+    mean = imager.mix_pixels(part, laser + np.float32(AMBIENT_DN))
     level = codes.astype(np.float32)
     return Prediction(
         scene="dots",
@@ -66,22 +66,22 @@ def captured(sensor: Sensor, contrast: float, *, seed: int = 0) -> Prediction:
 
 @pytest.mark.parametrize("crosstalk", [0.0, 0.2])
 @pytest.mark.parametrize("smoothing_px", [0.0, 0.68])
-def test_what_the_imager_mixes_does_not_change_the_contrast(
+def test_contrast_is_independent_of_crosstalk_and_averaging(
     smoothing_px: float, crosstalk: float
 ) -> None:
-    """Within 3 %: averaging lowers dots themselves too, which is no grain's doing."""
+    """The estimate is within 3 %, although averaging attenuates dots and speckle."""
     sensor = sensor_with(smoothing_px=smoothing_px, crosstalk=crosstalk)
-    found = fit_speckle([captured(sensor, 0.25, seed=seed) for seed in range(4)], sensor)
-    assert found is not None and np.isfinite(found.sd)
-    assert found.value == pytest.approx(0.25, rel=0.03)
+    estimate = fit_speckle([captured(sensor, 0.25, seed=seed) for seed in range(4)], sensor)
+    assert estimate is not None and np.isfinite(estimate.sd)
+    assert estimate.value == pytest.approx(0.25, rel=0.03)
 
 
 @pytest.mark.parametrize(
     "changes",
     [{}, {"smoothing_px": 1.0}, {"smoothing_px": 0.68, "shot_noise": 0.0}],
 )
-def test_noise_that_is_not_there_does_not_hide_speckle(changes: dict[str, float]) -> None:
-    """A bound of 0.05 to 0.2 for a contrast of 0.05, which is as loud as the noise at most."""
+def test_the_bound_uses_the_expected_noise(changes: dict[str, float]) -> None:
+    """The bound is 0.05 to 0.2 for a contrast of 0.05, whose speckle is at most the noise."""
     sensor = sensor_with(**changes)
     bound = speckle_bound([captured(sensor, 0.05, seed=seed) for seed in range(2)], sensor)
     assert 0.05 <= bound < 0.2

@@ -1,4 +1,4 @@
-"""Least squares with levels, slopes and strengths eliminated, tile by tile."""
+"""Normal equations with levels, slopes and strengths of tiles eliminated."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from starling.calibration.pattern import tile_equations
-from starling.calibration.pattern.tile_equations import Normal
+from starling.calibration.pattern.tile_equations import NormalEquations
 
 TILE, ROWS, ACROSS = 8, 2, 3
 SHAPE = (ROWS * TILE, ACROSS * TILE)
@@ -36,21 +36,21 @@ def _tiles() -> list[tuple[slice, slice]]:
 def _reading(
     templates: np.ndarray, seed: int = 1, *, level: float = 30.0, slope: float = 4.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A reading that the model explains, and the strengths (tiles, k) it was made with."""
+    """Return a noise-free image of the model and its strengths (tiles, k)."""
     rng = np.random.default_rng(seed)
     image = np.zeros(SHAPE, np.float32)
     strengths = rng.uniform(5, 15, (ROWS * ACROSS, COUNT))
     y, x = np.mgrid[:TILE, :TILE] / TILE
-    for tile, own in zip(_tiles(), strengths, strict=True):
-        even = level + slope * (rng.uniform(-1, 1) * x + rng.uniform(-1, 1) * y)
-        image[tile] = even + np.tensordot(own, templates[(slice(None), *tile)], axes=1)
+    for tile, strength in zip(_tiles(), strengths, strict=True):
+        background = level + slope * (rng.uniform(-1, 1) * x + rng.uniform(-1, 1) * y)
+        image[tile] = background + np.tensordot(strength, templates[(slice(None), *tile)], axes=1)
     return image, strengths
 
 
 def _eliminated(
     image: np.ndarray, weight: np.ndarray, templates: np.ndarray, columns: np.ndarray
-) -> Normal:
-    return tile_equations.of(image, weight, templates, columns, tile_px=TILE)
+) -> NormalEquations:
+    return tile_equations.reduce_image(image, weight, templates, columns, tile_px=TILE)
 
 
 def _dense(
@@ -60,18 +60,18 @@ def _dense(
     columns: np.ndarray,
     strengths: np.ndarray,
 ) -> np.ndarray:
-    """The parameters' step of one weighted least squares with every tile's unknowns as columns."""
+    """Return the step of dense weighted least squares with each tile's unknowns as columns."""
     y, x = np.mgrid[:TILE, :TILE] / TILE
-    own = 3 + COUNT
+    unknowns = 3 + COUNT
     tiles = _tiles()
-    matrix = np.zeros((len(tiles), TILE * TILE, PARAMETERS + own * len(tiles)))
+    matrix = np.zeros((len(tiles), TILE * TILE, PARAMETERS + unknowns * len(tiles)))
     reading = np.zeros((len(tiles), TILE * TILE))
     for number, tile in enumerate(tiles):
         root = np.sqrt(weight[tile]).ravel()
-        at = PARAMETERS + own * number
+        start = PARAMETERS + unknowns * number
         basis = [np.ones_like(x), x, y, *templates[(slice(None), *tile)]]
         for i, row in enumerate(basis):
-            matrix[number, :, at + i] = root * row.ravel()
+            matrix[number, :, start + i] = root * row.ravel()
         slopes = np.tensordot(strengths[number], columns[(slice(None), slice(None), *tile)], axes=1)
         matrix[number, :, :PARAMETERS] = root[:, None] * slopes.reshape(PARAMETERS, -1).T
         reading[number] = root * image[tile].ravel()
@@ -79,14 +79,14 @@ def _dense(
     return np.linalg.lstsq(flat, reading.ravel(), rcond=None)[0][:PARAMETERS]
 
 
-def _step(normal: Normal) -> np.ndarray:
+def _step(normal: NormalEquations) -> np.ndarray:
     return np.linalg.solve(normal.matrix, normal.right_side)
 
 
 def test_the_step_is_that_of_dense_least_squares() -> None:
-    """Residuals of a hundredth of a deviation: there robust weights are one to 1e-4.
+    """Residuals are 1 % of a deviation, so robust weights are 1 within 1e-4.
 
-    How robust weights act on larger residuals is not shown here.
+    The test does not cover larger residuals.
     """
     weight, templates, columns = _problem(0)
     image, strengths = _reading(templates)
@@ -100,8 +100,8 @@ def test_the_step_is_that_of_dense_least_squares() -> None:
     np.testing.assert_allclose(dense, truth, rtol=0.02, atol=1e-5)
 
 
-def test_strengths_are_found_and_nothing_is_left() -> None:
-    """What the model explains leaves rounding alone: images are single precision, 3e-6 DN."""
+def test_strengths_are_recovered_without_residual() -> None:
+    """A noise-free image leaves only rounding errors of single precision, 3e-6 DN."""
     weight, templates, columns = _problem(2)
     image, strengths = _reading(templates)
     normal = _eliminated(image, weight, templates, columns)
@@ -114,32 +114,36 @@ def test_strengths_are_found_and_nothing_is_left() -> None:
 @given(st.floats(0, 200), st.floats(-20, 20), st.integers(0, 99))
 @settings(max_examples=25)
 def test_a_tile_s_level_and_slopes_change_nothing(level: float, slope: float, seed: int) -> None:
-    """Of residuals far from nothing: the same equations, whatever is added evenly to tiles."""
+    """With large residuals, adding a plane to tiles does not change the equations."""
     weight, templates, columns = _problem(seed)
     noise = np.random.default_rng(seed).standard_normal(SHAPE).astype(np.float32)
     plain = _reading(templates, seed, level=0.0, slope=0.0)[0] + noise
     lifted = _reading(templates, seed, level=level, slope=slope)[0] + noise
-    one, other = (_eliminated(image, weight, templates, columns) for image in (plain, lifted))
-    size = np.abs(one.matrix).max()
-    np.testing.assert_allclose(other.matrix, one.matrix, atol=1e-4 * size)
-    np.testing.assert_allclose(_step(other), _step(one), atol=1e-4)
-    assert other.misfit == pytest.approx(one.misfit, rel=1e-3)
+    plain_equations, lifted_equations = (
+        _eliminated(image, weight, templates, columns) for image in (plain, lifted)
+    )
+    size = np.abs(plain_equations.matrix).max()
+    np.testing.assert_allclose(lifted_equations.matrix, plain_equations.matrix, atol=1e-4 * size)
+    np.testing.assert_allclose(_step(lifted_equations), _step(plain_equations), atol=1e-4)
+    assert lifted_equations.misfit == pytest.approx(plain_equations.misfit, rel=1e-3)
 
 
 def test_a_tile_s_gain_changes_only_its_weight() -> None:
-    """A tile k times as bright, with noise to match, moves the parameters as before."""
+    """A tile that is k times as bright, with scaled noise, gives the same step."""
     weight, templates, columns = _problem(4)
     noise = 0.01 * np.random.default_rng(4).standard_normal(SHAPE)
     image = _reading(templates)[0] + noise
     gain = np.kron(np.array([[1, 2, 3], [0.5, 4, 1]]), np.ones((TILE, TILE)))
-    one = _eliminated(image.astype(np.float32), weight, templates, columns)
+    plain_equations = _eliminated(image.astype(np.float32), weight, templates, columns)
     brighter = (gain * image).astype(np.float32), (weight / gain**2).astype(np.float32)
-    other = _eliminated(*brighter, templates, columns)
-    np.testing.assert_allclose(_step(other), _step(one), rtol=1e-3, atol=1e-7)
+    bright_equations = _eliminated(*brighter, templates, columns)
+    np.testing.assert_allclose(
+        _step(bright_equations), _step(plain_equations), rtol=1e-3, atol=1e-7
+    )
 
 
-def test_a_bad_pixel_counts_little() -> None:
-    """A hundred deviations off in one pixel move the step less than a tenth of what squares do."""
+def test_an_outlier_has_little_influence() -> None:
+    """One outlier of 100 deviations changes the step by less than 10 % of the squares' change."""
     weight, templates, columns = _problem(5)
     image, _ = _reading(templates)
     place = tuple(np.argwhere(weight > 0)[40])
@@ -149,7 +153,7 @@ def test_a_bad_pixel_counts_little() -> None:
     assert np.abs(_step(normal)).max() < 0.1 * np.abs(dense).max()
 
 
-def test_a_tile_with_too_few_pixels_does_not_count() -> None:
+def test_a_tile_with_too_few_pixels_is_unused() -> None:
     weight, templates, columns = _problem(6)
     image, _ = _reading(templates)
     weight[_tiles()[1]] = 0
@@ -160,7 +164,7 @@ def test_a_tile_with_too_few_pixels_does_not_count() -> None:
     assert np.isfinite(np.delete(normal.strengths, 1, axis=0)).all()
 
 
-def test_a_template_that_is_nowhere_has_no_strength() -> None:
+def test_an_empty_template_has_no_strength() -> None:
     weight, templates, columns = _problem(7)
     templates[1] = 0
     image, _ = _reading(templates)
@@ -170,9 +174,9 @@ def test_a_template_that_is_nowhere_has_no_strength() -> None:
 
 
 def test_misfit_of_noise_is_its_count() -> None:
-    """Of 10^6 normal deviates to 0.5 %, five deviations of their mean; twice the noise is more.
+    """The misfit of 10^6 normal samples is their count within 0.5 %, and grows with noise.
 
-    One residual of a thousand deviations among a hundred counts as a hundred and some, no million.
+    One residual of 1000 deviations counts as 50 to 200.
     """
     noise = np.random.default_rng(0).standard_normal(10**6)
     assert tile_equations.misfit(noise) == pytest.approx(noise.size, rel=5e-3)
@@ -180,12 +184,12 @@ def test_misfit_of_noise_is_its_count() -> None:
     assert 50 < tile_equations.misfit(np.array([1000.0])) < 200
 
 
-def test_total_and_widened() -> None:
-    """Two images' equations add; places that a part does not know stay empty."""
+def test_total_and_embed() -> None:
+    """Equations of two images add; parameters outside a part's equations stay 0."""
     weight, templates, columns = _problem(8)
     image, _ = _reading(templates)
     part = _eliminated(image + 1, weight, templates, columns)
-    wide = tile_equations.widened(part, [4, 0, 2], 5)
+    wide = tile_equations.embed(part, [4, 0, 2], 5)
     np.testing.assert_array_equal(wide.matrix[np.ix_([4, 0, 2], [4, 0, 2])], part.matrix)
     np.testing.assert_allclose(wide.right_side[[4, 0, 2]], part.right_side, rtol=1e-9, atol=1e-9)
     assert not wide.matrix[[1, 3]].any() and not wide.right_side[[1, 3]].any()

@@ -1,4 +1,4 @@
-"""Tile-wise least squares against plain least squares with every tile's factor as an unknown."""
+"""Least squares by tiles, against dense least squares with each tile's factor as an unknown."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def test_elimination_is_least_squares_with_a_factor_a_tile(seed: int) -> None:
     signal, model, column = (rng.normal(2, 1, SHAPE) for _ in range(3))
     weight = rng.uniform(0.5, 2, SHAPE)
     gram = tiles.grams([signal, model, column], weight, means=False)
-    inner, _ = tiles.eliminated(gram, 1)
+    inner, _ = tiles.eliminate(gram, 1)
     summed = inner.sum(axis=0)
-    cut = [tiles.tiled(image * np.sqrt(weight)) for image in (signal, model, column)]
+    cut = [tiles.cut_tiles(image * np.sqrt(weight)) for image in (signal, model, column)]
     design = np.zeros((6, 256, 7))
     for tile in range(6):
         design[tile, :, tile] = cut[1][tile]
@@ -30,16 +30,16 @@ def test_elimination_is_least_squares_with_a_factor_a_tile(seed: int) -> None:
     assert summed[0, 1] / summed[1, 1] == pytest.approx(whole[6], rel=1e-6)
 
 
-def test_factor_with_its_gradient_is_found() -> None:
+def test_factor_and_gradient_are_recovered() -> None:
     rng = np.random.default_rng(0)
     model = rng.uniform(1, 2, SHAPE).astype(np.float32)
     across, down = tiles.ramps(SHAPE)
     factor = 0.7 + 0.2 * across - 0.1 * down
-    found = tiles.fitted_factor(factor * model, model, np.ones(SHAPE, np.float32))
-    np.testing.assert_allclose(found, factor, atol=1e-5)
+    fitted = tiles.fit_factor(factor * model, model, np.ones(SHAPE, np.float32))
+    np.testing.assert_allclose(fitted, factor, atol=1e-5)
 
 
-def test_what_has_no_weight_does_not_count() -> None:
+def test_pixels_without_weight_are_unused() -> None:
     weight = np.ones(SHAPE, np.float32)
     weight[:16, :16] = np.arange(256).reshape(16, 16) < 100
     gram = tiles.grams([np.ones(SHAPE), np.ones(SHAPE)], weight, means=False)
@@ -49,9 +49,9 @@ def test_what_has_no_weight_does_not_count() -> None:
 
 def test_means_compare_one_level_a_tile() -> None:
     rng = np.random.default_rng(2)
-    image, other = rng.normal(5, 1, SHAPE), rng.normal(3, 1, SHAPE)
-    gram = tiles.grams([image, other], np.ones(SHAPE), means=True)
-    means = tiles.tiled(image).mean(axis=1), tiles.tiled(other).mean(axis=1)
+    image, second = rng.normal(5, 1, SHAPE), rng.normal(3, 1, SHAPE)
+    gram = tiles.grams([image, second], np.ones(SHAPE), means=True)
+    means = tiles.cut_tiles(image).mean(axis=1), tiles.cut_tiles(second).mean(axis=1)
     np.testing.assert_allclose(gram[:, 0, 1], 256 * means[0] * means[1])
 
 
@@ -62,37 +62,37 @@ def test_an_undetermined_parameter_has_no_finite_deviation() -> None:
         [residual[..., None], jacobian, np.zeros((40, 30, 1))], axis=2
     )  # The last moves nothing.
     gram = columns.transpose(0, 2, 1) @ columns
-    equations = tiles.normal(gram, np.full(40, 30), np.arange(40))
+    equations = tiles.sum_clusters(gram, np.full(40, 30), np.arange(40))
     deviation = np.sqrt(np.diagonal(equations.covariance()))
     assert deviation[:2] == pytest.approx(1 / np.sqrt(1200), rel=0.3)
     assert np.isinf(deviation[2])
     assert equations.step()[2] == 0
 
 
-def test_deviations_cover_errors_that_go_together_in_a_cluster() -> None:
-    """Errors common to each cluster: the deviation is that of clusters, not of pixels."""
-    found, deviations = [], []
+def test_deviations_allow_for_errors_common_to_clusters() -> None:
+    """Errors are common to each cluster, so clusters, not pixels, set the deviation."""
+    steps, deviations = [], []
     for seed in range(200):
         rng = np.random.default_rng(seed)
         common = rng.normal(size=(30, 1)) + 0.1 * rng.normal(size=(30, 50))
         columns = np.stack([common, np.ones((30, 50))], axis=2)
         gram = columns.transpose(0, 2, 1) @ columns
-        equations = tiles.normal(gram, np.full(30, 50), np.arange(30))
-        found.append(equations.step()[0])
+        equations = tiles.sum_clusters(gram, np.full(30, 50), np.arange(30))
+        steps.append(equations.step()[0])
         deviations.append(np.sqrt(equations.covariance()[0, 0]))
-    assert np.median(deviations) == pytest.approx(np.std(found), rel=0.2)
+    assert np.median(deviations) == pytest.approx(np.std(steps), rel=0.2)
 
 
 def test_each_pixel_gets_its_tiles_value_back() -> None:
     values = np.arange(6.0)
-    spread = tiles.spread(values, (35, 50))
-    np.testing.assert_array_equal(tiles.tiled(spread).mean(axis=1), values)
+    spread = tiles.to_pixels(values, (35, 50))
+    np.testing.assert_array_equal(tiles.cut_tiles(spread).mean(axis=1), values)
     assert np.isnan(spread[32:]).all()
     assert np.isnan(spread[:, 48:]).all()
 
 
 def test_clusters_are_squares_ten_across() -> None:
-    """And none of them goes on in the next row, whether or not they fill the image."""
+    """No cluster continues in the next row of clusters, even if they do not fill the image."""
     even = tiles.clusters((192, 320)).reshape(12, 20)
     assert len(np.unique(even[0])) == 10
     for number in np.unique(even):
@@ -102,26 +102,28 @@ def test_clusters_are_squares_ten_across() -> None:
     assert len(np.unique(uneven)) == 2 * 13
 
 
-def test_a_tile_that_fits_far_worse_counts_less() -> None:
-    """Thirty times as badly as most: three times the usual cost is left of it."""
+def test_outlying_tiles_are_downweighted() -> None:
+    """A tile with thirty times the median cost contributes three times the median cost."""
     gram = np.tile(np.array([[10.0, 2.0], [2.0, 4.0]]), (5, 1, 1))
     gram[4, 0, 0] = 300.0
-    equations = tiles.normal(gram, np.full(5, 10.0), np.arange(5))
+    equations = tiles.sum_clusters(gram, np.full(5, 10.0), np.arange(5))
     np.testing.assert_allclose(equations.matrices.ravel(), [4, 4, 4, 4, 0.4])
     np.testing.assert_allclose(equations.scores.ravel(), [2, 2, 2, 2, 0.2])
     assert equations.cost == pytest.approx((4 * 10 + 30) / (4 * 10 + 1))
 
 
-def test_what_rests_on_few_clusters_is_less_sure() -> None:
-    """Each score is larger by its leverage h: var = sum s^2 / (1 - h) / M^2, of one parameter."""
+def test_leverage_of_clusters_increases_the_variance() -> None:
+    """Leverage h scales the scores: var = sum s^2 / (1 - h) / M^2 for one parameter."""
     share, score = np.array([8.0, 1.0, 1.0]), np.array([3.0, -1.0, 2.0])
-    equations = tiles.Normal(matrices=share[:, None, None], scores=score[:, None], cost=1.0)
+    equations = tiles.ClusterEquations(
+        matrices=share[:, None, None], scores=score[:, None], cost=1.0
+    )
     expected = (score**2 / (1 - share / 10)).sum() / 10**2
     assert equations.covariance()[0, 0] == pytest.approx(expected)
 
 
 def test_ramps_are_about_the_tile_s_middle() -> None:
-    """So the factor without its gradient is the mean over the tile."""
+    """The factor without gradient is then the mean over the tile."""
     across, down = tiles.ramps((16, 32))
     np.testing.assert_allclose(across[:, :16], -across[:, 15::-1])
     np.testing.assert_allclose(down, -down[::-1])

@@ -1,4 +1,4 @@
-"""A pattern as an image, by least squares over views that are made of it."""
+"""Recovery of a pattern image by least squares over synthetic views."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import pytest
 from starling.calibration.pattern import cosine_image, unprojected
 from starling.calibration.pattern.cosine_image import Grid
 from starling.calibration.pattern.modulation import Modulation, high_passed
-from starling.calibration.pattern.unprojected import PatternImage, Placed
+from starling.calibration.pattern.unprojected import PatternImage, PlacedView
 
 GRID = Grid(half_a=0.32, half_b=0.2, step=2.5e-3)
 SHAPE = (180, 280)
 FOCAL_PX = 420.0
-NOISE = 0.15  # Of a view, beside dots of unit deviation: the most weight that modulation gives.
+NOISE = 0.15  # Noise of a view, for dots of unit deviation; gives about the maximum weight.
 BLUR_PX = 0.6
-BLIND_PX = 60  # Columns at the left of every view that are not usable.
-MARGIN_PX = 26  # Of the other borders: filters that reach over them are not their own transpose.
+BLIND_PX = 60  # Unusable columns at the left of each view.
+MARGIN_PX = 26  # Unusable margin at the other borders, where filters are not self-adjoint.
 
 
 def _truth(seed: int = 0) -> np.ndarray:
-    """Scattered dots two pixels wide, about their mean, of unit deviation."""
+    """Return random dots two pixels wide, with zero mean and unit deviation."""
     rng = np.random.default_rng(seed)
     points = (rng.random(GRID.shape) < 1 / 60).astype(np.float32)
     image = cv2.GaussianBlur(points, (0, 0), 1.1)
@@ -31,15 +31,15 @@ def _truth(seed: int = 0) -> np.ndarray:
 
 
 def _cosines(shift: float) -> np.ndarray:
-    """Nominal cosines (h w, 2) of a view's pixels, sheared a little by how the surface lies."""
+    """Return nominal cosines (h w, 2) of a view's pixels on a slightly slanted surface."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     a = (x - SHAPE[1] / 2) / FOCAL_PX + shift + 0.03 * (y - SHAPE[0] / 2) / FOCAL_PX
     b = (y - SHAPE[0] / 2) / FOCAL_PX - 0.4 * shift
     return np.stack([a.ravel(), b.ravel()], axis=1).astype(np.float32)
 
 
-def _view(value: np.ndarray, number: int, gain: float = 0.8) -> Placed:
-    """A view of the pattern; its left part is not usable."""
+def _view(value: np.ndarray, number: int, gain: float = 0.8) -> PlacedView:
+    """Return a noisy view of the pattern with an unusable left part."""
     rng = np.random.default_rng([5, number])
     cosines = _cosines([-0.02, 0.013, 0.021, -0.008][number])
     image = np.zeros(SHAPE[0] * SHAPE[1], np.float32)
@@ -49,7 +49,7 @@ def _view(value: np.ndarray, number: int, gain: float = 0.8) -> Placed:
     weight = np.full(SHAPE, 1 / NOISE**2, np.float32)
     weight[:, :BLIND_PX] = 0
     weight[:MARGIN_PX], weight[-MARGIN_PX:], weight[:, -MARGIN_PX:] = 0, 0, 0
-    return Placed(
+    return PlacedView(
         modulation=Modulation(value=seen.astype(np.float32), weight=weight),
         cosines=cosines,
         blur_px=BLUR_PX,
@@ -62,112 +62,110 @@ def truth() -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def found(truth: np.ndarray) -> PatternImage:
+def pattern(truth: np.ndarray) -> PatternImage:
     return unprojected.solve([_view(truth, number) for number in range(4)], GRID)
 
 
-def _inside(found: PatternImage) -> np.ndarray:
-    """Where all views looked, away from the border of any."""
-    seen = (found.views >= found.views.max()).astype(np.uint8)
+def _inside(pattern: PatternImage) -> np.ndarray:
+    """Return the mask of full coverage, away from borders of views."""
+    seen = (pattern.views >= pattern.views.max()).astype(np.uint8)
     return cv2.erode(seen, np.ones((15, 15), np.uint8)).astype(bool)
 
 
-def _correlation(found: PatternImage, truth: np.ndarray) -> float:
-    inside = _inside(found)
-    return float(np.corrcoef(found.value[inside], truth[inside])[0, 1])
+def _correlation(pattern: PatternImage, truth: np.ndarray) -> float:
+    inside = _inside(pattern)
+    return float(np.corrcoef(pattern.value[inside], truth[inside])[0, 1])
 
 
-def test_the_pattern_is_recovered_where_views_looked(
-    found: PatternImage, truth: np.ndarray
+def test_the_pattern_is_recovered_in_covered_directions(
+    pattern: PatternImage, truth: np.ndarray
 ) -> None:
-    """Noise through the imager's blur leaves 0.96; the mirrored pattern correlates by chance.
+    """Noise and blur limit the correlation to 0.96; the mirrored pattern has chance correlation.
 
-    Chance: a standard error of one over the root of the number of dots, here 0.06.
+    The chance correlation has a standard error of 0.06, from the number of dots.
     """
-    assert _inside(found).mean() > 0.3
-    assert _correlation(found, truth) > 0.95
-    assert abs(_correlation(found, truth[:, ::-1])) < 0.2
+    assert _inside(pattern).mean() > 0.3
+    assert _correlation(pattern, truth) > 0.95
+    assert abs(_correlation(pattern, truth[:, ::-1])) < 0.2
 
 
-def test_a_local_gain_is_no_part_of_the_pattern(truth: np.ndarray) -> None:
-    """One view twice as strong as another: the same pattern."""
+def test_local_gain_does_not_change_the_pattern(truth: np.ndarray) -> None:
+    """Views of different strength give the same pattern."""
     views = [_view(truth, n, gain) for n, gain in enumerate((0.5, 1.0, 0.7, 0.9))]
     assert _correlation(unprojected.solve(views, GRID), truth) > 0.95
 
 
-def test_coverage_counts_views(found: PatternImage) -> None:
-    assert found.views.max() == 4 and found.views.min() == 0
-    assert (np.rint(found.views) == found.views).all()
-    one = unprojected.solve([_view(_truth(), 0)], GRID)
-    assert set(np.unique(one.views)) == {0, 1}
-    # Columns that are not usable: the pattern's own there were not looked at.
-    at = GRID.place(np.stack([_cosines(-0.02)[:, 0], _cosines(-0.02)[:, 1]], axis=1))
+def test_coverage_counts_views(pattern: PatternImage) -> None:
+    assert pattern.views.max() == 4 and pattern.views.min() == 0
+    assert (np.rint(pattern.views) == pattern.views).all()
+    single = unprojected.solve([_view(_truth(), 0)], GRID)
+    assert set(np.unique(single.views)) == {0, 1}
+    # Unusable columns of the view do not count as coverage.
+    places = GRID.place(np.stack([_cosines(-0.02)[:, 0], _cosines(-0.02)[:, 1]], axis=1))
     middle = (SHAPE[0] // 2) * SHAPE[1]
-    row, column = round(at[middle + BLIND_PX, 1]), at[middle + BLIND_PX, 0]
-    assert not one.views[row, : int(column) - 2].any()
-    assert one.views[row, int(column) + 3]
+    row, column = round(places[middle + BLIND_PX, 1]), places[middle + BLIND_PX, 0]
+    assert not single.views[row, : int(column) - 2].any()
+    assert single.views[row, int(column) + 3]
 
 
-def test_where_nothing_looked_nothing_is_known(found: PatternImage) -> None:
-    blind = found.views == 0
+def test_uncovered_directions_have_infinite_deviation(pattern: PatternImage) -> None:
+    blind = pattern.views == 0
     assert blind.any()
-    assert np.isinf(found.sd[blind]).all()
-    assert np.isfinite(found.sd[~blind]).mean() > 0.99
+    assert np.isinf(pattern.sd[blind]).all()
+    assert np.isfinite(pattern.sd[~blind]).mean() > 0.99
 
 
-def test_the_deviation_is_that_of_the_errors(found: PatternImage, truth: np.ndarray) -> None:
-    """Errors as the imager blurs them, over their stated deviation: unit width within two.
+def test_the_deviation_matches_the_errors(pattern: PatternImage, truth: np.ndarray) -> None:
+    """The blurred error over the reported deviation has a width of 1 within a factor of 2.
 
-    Single pixels of the pattern err more; no more than this is promised.
+    Errors of single pixels are larger; the reported deviation does not include them.
     """
-    # What the views' high-pass takes off is of no view's business.
-    error = cv2.GaussianBlur(high_passed(found.value - truth), (0, 0), BLUR_PX)
-    off = (error / found.sd)[_inside(found)]
+    # The views do not determine what their high-pass filter removes.
+    error = cv2.GaussianBlur(high_passed(pattern.value - truth), (0, 0), BLUR_PX)
+    off = (error / pattern.sd)[_inside(pattern)]
     assert 0.5 < float(np.sqrt(np.mean(off**2))) < 2
 
 
-def test_a_start_is_gone_on_from(found: PatternImage, truth: np.ndarray) -> None:
-    """One more round from what was found changes little; one round from nothing is worse."""
+def test_an_initial_pattern_is_used(pattern: PatternImage, truth: np.ndarray) -> None:
+    """One round from the solution changes little; one round from zero is worse."""
     views = [_view(truth, number) for number in range(4)]
-    more = unprojected.solve(views, GRID, start=found.value, rounds=1)
+    more = unprojected.solve(views, GRID, start=pattern.value, rounds=1)
     less = unprojected.solve(views, GRID, rounds=1, steps=2)
-    assert _correlation(more, truth) > _correlation(found, truth) - 0.01
+    assert _correlation(more, truth) > _correlation(pattern, truth) - 0.01
     assert _correlation(less, truth) < _correlation(more, truth)
 
 
 def test_the_transposed_model_is_the_model_s_transpose(truth: np.ndarray) -> None:
     """<w g A p, r> = <p, A' g w r> for a view's model A; single precision, 1e-4."""
     rng = np.random.default_rng(8)
-    one = dataclasses.replace(_view(truth, 1), gain=np.full(SHAPE, 0.7, np.float32))
-    one = dataclasses.replace(one, cosines=GRID.place(one.cosines))
+    view = dataclasses.replace(_view(truth, 1), gain=np.full(SHAPE, 0.7, np.float32))
+    view = dataclasses.replace(view, cosines=GRID.place(view.cosines))
     residual = rng.standard_normal(SHAPE).astype(np.float32)
     back = np.zeros(GRID.shape, np.float32)
-    unprojected._transposed(one, residual, back)
-    model = 0.7 * unprojected.predicted(one, truth)
-    forth = np.vdot((one.modulation.weight * model).astype(np.float64), residual)
+    unprojected._transposed(view, residual, back)
+    model = 0.7 * unprojected.predict(view, truth)
+    forth = np.vdot((view.modulation.weight * model).astype(np.float64), residual)
     assert forth == pytest.approx(float(np.vdot(truth.astype(np.float64), back)), rel=1e-3)
 
 
-def test_noise_that_weights_do_not_know_of_is_in_the_deviation(truth: np.ndarray) -> None:
-    """Weights four times too large: residuals show it, and deviations are what they were."""
+def test_the_deviation_is_independent_of_the_scale_of_weights(truth: np.ndarray) -> None:
+    """Weights that are four times too large do not change the deviations."""
     plain = _view(truth, 0)
     sure = plain.modulation._replace(weight=4 * plain.modulation.weight)
-    one, other = (
+    plain_pattern, sure_pattern = (
         unprojected.solve([view], GRID, rounds=1)
         for view in (plain, dataclasses.replace(plain, modulation=sure))
     )
-    looked = np.isfinite(one.sd)
-    np.testing.assert_allclose(other.sd[looked], one.sd[looked], rtol=0.02)
+    looked = np.isfinite(plain_pattern.sd)
+    np.testing.assert_allclose(sure_pattern.sd[looked], plain_pattern.sd[looked], rtol=0.02)
 
 
 @pytest.mark.parametrize(("times", "gain"), [(0.7, 0.7), (10.0, 3.0), (-1.0, 0.1)])
-def test_a_local_gain_is_one_that_surfaces_have(
-    truth: np.ndarray, times: float, gain: float
-) -> None:
+def test_local_gain_is_limited(truth: np.ndarray, times: float, gain: float) -> None:
     view = _view(truth, 0)
     view = dataclasses.replace(view, cosines=GRID.place(view.cosines))
-    shown = (times * unprojected.predicted(view, truth)).astype(np.float32)
+    shown = (times * unprojected.predict(view, truth)).astype(np.float32)
     seen = dataclasses.replace(view, modulation=view.modulation._replace(value=shown))
-    found = unprojected.with_gain(seen, truth).gain
-    assert found is not None
-    np.testing.assert_allclose(found[60:-60, 90:-60], gain, rtol=1e-3)
+    gain_map = unprojected.with_gain(seen, truth).gain
+    assert gain_map is not None
+    np.testing.assert_allclose(gain_map[60:-60, 90:-60], gain, rtol=1e-3)

@@ -1,4 +1,4 @@
-"""What is left of images when each tile's level, slopes and lights are fitted."""
+"""Residuals of images after level, slopes and lights of each tile are fitted."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SHAPE, SIZE = (24, 36), 12
 
 
 def drawn(seed: int, count: int = 1) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
-    """An image, layers of light and weights, some of them 0."""
+    """Return an image, layers of light, and weights that are partly 0."""
     rng = np.random.default_rng(seed)
     layers = [rng.random(SHAPE, np.float32) for _ in range(count)]
     level = 10 + 5 * sum(layers, start=np.zeros(SHAPE)) + rng.standard_normal(SHAPE)
@@ -23,7 +23,7 @@ def drawn(seed: int, count: int = 1) -> tuple[np.ndarray, list[np.ndarray], np.n
 
 
 def dense(level: np.ndarray, layers: list[np.ndarray], weight: np.ndarray) -> tuple:
-    """Basis, weighted, of one tile by plain least squares in double precision."""
+    """Return the weighted basis and the dense least-squares fit of one tile."""
     y, x = np.mgrid[: level.shape[0], : level.shape[1]].astype(float)
     root = np.sqrt(weight.astype(float)).ravel()
     columns = [np.ones(level.size), x.ravel(), y.ravel(), *(layer.ravel() for layer in layers)]
@@ -32,20 +32,20 @@ def dense(level: np.ndarray, layers: list[np.ndarray], weight: np.ndarray) -> tu
 
 
 @given(seed=st.integers(0, 10**6), count=st.integers(1, 3))
-def test_every_tile_is_what_dense_least_squares_gives(seed: int, count: int) -> None:
+def test_tiles_match_dense_least_squares(seed: int, count: int) -> None:
     level, layers, weight = drawn(seed, count)
-    found = variable_projection.eliminate(level, layers, weight, size_px=SIZE)
+    fit = variable_projection.eliminate(level, layers, weight, size_px=SIZE)
     change = [np.random.default_rng(seed + 1).random(SHAPE, np.float32) for _ in layers]
-    slope = found.projected([change])[..., 0]
+    slope = fit.project([change])[..., 0]
     tiles = [variable_projection.cut(image, SIZE) for image in (level, weight, *layers, *change)]
     for number in range(len(tiles[0])):
         parts = [part[number].reshape(SIZE, SIZE) for part in tiles]
         basis, fitted, root = dense(parts[0], parts[2 : 2 + count], parts[1])
         if (fitted[3:] < 0).any():
-            continue  # Its own test.
+            continue  # `test_light_is_not_negative` covers this case.
         residual = parts[0].ravel() * root - basis @ fitted
-        np.testing.assert_allclose(found.residual[number], residual, atol=2e-3)
-        np.testing.assert_allclose(found.amplitude[number], fitted[3:], rtol=1e-2, atol=1e-3)
+        np.testing.assert_allclose(fit.residual[number], residual, atol=2e-3)
+        np.testing.assert_allclose(fit.amplitude[number], fitted[3:], rtol=1e-2, atol=1e-3)
         moved = -root * sum(
             amplitude * part.ravel()
             for amplitude, part in zip(fitted[3:], parts[2 + count :], strict=True)
@@ -60,47 +60,45 @@ def test_every_tile_is_what_dense_least_squares_gives(seed: int, count: int) -> 
     offset=st.floats(-50, 50),
     slope=st.floats(-1, 1),
 )
-def test_what_the_surface_does_drops_out(
+def test_reflectance_and_ambient_light_are_eliminated(
     seed: int, gain: float, offset: float, slope: float
 ) -> None:
-    """Light times a reflectance, on an even slope of ambient light, leaves no residual."""
+    """Light times reflectance plus a plane of ambient light leaves no residual."""
     rng = np.random.default_rng(seed)
     light = rng.random(SHAPE, np.float32)
     _, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     level = (gain * light + offset + slope * x).astype(np.float32)
-    found = variable_projection.eliminate(level, [light], np.ones_like(light), size_px=SIZE)
-    assert np.abs(found.residual).max() < 1e-4 * (gain + abs(offset) + 40)
-    np.testing.assert_allclose(found.amplitude, gain, rtol=1e-2)
-    assert found.pixels == light.size
-    assert found.freedom == light.size - 4 * found.used.sum()
+    fit = variable_projection.eliminate(level, [light], np.ones_like(light), size_px=SIZE)
+    assert np.abs(fit.residual).max() < 1e-4 * (gain + abs(offset) + 40)
+    np.testing.assert_allclose(fit.amplitude, gain, rtol=1e-2)
+    assert fit.pixels == light.size
+    assert fit.freedom == light.size - 4 * fit.used.sum()
 
 
 def test_light_is_not_negative() -> None:
-    """A layer that would have to be taken away is left out, and moves nothing."""
+    """A layer with a negative strength is removed and has no derivative."""
     light = np.random.default_rng(0).random(SHAPE, np.float32)
-    found = variable_projection.eliminate(
-        100 - 5 * light, [light], np.ones_like(light), size_px=SIZE
-    )
-    assert (found.amplitude == 0).all()
-    assert found.residual.std() > 1
-    assert not found.projected([[light]]).any()
+    fit = variable_projection.eliminate(100 - 5 * light, [light], np.ones_like(light), size_px=SIZE)
+    assert (fit.amplitude == 0).all()
+    assert fit.residual.std() > 1
+    assert not fit.project([[light]]).any()
 
 
-def test_tiles_with_few_pixels_do_not_count() -> None:
+def test_tiles_with_few_pixels_are_unused() -> None:
     level, layers, weight = drawn(0)
     weight[:SIZE, :SIZE] = 0
     weight[2:4, 2:8] = 1
-    found = variable_projection.eliminate(level, layers, weight, size_px=SIZE)
-    assert not found.used[0] and found.used[1:].all()
-    assert not found.residual[0].any()
-    assert not found.projected([layers])[0].any()
+    fit = variable_projection.eliminate(level, layers, weight, size_px=SIZE)
+    assert not fit.used[0] and fit.used[1:].all()
+    assert not fit.residual[0].any()
+    assert not fit.project([layers])[0].any()
 
 
 @given(size=st.integers(4, 24))
-def test_cut_and_joined_undo_each_other(size: int) -> None:
+def test_join_inverts_cut(size: int) -> None:
     image = np.arange(SHAPE[0] * SHAPE[1]).reshape(SHAPE)
     parts = variable_projection.cut(image, size)
-    back = variable_projection.joined(parts, SHAPE, size)
+    back = variable_projection.join(parts, SHAPE, size)
     inside = np.zeros(SHAPE, bool)
     inside[: SHAPE[0] // size * size, : SHAPE[1] // size * size] = True
     assert (back[inside] == image[inside]).all() and not back[~inside].any()

@@ -1,4 +1,4 @@
-"""Effects on made-up features, gaps that are made of them, and what they are tried on."""
+"""Constructed effects on constructed features, and gaps that they make."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 
 from starling.diagnosis.which import null, search
-from starling.diagnosis.which.candidates import Arm, Candidate
-from starling.diagnosis.which.fit import fit, folds
+from starling.diagnosis.which.candidates import Candidate, Segment
+from starling.diagnosis.which.fit import fit, room_folds
 from starling.diagnosis.which.likelihood import Likelihood
-from starling.diagnosis.which.null import Base
+from starling.diagnosis.which.model import SearchContext
+from starling.diagnosis.which.null import BaseSamples
 from starling.diagnosis.which.response import Signature
-from starling.diagnosis.which.segment import Screen
-from starling.diagnosis.which.trial import Trial
+from starling.diagnosis.which.segment import Screening
 from starling.sim import effects
 
 SCENES, FEATURES, SEEDS = 8, 40, 6
 ROOMS = [str(scene) for scene in range(SCENES)]
-HELD = folds(ROOMS)
+FOLDS = room_folds(ROOMS)
 NAMES = ("lens_blur", "veil", "crosstalk", "read_noise")
 
 
@@ -30,12 +30,12 @@ VALUES = (0.0, 0.2, 0.5, 1.0)
 
 def candidate(name: str) -> Candidate:
     return Candidate(
-        name=name, effect=effects.named(name), arm=Arm.IMAGE, base=0.0, nodes=VALUES[1:]
+        name=name, effect=effects.named(name), segment=Segment.IMAGE, base=0.0, nodes=VALUES[1:]
     )
 
 
 def signature(name: str, seed: int) -> Signature:
-    """An effect that grows with its strength, bent, and differs a little from scene to scene."""
+    """Return an effect that grows with the root of its strength and varies between scenes."""
     rng = np.random.default_rng(seed)
     direction = rng.standard_normal(FEATURES) * (rng.random(FEATURES) < 0.5)
     scenes = direction * (1 + 0.2 * rng.standard_normal((SCENES, 1)))
@@ -43,113 +43,113 @@ def signature(name: str, seed: int) -> Signature:
     return Signature(candidate(name), VALUES, change)
 
 
-MADE = {name: signature(name, number) for number, name in enumerate(NAMES)}
-SIGNATURES = list(MADE.values())
+EFFECTS = {name: signature(name, number) for number, name in enumerate(NAMES)}
+SIGNATURES = list(EFFECTS.values())
 
 
 def noise(seed: int) -> np.ndarray:
     return 0.05 * np.random.default_rng(seed).standard_normal((SCENES, FEATURES))
 
 
-BASE = Base(
+BASE = BaseSamples(
     np.stack([noise(100 + seed) for seed in range(SEEDS)]), np.full((SCENES, FEATURES), null.FLOOR)
 )
 
 
-class FakeBench:
-    """Simulates by adding signatures, and what two effects make only together."""
+class FakeTable:
+    """A feature table that adds signatures; `together` is the interaction of several effects."""
 
-    subjects: Any = tuple(SimpleNamespace(name=room, room=room) for room in ROOMS)
+    scene_models: Any = tuple(SimpleNamespace(name=room, room=room) for room in ROOMS)
 
-    def __init__(self, made: dict[str, Signature] = MADE, together: float = 0.0) -> None:
-        self.made = made
+    def __init__(self, signatures: dict[str, Signature] = EFFECTS, together: float = 0.0) -> None:
+        self.signatures = signatures
         self.together = together
 
-    def begin(self, settings: dict[str, Any]) -> None:
-        """It is asked for nothing that takes long."""
+    def prefetch(self, settings: dict[str, Any]) -> None:
+        """Do nothing: no simulation takes long."""
 
     def change(self, settings: dict[str, Any]) -> np.ndarray | None:
         if settings.get("veil", 0) > 0.8 and "crosstalk" in settings:
             return None
-        table = np.zeros((SCENES, FEATURES))
+        rows = np.zeros((SCENES, FEATURES))
         for name, value in settings.items():
-            one = self.made[name]
-            table += one.at(float(np.interp(value, VALUES, range(len(VALUES))))).change
-        return table + self.together * (len(settings) > 1)
+            effect = self.signatures[name]
+            rows += effect.change_at(float(np.interp(value, VALUES, range(len(VALUES))))).change
+        return rows + self.together * (len(settings) > 1)
 
     def scatter(self, settings: dict[str, Any]) -> None:
         return None
 
 
-def trial(bench: Any, likelihood: Likelihood, *, explained_below: float = 0.0) -> Trial:
-    return Trial(
-        bench=bench,
+def context(table: Any, likelihood: Likelihood, *, explained_below: float = 0.0) -> SearchContext:
+    return SearchContext(
+        table=table,
         likelihood=likelihood,
-        folds=HELD,
+        folds=FOLDS,
         threshold=null.LEAST_GAIN,
         explained_below=explained_below,
     )
 
 
-def screen(
-    *rough: Signature, weight: np.ndarray = ONES, threshold: float = 12.0, noise: float = 1.0
-) -> Screen:
-    return Screen(
+def screening(
+    *signatures: Signature, weight: np.ndarray = ONES, threshold: float = 12.0, noise: float = 1.0
+) -> Screening:
+    return Screening(
         base=BASE,
-        rough=rough,
+        signatures=signatures,
         weight=weight,
-        folds=tuple(HELD),
+        folds=tuple(FOLDS),
         threshold=threshold,
         noise=noise,
     )
 
 
-def reading(settings: dict[str, float], seed: int, bench: FakeBench | None = None) -> np.ndarray:
-    change = (bench or FakeBench()).change(settings)
+def capture(settings: dict[str, float], seed: int, table: FakeTable | None = None) -> np.ndarray:
+    change = (table or FakeTable()).change(settings)
     assert change is not None
     return change + noise(seed)
 
 
-def likelihood_of(settings: dict[str, float], seed: int, **others: Any) -> Likelihood:
-    return BASE.likelihood(reading(settings, seed, **others), ONES)
+def likelihood_of(settings: dict[str, float], seed: int, **options: Any) -> Likelihood:
+    return BASE.likelihood(capture(settings, seed, **options), ONES)
 
 
-class WithPartner(FakeBench):
-    """An effect whose second number moves what it makes, and alone nothing."""
+class WithPartner(FakeTable):
+    """An effect with a second parameter that changes its direction, and does nothing alone."""
 
     def change(self, settings: dict[str, Any]) -> np.ndarray | None:
         rest = {name: value for name, value in settings.items() if name != "second_projector.x"}
-        table = super().change(rest)
-        assert table is not None
+        rows = super().change(rest)
+        assert rows is not None
         if "second_projector" in settings and "second_projector.x" in settings:
-            moved = MADE["crosstalk"].change[-1]
-            table = table + settings["second_projector.x"] * moved * settings["second_projector"]
-        return table
+            shift = EFFECTS["crosstalk"].change[-1]
+            rows = rows + settings["second_projector.x"] * shift * settings["second_projector"]
+        return rows
 
 
-PARTNERED = effects.named("second_projector")  # Shines like a veil; where it stands moves that.
-SHINES = dataclasses.replace(
-    MADE["veil"],
+PARTNERED = effects.named("second_projector")  # Acts as `veil`; its position adds `crosstalk`.
+POWER = dataclasses.replace(
+    EFFECTS["veil"],
     candidate=dataclasses.replace(candidate("veil"), name=PARTNERED.name, effect=PARTNERED),
 )
-IDLE = Signature(
+POSITION = Signature(
     Candidate(
         name="second_projector.x",
         effect=PARTNERED,
-        arm=Arm.IMAGE,
+        segment=Segment.IMAGE,
         base=0.0,
         nodes=(-0.5, 0.25, 0.5),
     ),
     (-0.5, 0.0, 0.25, 0.5),
     np.zeros((4, SCENES, FEATURES)),
 )
-SHINING = WithPartner({**MADE, PARTNERED.name: SHINES})
+SECOND_PROJECTOR = WithPartner({**EFFECTS, PARTNERED.name: POWER})
 
 
-def searched(
-    settings: dict[str, float], *, bench: FakeBench | None = None, names: tuple[str, ...] = NAMES
-) -> search.Search:
-    bench = bench or FakeBench()
-    likelihood = likelihood_of(settings, 9, bench=bench)
-    closer = [fit(bench.made[name], likelihood, HELD) for name in names]
-    return search.search(trial(bench, likelihood), closer, [])
+def run_search(
+    settings: dict[str, float], *, table: FakeTable | None = None, names: tuple[str, ...] = NAMES
+) -> search.SearchResult:
+    table = table or FakeTable()
+    likelihood = likelihood_of(settings, 9, table=table)
+    fits = [fit(table.signatures[name], likelihood, FOLDS) for name in names]
+    return search.search_effects(context(table, likelihood), fits, [])

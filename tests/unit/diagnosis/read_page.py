@@ -1,4 +1,4 @@
-"""What a reader finds in a page: its text, tables and pictures."""
+"""Parser of a report page: its text, tables and pictures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 
 
 class Reader(HTMLParser):
-    """Text by heading, table cells, pictures; refuses tags that are left open."""
+    """Collects text, table cells and pictures; fails if a tag stays open."""
 
     OWN_END = frozenset({"meta", "img", "br"})
 
@@ -51,6 +51,6 @@ class Reader(HTMLParser):
             self.rows[-1][-1] += data
 
     def row(self, *first: str) -> list[str]:
-        """The table row that begins so."""
-        (one,) = [row for row in self.rows if tuple(row[: len(first)]) == first]
-        return one
+        """Return the only table row that begins with these cells."""
+        (row,) = [row for row in self.rows if tuple(row[: len(first)]) == first]
+        return row

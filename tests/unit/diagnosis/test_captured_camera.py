@@ -1,4 +1,4 @@
-"""What the check on withheld effects is told of a real camera."""
+"""The description of a real camera for the validation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import presets
 
 
-def test_effects_that_a_camera_has_are_those_off_their_neutral():
+def test_camera_has_the_effects_that_are_not_neutral():
     ideal, _ = setting.ideal(presets.load("d435"), scenes.clutter(0))
     of_the_scene = captured_camera._has(ideal)
     assert set(of_the_scene) <= {"ambient", "ambient_gradient"}

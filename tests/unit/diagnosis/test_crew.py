@@ -1,4 +1,4 @@
-"""How scenes are dealt among processes."""
+"""How scenes are partition among processes."""
 
 from __future__ import annotations
 
@@ -8,31 +8,33 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from starling.diagnosis.workers import dealt
+from starling.diagnosis.workers import partition
 
 
 @pytest.mark.parametrize(
-    ("scenes", "aside", "count", "expected"),
+    ("scenes", "held_out", "count", "expected"),
     [
-        ("abcde", "xyz", 2, ["acexz", "bdey"]),  # Both hold the fifth.
+        ("abcde", "xyz", 2, ["acexz", "bdey"]),  # Both hold the fifth scene.
         ("abcd", "x", 2, ["acx", "bd"]),
         ("ab", "", 5, ["a", "b", "a", "b", "a"]),
         ("a", "x", 1, ["ax"]),
     ],
 )
-def test_what_is_left_over_is_shared(scenes: str, aside: str, count: int, expected: list[str]):
-    assert ["".join(one) for one in dealt(scenes, aside, count)] == expected
+def test_remaining_scenes_are_shared(scenes: str, held_out: str, count: int, expected: list[str]):
+    assert ["".join(names) for names in partition(scenes, held_out, count)] == expected
 
 
-@given(asked=st.integers(1, 12), others=st.integers(0, 6), count=st.integers(1, 8))
-def test_no_process_is_idle_and_none_holds_more_than_one_beyond_another(
-    asked: int, others: int, count: int
+@given(count_training=st.integers(1, 12), count_held_out=st.integers(0, 6), count=st.integers(1, 8))
+def test_workers_hold_equally_many_training_scenes(
+    count_training: int, count_held_out: int, count: int
 ):
-    scenes = [f"asked {number}" for number in range(asked)]
-    aside = [f"other {number}" for number in range(others)]
-    held = dealt(scenes, aside, count)
-    own = [[name for name in one if name in scenes] for one in held]
-    assert len(held) == count and {len(one) for one in own} == {-(-asked // count)}
-    holders = Counter(name for one in held for name in one)
-    assert set(holders) == {*scenes, *aside}
-    assert all(holders[name] == 1 for name in aside)
+    scenes = [f"asked {number}" for number in range(count_training)]
+    held_out = [f"other {number}" for number in range(count_held_out)]
+    held = partition(scenes, held_out, count)
+    training = [[name for name in names if name in scenes] for names in held]
+    assert len(held) == count and {len(names) for names in training} == {
+        -(-count_training // count)
+    }
+    holders = Counter(name for names in held for name in names)
+    assert set(holders) == {*scenes, *held_out}
+    assert all(holders[name] == 1 for name in held_out)

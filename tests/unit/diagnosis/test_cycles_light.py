@@ -1,4 +1,4 @@
-"""Scenes as jobs for Cycles, and folders of light made anew; a stand-in plays Blender."""
+"""Jobs for Cycles and re-rendered light folders, with a script in place of Blender."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 
-# Plays Blender: everything is the wall at 1 m. Stops at the second scene where `stop` lies by it.
+# Replaces Blender: renders a wall at 1 m, and fails at the second scene if `stop` exists.
 STAND_IN = """
 import json, pathlib, sys
 import numpy as np
@@ -56,20 +56,22 @@ def sensor() -> Sensor:
 
 @pytest.fixture
 def source(tmp_path: Path) -> Path:
-    """A folder of light of two scenes, as `light_sets.write` leaves it but for the light."""
+    """Return a light folder of two scenes as `light_sets.write` makes it, without real light."""
     folder, nominal_sensor = tmp_path / "light", sensor()
     info = writer.info_of(nominal_sensor, source="check", licence="none", notes="")
-    told = {**nominal(nominal_sensor), "ambient_w_m2": 0.1, "ambient_gradient": 0.5}
+    camera = {**nominal(nominal_sensor), "ambient_w_m2": 0.1, "ambient_gradient": 0.5}
     for name in ("wall-1", "wall-2"):
         (folder / name).mkdir(parents=True)
-        word = name.replace("-", ":")
-        seen = known_geometry.describe(word, frames.pose((0.1, 0.0, 0.0)), folder / name)
-        assert seen is not None
-        (folder / name / "scene.toml").write_text(scene_file.dumps(seen))
+        specifier = name.replace("-", ":")
+        description = known_geometry.describe(
+            specifier, frames.pose((0.1, 0.0, 0.0)), folder / name
+        )
+        assert description is not None
+        (folder / name / "scene.toml").write_text(scene_file.dumps(description))
         (folder / name / "room").write_text(name + "\n")
         (folder / name / "light.npz").write_bytes(b"another's")
     (folder / "capture.toml").write_text(capture_info.dumps(info))
-    (folder / "nominal.json").write_text(json.dumps(told))
+    (folder / "nominal.json").write_text(json.dumps(camera))
     return folder
 
 
@@ -84,7 +86,7 @@ def blender(tmp_path: Path) -> Path:
     return program
 
 
-def test_a_scene_is_told_as_its_file_says(source: Path) -> None:
+def test_job_matches_the_scene_file(source: Path) -> None:
     camera = nominal_file.read(source / "nominal.json")
     job = cycles_job.job(source / "wall-1", camera)
     left, right = job.cameras["left"], job.cameras["right"]
@@ -92,16 +94,16 @@ def test_a_scene_is_told_as_its_file_says(source: Path) -> None:
     np.testing.assert_allclose(right[:3, 3], (0.1 + camera.baseline_m, 0, 0))
     assert [body.name for body in job.bodies] == ["wall"]
     assert job.bodies[0].reflectance == 0.65
-    own, other = job.projectors["own-0"], job.projectors["other-0"]
-    np.testing.assert_allclose(own.world_from_projector[:3, 3], (0.129, 0, 0))
-    np.testing.assert_allclose(other.world_from_projector[:3, 3], (0.1 + OTHER_M, 0, 0))
-    assert own.intensity_w_sr.shape[2] == 2 and other.intensity_w_sr.shape[2] == 1
-    assert own.half_tangents[0] == pytest.approx(1.0)  # Of 90 degrees.
+    own_lamp, other_lamp = job.projectors["own-0"], job.projectors["other-0"]
+    np.testing.assert_allclose(own_lamp.world_from_projector[:3, 3], (0.129, 0, 0))
+    np.testing.assert_allclose(other_lamp.world_from_projector[:3, 3], (0.1 + OTHER_M, 0, 0))
+    assert own_lamp.intensity_w_sr.shape[2] == 2 and other_lamp.intensity_w_sr.shape[2] == 1
+    assert own_lamp.half_tangents[0] == pytest.approx(1.0)  # The field is 90 degrees wide.
     assert job.sky.gradient == 0.5
     assert job.centre_px == (15.5, 15.0)
 
 
-def test_dots_and_even_light_have_one_power(source: Path) -> None:
+def test_dots_and_even_light_have_equal_power(source: Path) -> None:
     camera = nominal_file.read(source / "nominal.json")
     lamp = cycles_job.job(source / "wall-1", camera).projectors["own-0"]
     height, width, _ = lamp.intensity_w_sr.shape
@@ -114,10 +116,10 @@ def test_dots_and_even_light_have_one_power(source: Path) -> None:
         assert power == pytest.approx(1.0, rel=1e-4)
 
 
-def test_folders_are_made_whole_and_gone_on_with(source: Path, blender: Path, tmp_path: Path):
+def test_stopped_rendering_continues(source: Path, blender: Path, tmp_path: Path):
     out = tmp_path / "out"
     (blender.parent / "stop").touch()
-    with pytest.raises(InputError, match="rendering of wall-2 must end well; got the lamp went"):
+    with pytest.raises(InputError, match="rendering of wall-2 must succeed; got the lamp went"):
         cycles_light.write(source, out, blender, seed=4)
     assert sorted(path.name for path in out.iterdir() if path.is_dir()) == ["wall-1"]
     assert not list(tmp_path.glob(".out*"))
@@ -125,52 +127,54 @@ def test_folders_are_made_whole_and_gone_on_with(source: Path, blender: Path, tm
     (blender.parent / "stop").unlink()
     cycles_light.write(source, out, blender, seed=4)
     assert (out / "wall-1" / "light.npz").stat().st_mtime_ns == before
-    assert (blender.parent / "done").read_text() == "5"  # Each scene has a seed of its own.
+    assert (blender.parent / "done").read_text() == "5"  # Each scene has its own seed.
     camera = nominal_file.read(out / "nominal.json")
     for scene in ("wall-1", "wall-2"):
-        made = light.read(out / scene / "light.npz", camera.shape)
-        assert (made.left.depth_m == 1).all() and made.right.laser_e.min() > 0
+        written = light.read(out / scene / "light.npz", camera.shape)
+        assert (written.left.depth_m == 1).all() and written.right.laser_e.min() > 0
         for name in ("room", "scene.toml"):
             assert (out / scene / name).read_text() == (source / scene / name).read_text()
     assert (out / "capture.toml").read_text() == (source / "capture.toml").read_text()
 
 
-def test_folders_begun_otherwise_are_left_alone(source: Path, blender: Path, tmp_path: Path):
+def test_folder_with_other_settings_is_refused(source: Path, blender: Path, tmp_path: Path):
     out = tmp_path / "out"
     cycles_light.write(source, out, blender)
-    with pytest.raises(InputError, match=r"cycles\.json must be as it was"):
+    with pytest.raises(InputError, match=r"cycles\.json must be as in the stopped run"):
         cycles_light.write(source, out, blender, samples=8)
     (out / "nominal.json").write_text("{}")
-    with pytest.raises(InputError, match=r"nominal\.json must be as it was"):
+    with pytest.raises(InputError, match=r"nominal\.json must be as in the stopped run"):
         cycles_light.write(source, out, blender)
     (out / "nominal.json").unlink()
     with pytest.raises(InputError, match=r"nominal\.json must be readable"):
         cycles_light.write(source, out, blender)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine").touch()
-    with pytest.raises(InputError, match="out must be new, empty or begun before"):
+    with pytest.raises(InputError, match="out must be new, empty or of a stopped run"):
         cycles_light.write(source, tmp_path / "full", blender)
 
 
-def test_an_end_without_a_record_is_refused(source: Path, blender: Path, tmp_path: Path):
+def test_rendering_without_a_record_is_refused(source: Path, blender: Path, tmp_path: Path):
     script = blender.with_name("stand_in.py")
     script.write_text(STAND_IN.replace('(out / "rendered.json")', "pathlib.Path('/dev/null')"))
-    with pytest.raises(InputError, match="rendering of wall-1 must end; got no record"):
+    with pytest.raises(InputError, match="rendering of wall-1 must finish; got no record"):
         cycles_light.write(source, tmp_path / "out", blender)
 
 
-def test_no_blender_is_one_line(source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_missing_blender_is_reported_in_one_line(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     words = [str(source), str(tmp_path / "out"), "--blender"]
     assert cycles_light.main([*words, str(tmp_path / "none")]) == 1
-    said = capsys.readouterr().err
-    assert said.startswith("blender must be a Python that runs; got ")
-    assert "tools/blender.sh" in said and said.count("\n") == 1
-    assert cycles_light.main([*words, sys.executable]) == 1  # Which has no bpy.
+    message = capsys.readouterr().err
+    assert message.startswith("blender must be a Python that runs; got ")
+    assert "tools/blender.sh" in message and message.count("\n") == 1
+    assert cycles_light.main([*words, sys.executable]) == 1  # This Python has no bpy.
     assert "No module named 'bpy'" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_the_command_line_makes_a_folder(source: Path, blender: Path, tmp_path: Path):
+def test_command_line_makes_a_folder(source: Path, blender: Path, tmp_path: Path):
     out = tmp_path / "out"
     words = [str(source), str(out), "--blender", str(blender), "--samples", "2", "--threads", "1"]
     assert cycles_light.main(words) == 0
@@ -188,7 +192,7 @@ def test_light_without_scenes_is_refused(source: Path, blender: Path, tmp_path: 
         cycles_light.write(source, tmp_path / "out", blender)
 
 
-def test_scenes_that_cannot_be_told_are_refused(source: Path, tmp_path: Path):
+def test_unsupported_scenes_are_refused(source: Path, tmp_path: Path):
     camera = nominal_file.read(source / "nominal.json")
     (source / "wall-1" / "scene.toml").unlink()
     with pytest.raises(InputError, match=r"scene must have a scene\.toml"):
@@ -202,7 +206,7 @@ def test_scenes_that_cannot_be_told_are_refused(source: Path, tmp_path: Path):
         cycles_job.job(source / "wall-2", camera)
 
 
-def test_another_cameras_light_is_refused(source: Path):
+def test_light_of_another_camera_is_refused(source: Path):
     path = source / "nominal.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), "projector_x_m": 0.04}))
     with pytest.raises(InputError, match=r"projector_x_m of nominal\.json must be 0\.029"):

@@ -37,7 +37,7 @@ def test_limits_of_some_effects_replace_no_file(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ):
-    monkeypatch.setattr(benchmark, "of_set", lambda *_: FOUND)
+    monkeypatch.setattr(benchmark, "measure_set", lambda *_: FOUND)
     out = tmp_path / "detection.json"
     run(benchmark, monkeypatch, "--out", str(out), "--effects", "veil")
     told = json.loads(out.read_text())
@@ -46,7 +46,7 @@ def test_limits_of_some_effects_replace_no_file(
     before = out.read_bytes()
     with pytest.raises(SystemExit):
         run(benchmark, monkeypatch, "--out", str(out), "--effects", "gamma")
-    assert "out must be a new file where effects are named" in capsys.readouterr().err
+    assert "out must be a new file if effects are named" in capsys.readouterr().err
     assert out.read_bytes() == before
     with pytest.raises(SystemExit):
         run(benchmark, monkeypatch, "--effects", "veil")
@@ -61,18 +61,18 @@ def test_a_commit_is_marked_where_there_are_changes(
     by = ("-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false")
     for words in (("init", "-q"), (*by, "commit", "-q", "--allow-empty", "-m", "first")):
         subprocess.run(["git", *words], cwd=tmp_path, check=True)
-    clean = benchmark.committed()
+    clean = benchmark.describe_commit()
     assert clean.isalnum()
     (tmp_path / "new.py").touch()
-    assert benchmark.committed() == f"{clean} with changes"
+    assert benchmark.describe_commit() == f"{clean} with changes"
 
 
 def test_limits_are_of_one_code(benchmark: Any, monkeypatch: pytest.MonkeyPatch):
     codes = iter(["one", "other"])
-    monkeypatch.setattr(benchmark, "of_set", lambda *_: FOUND)
-    monkeypatch.setattr(benchmark.seal, "code", lambda: next(codes))
-    with pytest.raises(WithheldError, match="code must stay what it was at the start; got another"):
-        benchmark.of_both(Path("none"), [])
+    monkeypatch.setattr(benchmark, "measure_set", lambda *_: FOUND)
+    monkeypatch.setattr(benchmark.seal, "code_digest", lambda: next(codes))
+    with pytest.raises(WithheldError, match="code must not change during the run; got other code"):
+        benchmark.measure(Path("none"), [])
 
 
 def test_another_code_makes_light_and_captures_anew(
@@ -96,10 +96,10 @@ def test_another_code_makes_light_and_captures_anew(
         benchmark.shoot, "shoot", lambda _, __, out, frames: out.mkdir(parents=True)
     )
     monkeypatch.setattr(benchmark.programs, "depth", lambda *_: None)
-    monkeypatch.setattr(benchmark.sensors, "load", lambda _: None)
+    monkeypatch.setattr(benchmark.presets, "load", lambda _: None)
     monkeypatch.setattr(benchmark.detection, "limits", limits)
     for code in ("one", "one", "other"):
-        benchmark.of_set(tmp_path, [], code, 9300)
+        benchmark.measure_set(tmp_path, [], code, 9300)
     assert len(made) == 2
     assert asked[0] == asked[1] and asked[2][0] != asked[0][0]
     assert len({cache for _, cache in asked}) == 1

@@ -1,4 +1,4 @@
-"""What the base scatters: deviations, what chance gains, and the size of no gap."""
+"""Null distribution: standard deviations, gains by chance, and the noise size."""
 
 from __future__ import annotations
 
@@ -8,35 +8,75 @@ import numpy as np
 import pytest
 
 from starling.diagnosis.which import null
-from starling.diagnosis.which.null import Base
-from tests.unit.diagnosis.made_gaps import BASE, HELD, MADE, ONES, SEEDS, SIGNATURES
+from starling.diagnosis.which.candidates import Segment
+from starling.diagnosis.which.null import BaseSamples
+from tests.unit.diagnosis.made_gaps import BASE, EFFECTS, FOLDS, ONES, SEEDS, SIGNATURES
 
-ODD = 3  # A seed whose reading happens to look like an effect.
+ODD = 3  # A seed whose features look like an effect by chance.
+VEIL = EFFECTS["veil"].change_at(1.0).change
 LIKE_VEIL = dataclasses.replace(
-    BASE,
-    tables=BASE.tables + (np.arange(SEEDS) == ODD)[:, None, None] * MADE["veil"].at(1.0).change,
+    BASE, tables=BASE.tables + (np.arange(SEEDS) == ODD)[:, None, None] * VEIL
 )
 
 
-def test_a_deviation_is_that_of_a_reading_less_a_mean_or_less_another():
+def test_the_deviation_is_that_of_a_capture_less_a_mean_or_less_another_capture():
     drawn = np.random.default_rng(0).standard_normal((8, 30, 200))
-    of = Base(drawn, np.zeros((30, 200)))
-    assert of.deviation.mean() == pytest.approx(np.sqrt(9 / 8), rel=0.01)
-    pair = dataclasses.replace(of, against=drawn[0])
+    samples = BaseSamples(drawn, np.zeros((30, 200)))
+    assert samples.deviation.mean() == pytest.approx(np.sqrt(9 / 8), rel=0.01)
+    pair = dataclasses.replace(samples, against=drawn[0])
     assert pair.deviation.mean() == pytest.approx(np.sqrt(2), rel=0.01)
-    floor = dataclasses.replace(of, floor=np.full((30, 200), 2.0))
-    np.testing.assert_allclose(floor.deviation, np.hypot(of.deviation, 2.0))
+    floor = dataclasses.replace(samples, floor=np.full((30, 200), 2.0))
+    np.testing.assert_allclose(floor.deviation, np.hypot(samples.deviation, 2.0))
 
 
-def test_what_chance_gains_is_the_most_of_any_effect_for_each_seed():
-    gains = null.gains(LIKE_VEIL, SIGNATURES, ONES, HELD)
+def test_the_null_gain_of_a_seed_is_that_of_the_best_effect():
+    gains = null.null_gains(LIKE_VEIL, SIGNATURES, ONES, FOLDS)
     assert int(np.argmax(gains)) == ODD and gains[ODD] > 100
     assert np.delete(gains, ODD).max() < null.LEAST_GAIN
-    assert null.threshold(gains) == gains[ODD]
-    others = [one for one in SIGNATURES if one.name != "veil"]
-    assert null.gains(LIKE_VEIL, others, ONES, HELD)[ODD] < 0.5 * gains[ODD]
+    assert null.gain_threshold(gains) == gains[ODD]
+    rest = [signature for signature in SIGNATURES if signature.name != "veil"]
+    assert null.null_gains(LIKE_VEIL, rest, ONES, FOLDS)[ODD] < 0.5 * gains[ODD]
 
 
-def test_the_size_of_no_gap_is_the_largest_that_a_seed_makes():
-    assert null.size(BASE, ONES) == pytest.approx(1.0, abs=0.4)
-    assert null.size(LIKE_VEIL, ONES) > 5
+def test_no_effect_gains_from_noise():
+    gains = null.null_gains(BASE, SIGNATURES, ONES, FOLDS)
+    assert gains.shape == (SEEDS,) and (gains < null.LEAST_GAIN).all()
+    assert null.gain_threshold(gains) == null.LEAST_GAIN
+    assert null.gain_threshold(np.array([50.0] * 20)) == 50
+    assert null.gain_threshold(np.empty(0)) == null.LEAST_GAIN
+
+
+def test_the_noise_size_is_that_of_the_worst_seed():
+    assert null.noise_size(BASE, ONES) == pytest.approx(1.0, abs=0.4)
+    assert null.noise_size(LIKE_VEIL, ONES) > 5
+    assert null.noise_size(BaseSamples(BASE.tables[:1], BASE.floor), ONES) == 0
+
+
+def test_model_error_includes_the_lens_spot_and_alternative_estimates():
+    """A fifth of the spot's effect, and the whole change by another estimate; unknown is 0."""
+
+    class Table:
+        segment = Segment.IMAGE
+
+        def against(self) -> None:
+            return None
+
+        def simulate(self, settings: dict[str, float], *, seed: int = 0) -> np.ndarray:
+            return np.zeros((2, 3))
+
+        def simulate_device(self, settings: dict[str, float], *, number: int) -> np.ndarray:
+            return self.simulate(settings)
+
+        def change(self, settings: dict[str, float]) -> np.ndarray:
+            assert settings == {"lens_blur": 0.0}
+            return np.array([[0.0, 1.0, np.nan], [0.0, -2.0, 0.0]])
+
+        def estimate_changes(self) -> list[np.ndarray]:
+            return [np.array([[0.0, 0.0, 0.3], [np.nan, 0.0, 0.0]])]
+
+    floor = null.simulate_base(Table(), seeds=2).floor  # type: ignore[arg-type]
+    least = null.FLOOR
+    np.testing.assert_allclose(
+        floor,
+        [[least, np.hypot(least, 0.2), np.hypot(least, 0.3)], [least, np.hypot(least, 0.4), least]],
+    )

@@ -1,7 +1,7 @@
-"""A reference that stands off its place is put right by disparity.
+"""Pose of the reference depth, fitted to disparity.
 
-**Rationale.** A room of walls at several slants and a block is moved by hand-made rotations and
-shifts of its points, with other formulas than the fit's.
+**Rationale.** The planes of a room with a block are rotated and shifted in 3D, by formulas that
+differ from those of the fit.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ SENSOR = with_values(
 SENSOR = with_values(SENSOR, [("fy_px", 600.0)])
 INFO: CaptureInfo = info_of(SENSOR, source="made here", licence="-", notes="")
 TURN_DEG, SHIFT_M = (0.3, -0.2, 0.2), (0.003, -0.002, 0.006)
-# Planes n . p = c: two walls, a floor, and the face of a block that covers some of each.
+# Planes n . p = c: two walls, a floor, and the face of a block in front of them.
 PLANES = (((0.3, 0.0, 1.0), 2.0), ((-0.4, 0.1, 1.0), 1.8), ((0.0, 1.0, 0.4), 0.9))
 BLOCK = ((0.1, -0.1, 1.0), 0.9)
 
 
 def room(pose_of: ModelError | None = None) -> np.ndarray:
-    """Depth (h, w) of the planes, each moved by itself."""
+    """Return the depth (h, w) of the planes, each moved by the pose."""
     y, x = np.indices((SENSOR.height, SENSOR.width))
     ray = np.stack(
         [(x - INFO.cx_px) / INFO.fx_px, (y - INFO.cy_px) / INFO.fy_px, np.ones(x.shape)], axis=-1
@@ -58,21 +58,22 @@ def room(pose_of: ModelError | None = None) -> np.ndarray:
     return nearest.astype(np.float32)
 
 
-def off(true: np.ndarray, believed: np.ndarray) -> np.ndarray:
+def disparity_error(true: np.ndarray, believed: np.ndarray) -> np.ndarray:
     return INFO.disparity_px(true) - INFO.disparity_px(believed)
 
 
-def test_a_motion_is_found_and_put_right():
-    """Noise of a tenth of a pixel and a tenth of wrong matches do not hide it."""
+def test_a_motion_is_fitted_and_corrected():
+    """With noise of 0.1 px and a tenth of wrong matches."""
     true = room(ModelError(turn_deg=TURN_DEG, shift_m=SHIFT_M))
     rng = np.random.default_rng(0)
-    seen = off(true, room()) + rng.normal(0, 0.1, true.shape)
-    seen[rng.random(seen.shape) < 0.1] += 5.0
-    found = pose.fitted(seen, room(), INFO)
-    assert found is not None
-    # Turns about y and shifts look alike, so those are told together alone.
-    assert found.turn_deg[0] == pytest.approx(TURN_DEG[0], abs=0.08)
-    before, after = (np.abs(off(true, one)) for one in (room(), pose.moved(room(), INFO, found)))
+    error_px = disparity_error(true, room()) + rng.normal(0, 0.1, true.shape)
+    error_px[rng.random(error_px.shape) < 0.1] += 5.0
+    fitted = pose.fit_pose(error_px, room(), INFO)
+    assert fitted is not None
+    # A turn about y and a shift along x are not separable; their sum is tested below.
+    assert fitted.turn_deg[0] == pytest.approx(TURN_DEG[0], abs=0.08)
+    moved = pose.move_depth(room(), INFO, fitted)
+    before, after = (np.abs(disparity_error(true, depth)) for depth in (room(), moved))
     assert np.quantile(before, 0.9) > 0.2
     assert np.nanquantile(after, 0.9) < 0.05
 
@@ -81,98 +82,99 @@ def test_a_motion_is_found_and_put_right():
     turn=st.tuples(*[st.floats(-0.3, 0.3)] * 3), shift=st.tuples(*[st.floats(-0.005, 0.005)] * 3)
 )
 @settings(max_examples=20)
-def test_a_reference_is_moved_as_its_points_are(turn, shift):
-    moves = ModelError(turn_deg=turn, shift_m=shift)
-    apart = np.abs(off(room(moves), pose.moved(room(), INFO, moves)))
-    assert np.nanquantile(apart, 0.9) < 0.02
-    assert np.isfinite(apart).mean() > 0.95  # But for what came in from outside the image.
+def test_a_moved_reference_follows_its_points(turn, shift):
+    motion = ModelError(turn_deg=turn, shift_m=shift)
+    error = np.abs(disparity_error(room(motion), pose.move_depth(room(), INFO, motion)))
+    assert np.nanquantile(error, 0.9) < 0.02
+    assert np.isfinite(error).mean() > 0.95  # Unknown where it enters from outside the image.
 
 
-def test_nothing_moves_where_nothing_is_off():
-    found = pose.fitted(np.zeros((SENSOR.height, SENSOR.width)), room(), INFO)
-    assert found == ModelError()
+def test_zero_error_gives_zero_motion():
+    fitted = pose.fit_pose(np.zeros((SENSOR.height, SENSOR.width)), room(), INFO)
+    assert fitted == ModelError()
     known = room()
     known[100:120] = np.nan
-    assert_allclose(pose.moved(known, INFO, ModelError()), known, rtol=1e-6)
+    assert_allclose(pose.move_depth(known, INFO, ModelError()), known, rtol=1e-6)
 
 
 @pytest.mark.parametrize("known", [0.0, 0.05])
-def test_too_little_tells_nothing(known):
-    seen = np.full((SENSOR.height, SENSOR.width), np.nan)
-    seen[:, : int(known * SENSOR.width)] = 0.2
-    assert pose.fitted(seen, room(), INFO) is None
+def test_too_few_known_cells_give_no_pose(known: float):
+    error_px = np.full((SENSOR.height, SENSOR.width), np.nan)
+    error_px[:, : int(known * SENSOR.width)] = 0.2
+    assert pose.fit_pose(error_px, room(), INFO) is None
 
 
 def wall(depth_m: float = 1.0) -> np.ndarray:
     return np.full((SENSOR.height, SENSOR.width), depth_m, np.float32)
 
 
-def test_pixels_that_are_not_square_are_reckoned_with():
-    """A tilted plane that sinks by 1 cm: n . p = c becomes n . p = c + n . t."""
+def test_non_square_pixels_are_supported():
+    """A tilted plane moves down by 1 cm: n . p = c becomes n . p = c + n . t."""
     info = dataclasses.replace(INFO, fy_px=450.0)
     ray_y = (np.arange(SENSOR.height)[:, None] - info.cy_px) / info.fy_px
     along = np.broadcast_to(0.5 * ray_y + 1, (SENSOR.height, SENSOR.width))
     before, after = ((c / along).astype(np.float32) for c in (1.5, 1.5 + 0.5 * 0.01))
-    found = pose.moved(before, info, ModelError(shift_m=(0.0, 0.01, 0.0)))
+    moved = pose.move_depth(before, info, ModelError(shift_m=(0.0, 0.01, 0.0)))
     inside = np.s_[10:-10, 10:-10]
-    assert_allclose(found[inside], after[inside], rtol=3e-4)
+    assert_allclose(moved[inside], after[inside], rtol=3e-4)
 
 
-def test_a_fence_tells_nothing():
-    """Where every pixel is beside an edge no disparity is the surface's own."""
+def test_a_fence_gives_no_pose():
+    """Every pixel is next to a depth edge, where disparity is unreliable."""
     fence = np.where(np.indices((SENSOR.height, SENSOR.width))[1] % 8 < 4, 1.0, 2.0)
-    assert pose.fitted(np.zeros(fence.shape), fence.astype(np.float32), INFO) is None
+    assert pose.fit_pose(np.zeros(fence.shape), fence.astype(np.float32), INFO) is None
 
 
-@pytest.mark.parametrize(("squares", "told"), [(59, False), (60, True)])
-def test_ten_squares_for_each_number_are_enough(squares: int, told: bool):
-    """Of 32 px, 15 in a row."""
-    seen = np.full((SENSOR.height, SENSOR.width), np.nan)
-    for number in range(squares):
+@pytest.mark.parametrize(("cells", "enough"), [(59, False), (60, True)])
+def test_ten_cells_for_each_parameter_are_enough(cells: int, enough: bool):
+    """Cells have 32 px; a row holds 15 of them."""
+    error_px = np.full((SENSOR.height, SENSOR.width), np.nan)
+    for number in range(cells):
         row, column = divmod(number, 15)
-        seen[32 * row : 32 * row + 32, 32 * column : 32 * column + 32] = 0.0
-    assert (pose.fitted(seen, wall(), INFO) is not None) == told
+        error_px[32 * row : 32 * row + 32, 32 * column : 32 * column + 32] = 0.0
+    assert (pose.fit_pose(error_px, wall(), INFO) is not None) == enough
 
 
-def test_squares_that_are_far_off_count_little():
-    """A sixth of the wall is 3 px off, as where a thing was put there since."""
-    seen = np.full((SENSOR.height, SENSOR.width), -0.2)
-    seen[64:192, 320:448] -= 3.0
-    found = pose.fitted(seen, wall(), INFO)
-    assert found is not None
+def test_outlier_cells_have_little_weight():
+    """A sixth of the wall is 3 px off, as if an object had been added."""
+    error_px = np.full((SENSOR.height, SENSOR.width), -0.2)
+    error_px[64:192, 320:448] -= 3.0
+    fitted = pose.fit_pose(error_px, wall(), INFO)
+    assert fitted is not None
     focal_baseline = INFO.disparity_px(np.array(1.0))
-    # Farther by z a wall at 1 m has f b z less disparity.
-    assert found.shift_m[2] == pytest.approx(0.2 / focal_baseline, rel=0.05)
+    # If a wall at 1 m moves away by z, its disparity decreases by f b z.
+    assert fitted.shift_m[2] == pytest.approx(0.2 / focal_baseline, rel=0.05)
 
 
-def test_noise_alone_moves_a_reference_no_farther_than_is_expected():
-    """A wall all but parallel to the image tells next to nothing of shifts along it."""
+def test_noise_alone_moves_a_reference_within_the_prior():
+    """A wall nearly parallel to the image hardly constrains shifts along it."""
     x = np.arange(SENSOR.width) - INFO.cx_px
     slanted = np.broadcast_to(1 + 5e-5 * x, (SENSOR.height, SENSOR.width)).astype(np.float32)
     noise = np.random.default_rng(1).normal(0, 4.0, slanted.shape)
-    found = pose.fitted(noise, slanted, INFO)
-    assert found is not None
-    assert np.abs(found.turn_deg).max() < 0.2 and np.abs(found.shift_m).max() < 3e-3
+    fitted = pose.fit_pose(noise, slanted, INFO)
+    assert fitted is not None
+    assert np.abs(fitted.turn_deg).max() < 0.2 and np.abs(fitted.shift_m).max() < 3e-3
 
 
-def test_ten_squares_tell_as_much_as_one():
-    """A wall is farther by what is expected, 0.1 px, in squares that are off by 0.22 px to and fro.
+def test_ten_cells_count_as_one():
+    """A wall is farther by one prior deviation (0.1 px); cells alternate by +-0.22 px.
 
-    120 squares were worth 12, of 0.33 px by the median and a tenth less by Cauchy's weights: 0.1 px
-    to one deviation, as sure as what is expected. About half of the way is believed.
+    The 120 cells count as 12. Their standard deviation is 0.33 px by the median, and a tenth less
+    by Cauchy's weights. So their mean is as uncertain as the prior, and half of the shift is
+    estimated.
     """
     far = float(INFO.disparity_px(np.array(1.0)) - INFO.disparity_px(np.array(1.003)))
     rows, columns = np.indices((SENSOR.height, SENSOR.width)) // 32
-    found = pose.fitted(0.22 * (-1.0) ** (rows + columns) - far, wall(), INFO)
-    assert found is not None
-    assert found.shift_m[2] == pytest.approx(0.5 * 3e-3, rel=0.2)
+    fitted = pose.fit_pose(0.22 * (-1.0) ** (rows + columns) - far, wall(), INFO)
+    assert fitted is not None
+    assert fitted.shift_m[2] == pytest.approx(0.5 * 3e-3, rel=0.2)
 
 
-def test_a_posed_scene_gives_its_reference_as_it_stands(tmp_path: Path):
-    moves = ModelError(shift_m=(0.0, 0.0, 0.02))
-    scene = pose.Posed(name="a", room="a", path=tmp_path, info=INFO, frames=(0,), pose=moves)
+def test_a_posed_scene_returns_its_moved_reference(tmp_path: Path):
+    motion = ModelError(shift_m=(0.0, 0.0, 0.02))
+    scene = pose.PosedScene(name="a", room="a", path=tmp_path, info=INFO, frames=(0,), pose=motion)
     assert scene.truth_m() is None
     (tmp_path / "truth.png").write_bytes(png.encode(to_code(wall(), INFO.depth_unit_m)))
-    found = scene.truth_m()
-    assert found is not None
-    assert_allclose(found[50:-50, 50:-50], 1.02, rtol=1e-5)
+    truth_m = scene.truth_m()
+    assert truth_m is not None
+    assert_allclose(truth_m[50:-50, 50:-50], 1.02, rtol=1e-5)

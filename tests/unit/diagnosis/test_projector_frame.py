@@ -1,4 +1,4 @@
-"""Where in the projector's field a surface point lies, whichever imager it is seen by."""
+"""Position of surface points in the projector's field, from either imager."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ OFF_PX = 8  # Disparity of the wall.
 
 
 @pytest.mark.parametrize("error", [0.0, 0.02])
-def test_a_point_lies_where_both_imagers_see_it(error: float) -> None:
-    """The right imager stands at the true baseline, not at the nominal one."""
+def test_both_imagers_give_the_same_position(error: float) -> None:
+    """The right imager is at the true baseline, not at the nominal one."""
     sensor = replace(SENSOR, baseline_error=error)
     depth_m = sensor.fx_px * sensor.baseline_m * (1 + error) / OFF_PX
     wall = np.full((sensor.height, sensor.width), depth_m)
@@ -31,8 +31,8 @@ def test_a_point_lies_where_both_imagers_see_it(error: float) -> None:
 
 
 @pytest.mark.parametrize("pixel", [(10, 50), (40, 3), (24, 32)])
-def test_a_point_lies_where_the_projector_s_own_axes_have_it(pixel: tuple[int, int]):
-    """By the definition: its offset from the projector along that one's axes, over the third."""
+def test_the_position_follows_its_definition(pixel: tuple[int, int]):
+    """It is the offset from the projector along its x and y axes, divided by that along z."""
     turned = with_values(
         SENSOR,
         [
@@ -45,14 +45,14 @@ def test_a_point_lies_where_the_projector_s_own_axes_have_it(pixel: tuple[int, i
     x = (column - turned.cx_px) / turned.fx_px * 1.3
     y = (row - turned.cy_px) / turned.fy_px * 1.3
     offset = np.array([x, y, 1.3]) - (0.03, 0.01, -0.005)
-    axes = cv2.Rodrigues(np.radians([3.0, -5.0, 0.0]))[0].T  # What its axes are in the camera's.
+    axes = cv2.Rodrigues(np.radians([3.0, -5.0, 0.0]))[0].T  # In the camera's frame.
     along = [float(axis @ offset) for axis in axes]
-    found = projector_frame.tangents(depth_m, turned)[row, column]
-    assert found == pytest.approx([along[0] / along[2], along[1] / along[2]], abs=1e-6)
+    position = projector_frame.tangents(depth_m, turned)[row, column]
+    assert position == pytest.approx([along[0] / along[2], along[1] / along[2]], abs=1e-6)
 
 
-def test_where_there_is_no_depth_there_is_no_place():
+def test_unknown_depth_has_no_position():
     hole = np.full((SENSOR.height, SENSOR.width), 1.0)
     hole[3, 4] = np.nan
-    found = projector_frame.tangents(hole, SENSOR)
-    assert np.isnan(found[3, 4]).all() and np.isfinite(found).sum() == found.size - 2
+    position = projector_frame.tangents(hole, SENSOR)
+    assert np.isnan(position[3, 4]).all() and np.isfinite(position).sum() == position.size - 2

@@ -1,4 +1,4 @@
-"""Bars and pictures of a diagnosis's page: their axis, their colours, their scale."""
+"""Bars and pictures of a diagnosis page: axis, colours and scale."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import pytest
 from starling.diagnosis.report import elements, pictures
 from starling.diagnosis.report.elements import Bar
 from starling.diagnosis.where import maps
-from starling.diagnosis.where.maps import Map
+from starling.diagnosis.where.maps import GapMap
 from tests.unit.diagnosis.test_features import DISPARITY, GROUND
 
 NAN = float("nan")
 
 
-def test_bars_begin_at_zero_and_keep_one_axis():
+def test_bars_start_at_zero_on_one_axis():
     bars = [
-        Bar(name="up", value=3.0, told="3", low=2.0, high=4.0),
-        Bar(name="down", value=-1.0, told="-1", kind="part"),
-        Bar(name="none", value=NAN, told="-"),
+        Bar(name="up", value=3.0, text="3", low=2.0, high=4.0),
+        Bar(name="down", value=-1.0, text="-1", kind="part"),
+        Bar(name="none", value=NAN, text="-"),
     ]
     drawn = elements.chart(bars, line=1.0)
     assert 'class="first" style="left:20.00%;width:60.00%"' in drawn
@@ -29,7 +29,7 @@ def test_bars_begin_at_zero_and_keep_one_axis():
     assert 'class="part" style="left:0.00%;width:20.00%"' in drawn
     assert drawn.count('class="line" style="left:40.00%') == 3
     assert drawn.count("<i class=") == 3 + 2 + 1 + 3
-    assert "width:0.00%" in elements.chart([Bar(name="a", value=0.0, told="0")])
+    assert "width:0.00%" in elements.chart([Bar(name="a", value=0.0, text="0")])
 
 
 def decoded(data: bytes) -> np.ndarray:
@@ -41,7 +41,7 @@ def decoded(data: bytes) -> np.ndarray:
 def test_maps_are_red_above_zero_blue_below_and_grey_where_unknown():
     mean = np.zeros((maps.ROWS, maps.COLUMNS))
     mean[0, 0], mean[0, 1], mean[0, 2] = 0.5, -0.5, NAN
-    one = Map(
+    gap_map = GapMap(
         quantity="holes", frame=maps.CAMERA, mean=mean, deviations=mean, agreement=np.zeros(2)
     )
     image = decoded(pictures.heat(mean, 0.5, aspect=1.0))
@@ -51,12 +51,12 @@ def test_maps_are_red_above_zero_blue_below_and_grey_where_unknown():
     assert cells[0, 0] > 2 * cells[0, 2] and cells[1, 2] > 2 * cells[1, 0]
     assert tuple(cells[2]) == pictures.UNKNOWN and cells[3].min() > 240
     mean[1:3] = 0.25
-    assert pictures.limit([one], least=0.02) == pytest.approx(0.25)
-    unknown = dataclasses.replace(one, mean=NAN * mean)
+    assert pictures.limit([gap_map], least=0.02) == pytest.approx(0.25)
+    unknown = dataclasses.replace(gap_map, mean=NAN * mean)
     assert pictures.limit([unknown], least=0.02) == 0.02
 
 
-def test_errors_show_holes_and_what_is_not_known():
+def test_errors_show_holes_and_unknown_pixels():
     disparity = DISPARITY.copy()
     disparity[40:45, 100:200] = np.nan
     disparity[120:, 120:] += 1
@@ -69,7 +69,7 @@ def test_errors_show_holes_and_what_is_not_known():
 def test_infrared_is_drawn_on_one_scale():
     dark, bright = (np.full((100, 900), level, np.uint8) for level in (10, 200))
     limits = pictures.levels([dark, bright])
-    images = [decoded(pictures.infrared(one, limits)) for one in (dark, bright)]
+    images = [decoded(pictures.infrared(image, limits)) for image in (dark, bright)]
     assert images[0].max() == 0 and images[1].min() == 255
     assert images[0].shape[1] == 640
     assert decoded(pictures.infrared(dark, limits, zoomed=True)).shape[:2] == (60, 540)

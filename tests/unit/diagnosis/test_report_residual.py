@@ -1,4 +1,4 @@
-"""What a page, its figures and its sentences say of a learned residual."""
+"""The learned residual in the page, the figures and the sentences."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import dataclasses
 import json
 from typing import Any
 
-from starling.diagnosis.howfar.residual import Absorption, Residual
+from starling.diagnosis.howfar.residual import Absorption, LearnedResidual
 from starling.diagnosis.report import figures
 from starling.diagnosis.report.page import page
 from starling.sim.console import record
@@ -21,57 +21,59 @@ GAIN = Absorption(
     share=0.75,
     interval=(0.6, 0.9),
 )
-LEARNT = Residual(
+LEARNT = LearnedResidual(
     alone={"ndp_brier": 0.25, "ndp_1_auc": 0.5},
     bound={"ndp_brier": 0.09375, "ndp_1_auc": 0.375},
     absorption=GAIN,
 )
 
 
-def learnt(**gain: Any) -> Residual:
+def learnt(**gain: Any) -> LearnedResidual:
     return dataclasses.replace(LEARNT, absorption=dataclasses.replace(GAIN, **gain))
 
 
-def test_a_learned_residual_stands_beside_how_far():
-    one = made.diagnosis(residual=LEARNT)
-    text = Reader(page(one)).text
+def test_learned_residual_is_shown_with_the_gap_reduction():
+    diagnosis = made.diagnosis(residual=LEARNT)
+    text = Reader(page(diagnosis)).text
     assert "before 0.25 after 0.125 floor 0.0625 bound 0.09375" in text
-    assert "Taken over by the effects: 75 %, 95 % interval [60, 90] %." in text
+    assert "Absorbed by the effects: 75 %, 95 % interval [60, 90] %." in text
     assert "before 0.1562 after 0.0625 floor 0.03125" in text
-    assert "residual takes the Brier score of holes from 0.25 to 0.0938, by 0.12 more than" in text
-    assert "The effects take over 75 % [60, 90] of that." in text
-    told = json.loads(record.dumps(figures.figures(one)))
-    assert told["howfar"]["ndp_brier"]["bound"] == 0.09375
-    assert told["howfar"]["ndp_brier"]["after"] == 0.125
-    assert "bound" not in told["howfar"]["bias_px"]
-    assert told["absorption"] == {**dataclasses.asdict(GAIN), "interval": [0.6, 0.9]}
+    assert (
+        "residual changes the Brier score of holes from 0.25 to 0.0938; this gain exceeds" in text
+    )
+    assert "The effects absorb 75 % [60, 90] of that." in text
+    result = json.loads(record.dumps(figures.figures(diagnosis)))
+    assert result["howfar"]["ndp_brier"]["bound"] == 0.09375
+    assert result["howfar"]["ndp_brier"]["after"] == 0.125
+    assert "bound" not in result["howfar"]["bias_px"]
+    assert result["absorption"] == {**dataclasses.asdict(GAIN), "interval": [0.6, 0.9]}
     assert "learned residual" not in page(made.FULL)
     assert json.loads(record.dumps(figures.figures(made.FULL)))["absorption"] == {}
 
 
-def test_of_one_scene_the_share_has_no_interval():
+def test_one_scene_gives_no_interval():
     text = page(made.diagnosis(residual=learnt(interval=None)))
     assert "by the effects: 75 %; fewer than three rooms give no interval." in text
-    assert "take over 75 % of that." in text
+    assert "absorb 75 % of that." in text
 
 
-def test_a_gain_that_is_none_for_sure_is_taken_over_by_nothing():
+def test_insignificant_gain_is_not_absorbed():
     text = page(made.diagnosis(residual=learnt(closable=False, share=None, interval=None)))
-    assert "to 0.0938, not surely more than where nothing is off." in text
-    assert "take over" not in text and text.count("before and floor do not differ") > 1
+    assert "to 0.0938; this gain does not significantly exceed" in text
+    assert "The effects absorb" not in text and text.count("before and floor do not differ") > 1
 
 
-def test_without_effects_the_bound_stands_alone():
+def test_without_effects_only_the_bound_is_shown():
     bare = learnt(gain_after=None, share=None, interval=None)
-    one = made.diagnosis(
-        kind="no gap", arms=(made.found(made.NOTHING),), howfar=None, residual=bare
+    diagnosis = made.diagnosis(
+        kind="no gap", segments=(made.segment_result(made.NOTHING),), howfar=None, residual=bare
     )
-    text = Reader(page(one)).text
+    text = Reader(page(diagnosis)).text
     assert "before 0.25 bound 0.09375" in text and "before 0.5 bound 0.375" in text
-    assert "before 0.1562 floor 0.03125" in text and "No effect is accepted that could" in text
-    assert "The effects take over" not in text
-    told = json.loads(record.dumps(figures.figures(one)))
-    assert told["howfar"]["ndp_1_auc"] == {
+    assert "before 0.1562 floor 0.03125" in text and "No accepted effect could" in text
+    assert "The effects absorb" not in text
+    result = json.loads(record.dumps(figures.figures(diagnosis)))
+    assert result["howfar"]["ndp_1_auc"] == {
         "before": 0.5,
         "after": None,
         "floor": None,
@@ -79,4 +81,4 @@ def test_without_effects_the_bound_stands_alone():
         "interval": None,
         "bound": 0.375,
     }
-    assert told["absorption"]["gain_after"] is None
+    assert result["absorption"]["gain_after"] is None

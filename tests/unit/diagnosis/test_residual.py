@@ -1,4 +1,4 @@
-"""The learned residual as bound and witness, of made subjects and a made method."""
+"""The learned residual on synthetic scene models with a synthetic method."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from starling.diagnosis.howfar import holes, residual
 from starling.diagnosis.howfar.evaluation import DRAWS, OTHER
-from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.scenes.observation import SceneObservation
 from starling.learning.data.example import Example, Image, Physics
 from starling.learning.data.physics_probability import physics_probability
 from starling.patterns.errors import InputError
@@ -20,18 +20,18 @@ from tests.unit.diagnosis.test_features import DISPARITY, GROUND
 
 HOLES = np.zeros(DISPARITY.shape, bool)
 HOLES[:40, -60:] = True
-SEEN = HOLES.copy()  # By the base.
-SEEN[:, -30:] = False
-LEARNT = 0.3  # The method that is made up here leaves this share of what physics gets wrong.
+BASE_HOLES = HOLES.copy()  # Holes that the base simulates.
+BASE_HOLES[:, -30:] = False
+LEARNT = 0.3  # Share of the error of physics that the synthetic method leaves.
 
 
 def simulated(settings: Mapping[str, float]) -> np.ndarray:
-    """Holes of all draws: with the true effect those of the real captures."""
-    return HOLES if "true" in settings else SEEN
+    """Return the holes of all draws; with the true effect they are the real ones."""
+    return HOLES if "true" in settings else BASE_HOLES
 
 
 def made_physics(ndp: np.ndarray) -> Physics:
-    """Draws with the same holes; nothing else is looked at here."""
+    """Return draws with equal holes; other inputs do not matter here."""
     plain = np.zeros(DISPARITY.shape, np.float32)
     return Physics(
         ndp=ndp.astype(np.float32),
@@ -49,24 +49,26 @@ def maps(ndp: np.ndarray) -> np.ndarray:
     return np.where(ndp, np.nan, DISPARITY)[None].astype(np.float32)
 
 
-class Made:
-    """A scene whose holes the base sees half of."""
+class FakeScene:
+    """A scene of whose holes the base simulates half."""
 
     def __init__(self, number: int, *, device: bool = True) -> None:
-        self.name, self.room, self.ground = f"scene{number}", f"room{number}", GROUND
-        self.real = Reading(left=None, right=None, ours_px=maps(HOLES), device_px=None)
+        self.name, self.room, self.strata = f"scene{number}", f"room{number}", GROUND
+        self.real = SceneObservation(left=None, right=None, ours_px=maps(HOLES), device_px=None)
         if device:
             self.real = dataclasses.replace(self.real, ours_px=maps(~HOLES), device_px=maps(HOLES))
 
-    def another(self, number: int) -> Made:
+    def with_device(self, number: int) -> FakeScene:
         assert number == OTHER
         return self
 
-    def like_captured(self, settings: Mapping[str, float], *, seed: int) -> Reading:
+    def simulate_like_captured(
+        self, settings: Mapping[str, float], *, seed: int
+    ) -> SceneObservation:
         assert seed == OTHER
-        found = maps(simulated(settings))
-        device = None if self.real.device_px is None else found
-        return Reading(left=None, right=None, ours_px=found, device_px=device)
+        result = maps(simulated(settings))
+        device = None if self.real.device_px is None else result
+        return SceneObservation(left=None, right=None, ours_px=result, device_px=device)
 
     def physics(self, settings: Mapping[str, float], *, seeds: Sequence[int]) -> Physics:
         assert len(seeds) == DRAWS
@@ -74,7 +76,7 @@ class Made:
 
 
 class Knowing:
-    """A method that knows the holes, and leaves a fixed share of what physics gets wrong."""
+    """A method that knows the holes and leaves a fixed share of the error of physics."""
 
     seen: list[list[str]]
 
@@ -83,19 +85,19 @@ class Knowing:
 
     def fit(self, examples: Sequence[Example], *, folder: Path, seed: int, track: Any) -> Knowing:
         assert folder.is_dir()
-        self.seen.append([one.scene for one in examples])
+        self.seen.append([example.scene for example in examples])
         return self
 
     def probability(self, example: Example) -> Image:
         assert example.physics is not None and example.ndp is not None
-        told = physics_probability(example.physics)
-        return (example.ndp + LEARNT * (told - example.ndp)).astype(np.float32)
+        probability = physics_probability(example.physics)
+        return (example.ndp + LEARNT * (probability - example.ndp)).astype(np.float32)
 
 
-def learn(method: Knowing, settings: Mapping[str, float], **how: bool) -> residual.Residual:
-    asked: Any = [Made(number, **how) for number in range(3)]
-    locked: Any = [Made(number, **how) for number in (3, 4, 5)]
-    return residual.learn(method, asked, locked, settings)
+def learn(method: Knowing, settings: Mapping[str, float], **how: bool) -> residual.LearnedResidual:
+    training: Any = [FakeScene(number, **how) for number in range(3)]
+    held_out: Any = [FakeScene(number, **how) for number in (3, 4, 5)]
+    return residual.learn_residual(method, training, held_out, settings)
 
 
 @pytest.fixture
@@ -103,35 +105,35 @@ def method() -> Knowing:
     return Knowing()
 
 
-def test_the_figures_of_holes_are_those_of_an_evaluation():
-    told = np.where(HOLES, 0.5, 0.25).astype(np.float32)
-    found = holes.figures(told, HOLES, np.ones_like(HOLES))
+def test_hole_figures_match_their_definitions():
+    probability = np.where(HOLES, 0.5, 0.25).astype(np.float32)
+    result = holes.hole_figures(probability, HOLES, np.ones_like(HOLES))
     share = HOLES.mean()
-    assert found["ndp_brier"] == pytest.approx(share * 0.25 + (1 - share) / 16)
-    assert found["ndp_ece"] == pytest.approx(share * 0.5 + (1 - share) * 0.25)
-    assert found["ndp_1_auc"] == 0
-    assert np.isnan(holes.figures(told, HOLES, HOLES)["ndp_1_auc"])
+    assert result["ndp_brier"] == pytest.approx(share * 0.25 + (1 - share) / 16)
+    assert result["ndp_ece"] == pytest.approx(share * 0.5 + (1 - share) * 0.25)
+    assert result["ndp_1_auc"] == 0
+    assert np.isnan(holes.hole_figures(probability, HOLES, HOLES)["ndp_1_auc"])
     with pytest.raises(InputError, match="counted must hold a pixel"):
-        holes.figures(told, HOLES, np.zeros_like(HOLES))
+        holes.hole_figures(probability, HOLES, np.zeros_like(HOLES))
 
 
-def test_without_effects_the_bound_alone_is_told(method):
-    found = learn(method, {})
-    told = physics_probability(made_physics(SEEN))
-    assert found.alone == holes.figures(told, HOLES, GROUND.counted)
-    assert found.bound["ndp_brier"] == pytest.approx(LEARNT**2 * found.alone["ndp_brier"])
-    gain = found.absorption
+def test_without_effects_only_the_bound_is_reported(method):
+    result = learn(method, {})
+    probability = physics_probability(made_physics(BASE_HOLES))
+    assert result.alone == holes.hole_figures(probability, HOLES, GROUND.counted)
+    assert result.bound["ndp_brier"] == pytest.approx(LEARNT**2 * result.alone["ndp_brier"])
+    gain = result.absorption
     assert gain.closable and gain.gain_after is gain.share is gain.interval is None
-    right = holes.figures(told, SEEN, GROUND.counted)["ndp_brier"]
+    right = holes.hole_figures(probability, BASE_HOLES, GROUND.counted)["ndp_brier"]
     assert gain.gain_floor == pytest.approx((1 - LEARNT**2) * right)
     assert method.seen == [["scene0", "scene1", "scene2"]] * 2
 
 
-def test_holes_are_our_matcher_s_where_the_device_has_no_depth(method):
+def test_our_matcher_replaces_missing_device_depth(method):
     assert learn(method, {}, device=False) == learn(method, {})
 
 
-def test_a_true_effect_leaves_no_more_to_learn_than_noise_and_a_stand_in_as_much(method):
+def test_true_effect_absorbs_the_gain_and_surrogate_does_not(method):
     gain = learn(method, {"true": 1.0}).absorption
     assert gain.gain_after is not None
     assert 0 < gain.gain_after == gain.gain_floor < gain.gain_before
@@ -141,13 +143,13 @@ def test_a_true_effect_leaves_no_more_to_learn_than_noise_and_a_stand_in_as_much
     assert imitated.gain_after == imitated.gain_before == gain.gain_before
 
 
-def test_of_one_scene_there_is_no_interval(method):
-    many: Any = [Made(0), Made(1)]
-    gain = residual.learn(method, many[:1], many[1:], {"true": 1.0}).absorption
+def test_one_scene_gives_no_interval(method):
+    many: Any = [FakeScene(0), FakeScene(1)]
+    gain = residual.learn_residual(method, many[:1], many[1:], {"true": 1.0}).absorption
     assert gain.share == pytest.approx(1) and gain.interval is None
 
 
-def test_where_nothing_is_gained_there_is_no_share(method, monkeypatch):
+def test_no_gain_has_no_share(method, monkeypatch):
     monkeypatch.setattr(
         Knowing, "probability", lambda self, example: physics_probability(example.physics)
     )
@@ -156,14 +158,14 @@ def test_where_nothing_is_gained_there_is_no_share(method, monkeypatch):
     assert not gain.closable and gain.share is gain.interval is None
 
 
-def test_without_a_locked_scene_nothing_is_learnt(method):
-    asked: Any = [Made(0)]
-    with pytest.raises(InputError, match="locked scenes must be at least 1; got 0"):
-        residual.learn(method, asked, [], {})
+def test_held_out_scene_is_required(method):
+    training: Any = [FakeScene(0)]
+    with pytest.raises(InputError, match="held-out scenes must be at least 1; got 0"):
+        residual.learn_residual(method, training, [], {})
     assert method.seen == []
 
 
-def test_a_figure_that_a_scene_has_not_is_left_out_of_the_mean():
+def test_mean_ignores_missing_figures():
     many = [{"a": 1.0, "b": float("nan")}, {"a": 3.0, "b": 2.0}, {"a": 2.0, "b": 4.0}]
     assert residual._mean(many) == {"a": 2.0, "b": 3.0}
     assert np.isnan(residual._mean([{"a": float("nan")}])["a"])

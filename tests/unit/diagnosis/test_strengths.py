@@ -1,106 +1,74 @@
-"""What effects make, drawn by lot or not, and at which strengths they are simulated."""
+"""Choice of the values at which candidates are simulated, and sums of changes."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 
 from starling.diagnosis.which import strengths
-from starling.diagnosis.which.candidates import Arm, Candidate, with_told
+from starling.diagnosis.which.candidates import Candidate, Segment, with_measured_node
 from starling.diagnosis.which.fit import fit
-from starling.diagnosis.which.likelihood import total
 from starling.diagnosis.which.null import LEAST_GAIN
-from starling.diagnosis.which.predicted import Made, stacked
-from starling.diagnosis.which.response import Signature
-from starling.diagnosis.which.response import signature as simulated_signature
-from starling.diagnosis.which.rows import Columns
-from starling.diagnosis.which.table import Bench
-from starling.diagnosis.which.trial import Trial
+from starling.diagnosis.which.response import (
+    PredictedChange,
+    Signature,
+    simulate_signature,
+    stack_changes,
+)
 from starling.sim import effects
-from starling.sim.effects.effect import Value
 from tests.unit.diagnosis.made_gaps import (
     BASE,
     FEATURES,
-    HELD,
+    FOLDS,
     ONES,
     SCENES,
-    FakeBench,
+    FakeTable,
     candidate,
+    context,
     noise,
 )
+from tests.unit.diagnosis.test_table import random_effects
 
 
-class Lots(Bench):
-    """A base of noise, and effects that add 1 in one device, and 1 + 0.4 k in others."""
-
-    def simulated(self, settings: Mapping[str, Value], *, seed: int = 0) -> np.ndarray:
-        return noise(seed) + bool(settings)
-
-    def another(self, settings: Mapping[str, Value], *, number: int) -> np.ndarray:
-        return noise(number) + bool(settings) * (1 + 0.4 * number)
-
-
-def lots(arm: Arm) -> Lots:
-    return Lots((), Columns(arm=arm, names=(), ceiling=255))
+def test_a_signature_interpolates_its_scatter():
+    """The mean change is 1.6 at all values, so 0.8 halfway from the base to the first value."""
+    flicker = dataclasses.replace(candidate("flicker"), nodes=(0.5, 1.0))
+    table = random_effects(Segment.IMAGE)
+    signature = simulate_signature(flicker, table, (0.5, 1.0))
+    scatter = table.scatter({"flicker": 0.5})
+    assert signature is not None and scatter is not None
+    np.testing.assert_allclose(signature.change_at(0.5).change, 0.8)
+    np.testing.assert_allclose(signature.change_at(0.5).scatter, (0.5 * scatter) ** 2)
 
 
-def test_what_is_drawn_by_lot_is_a_mean_that_scatters():
-    """Draws of 1, 1.4, 1.8, 2.2; one more differs by their variance and by that of their mean."""
-    assert lots(Arm.IMAGE).change({"flicker": 0.1}) == pytest.approx(
-        np.full((SCENES, FEATURES), 1.6)
-    )
-    scatter = lots(Arm.IMAGE).scatter({"flicker": 0.1})
-    assert scatter is not None and scatter.shape == (FEATURES,)
-    np.testing.assert_allclose(scatter, np.std([1, 1.4, 1.8, 2.2], ddof=1) * np.sqrt(1 + 1 / 4))
-    for arm, name in ((Arm.IMAGE, "veil"), (Arm.DEPTH, "flicker")):
-        assert lots(arm).change({name: 0.1}) == pytest.approx(np.ones((SCENES, FEATURES)))
-        assert lots(arm).scatter({name: 0.1}) is None
-    made = simulated_signature(
-        dataclasses.replace(candidate("flicker"), nodes=(0.5, 1.0)), lots(Arm.IMAGE), (0.5, 1.0)
-    )
-    assert made is not None
-    np.testing.assert_allclose(made.at(0.5).change, 0.8)
-    np.testing.assert_allclose(made.at(0.5).scatter, (0.5 * scatter) ** 2)
-
-
-def test_a_draw_that_another_device_has_is_explained():
-    """A level of 0 +- 0.5 by the scene: as a change of none of these sizes, all is left."""
-    drawn = 0.5 * np.random.default_rng(4).standard_normal((SCENES, 1))
-    likelihood = BASE.likelihood(noise(3) + drawn, ONES)
-    values, still = (0.0, 1.0), np.zeros((2, SCENES, FEATURES))
-    scatter = np.outer(values, 0.5 * ONES)
-    moving = Signature(candidate("flicker"), values, still, scatter)
-    found = fit(moving, likelihood, HELD)
-    assert found.total > 100 and found.value == pytest.approx(1, abs=0.4)
-    left = likelihood.beyond(moving.at(1.0))
-    assert total(left, ONES) < 1.5 < likelihood.size(likelihood.nothing)
-    assert fit(Signature(candidate("flicker"), values, still), likelihood, HELD).total == 0
-
-
-def test_what_effects_make_adds_up():
-    one, other = Made(np.ones((2, 3)), np.full((1, 3), 0.5)), Made(np.full((2, 3), 2.0))
-    both = one + other
+def test_changes_and_their_variances_add():
+    first = PredictedChange(np.ones((2, 3)), np.full((1, 3), 0.5))
+    second = PredictedChange(np.full((2, 3), 2.0))
+    both = first + second
     assert (both.change == 3).all() and np.all(both.scatter == 0.5 * np.ones((1, 3)))
-    row = stacked([one, other])
-    assert row.change.shape == (2, 2, 3)
-    assert np.shape(row.scatter) == (2, 1, 3)
-    assert (np.asarray(row.scatter)[:, 0] == [[0.5] * 3, [0.0] * 3]).all()
+    stack = stack_changes([first, second])
+    assert stack.change.shape == (2, 2, 3)
+    assert np.shape(stack.scatter) == (2, 1, 3)
+    assert (np.asarray(stack.scatter)[:, 0] == [[0.5] * 3, [0.0] * 3]).all()
 
 
-def test_first_tries_are_weak_and_strong_ones_to_each_side():
-    assert strengths.coarse(candidate("veil")) == [0.5, 1.0]
+def test_first_nodes_are_a_weak_and_a_strong_one_to_each_side():
+    assert strengths.first_nodes(candidate("veil")) == [0.5, 1.0]
     sides = Candidate(
-        name="roll", effect=effects.named("roll"), arm=Arm.IMAGE, base=0.0, nodes=(-2, -1, 1, 3)
+        name="roll",
+        effect=effects.named("roll"),
+        segment=Segment.IMAGE,
+        base=0.0,
+        nodes=(-2, -1, 1, 3),
     )
-    assert strengths.coarse(sides) == [-2, -1, 1, 3]
+    assert strengths.first_nodes(sides) == [-2, -1, 1, 3]
     rendered = dataclasses.replace(
         sides, effect=effects.named("model_shift"), nodes=(-4, -3, -2, -1, 1, 2)
     )
-    assert strengths.coarse(rendered) == [-3, 2]
+    assert strengths.first_nodes(rendered) == [-3, 2]
     nodes = (16, 32, 48, 64, 80, 96, 112, 144, 160)
     searched = dataclasses.replace(
         sides,
@@ -110,68 +78,78 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
         nodes=nodes,
         whole=True,
     )
-    assert strengths.coarse(searched) == [64, 160]
+    assert strengths.first_nodes(searched) == [64, 160]
     checked = dataclasses.replace(
         sides, name="speckle_filter", effect=effects.named("speckle_filter"), base=300
     )
     checked = dataclasses.replace(checked, nodes=(0, 600, 1200, 3000), whole=True)
-    assert strengths.coarse(checked) == [0, 600, 1200, 3000]  # The pair is not searched anew.
+    assert strengths.first_nodes(checked) == [
+        0,
+        600,
+        1200,
+        3000,
+    ]  # No new search.
     wide = dataclasses.replace(
         rendered, effect=effects.named("second_projector"), nodes=(0.03, 0.07, 0.16, 0.37, 0.9, 2)
     )
-    assert strengths.coarse(wide) == [0.07, 0.9]
-    assert strengths.coarse(dataclasses.replace(wide, nodes=(0.2, 0.4, 0.6, 0.8, 2))) == [0.6]
+    assert strengths.first_nodes(wide) == [0.07, 0.9]
+    assert strengths.first_nodes(dataclasses.replace(wide, nodes=(0.2, 0.4, 0.6, 0.8, 2))) == [0.6]
     heat = dataclasses.replace(
         sides, effect=effects.named("dark_current"), nodes=(1, 10, 100, 1e3, 1e4, 1e5)
     )
-    assert strengths.coarse(heat) == [100, 1e4, 1e5]  # Most of the range lies beyond the fifth.
+    assert strengths.first_nodes(heat) == [
+        100,
+        1e4,
+        1e5,
+    ]  # The end is far beyond.
     bits = dataclasses.replace(
         sides, effect=effects.named("quantisation"), base=8, nodes=(10, 12, 16), whole=True
     )
-    assert strengths.coarse(bits) == [10, 12, 16]
+    assert strengths.first_nodes(bits) == [10, 12, 16]
     words = Candidate(
         name="hole_filling",
         effect=effects.named("hole_filling"),
-        arm=Arm.DEPTH,
+        segment=Segment.DEPTH,
         base="off",
         nodes=("left", "nearest"),
     )
-    assert strengths.coarse(words) == ["left", "nearest"]
+    assert strengths.first_nodes(words) == ["left", "nearest"]
     limits = dataclasses.replace(
         words, name="range", effect=effects.named("range"), base=0.0, nodes=(0.1, 0.3, 0.6, 1.0)
     )
-    assert strengths.coarse(limits) == [0.3, 0.6, 1.0]  # Of filters the end is tried as well.
-    assert strengths.coarse(dataclasses.replace(limits, arm=Arm.WHOLE)) == [0.3, 0.6]
-    assert strengths.coarse(with_told(limits, 0.11)) == [0.11, 0.3, 0.6, 1.0]
+    assert strengths.first_nodes(limits) == [0.3, 0.6, 1.0]  # The depth segment adds the end.
+    assert strengths.first_nodes(dataclasses.replace(limits, segment=Segment.WHOLE)) == [0.3, 0.6]
+    assert strengths.first_nodes(with_measured_node(limits, 0.11)) == [0.11, 0.3, 0.6, 1.0]
 
 
 @pytest.mark.parametrize(
-    "at, closer",
+    "fitted_at, expected",
     [(-0.3, -0.4), (0.05, 0.1), (0.25, 0.3), (0.4, 0.55), (0.9, 1.5), (0.47, 0.47)],
 )
-def test_a_candidates_nodes_come_before_other_strengths(at, closer):
-    """Between what is simulated, beyond it, and where none is left what fits itself."""
+def test_the_next_value_is_a_node_where_possible(fitted_at: float, expected: float):
+    """Between simulated values, beyond them, or the fitted value if no node is left."""
     nodes = (-0.8, -0.4, 0.1, 0.3, 0.4, 0.55, 0.9, 1.5)
-    values = (-0.8, 0.0, 0.2, 0.4, 0.9) if at != 0.47 else (0.0, 0.4, 0.55, 1.5)
-    one = dataclasses.replace(candidate("veil"), base=0.0, nodes=nodes)
-    grows = np.array(values)[:, None, None] * np.ones((SCENES, FEATURES))
-    found = fit(
-        Signature(one, values, grows), BASE.likelihood(at * grows[-1] / values[-1], ONES), HELD
-    )
-    assert strengths._closer(found) == pytest.approx(closer, abs=0.02)
+    values = (-0.8, 0.0, 0.2, 0.4, 0.9) if fitted_at != 0.47 else (0.0, 0.4, 0.55, 1.5)
+    veil = dataclasses.replace(candidate("veil"), base=0.0, nodes=nodes)
+    change = np.array(values)[:, None, None] * np.ones((SCENES, FEATURES))
+    likelihood = BASE.likelihood(fitted_at * change[-1] / values[-1], ONES)
+    fitted = fit(Signature(veil, values, change), likelihood, FOLDS)
+    assert strengths._next_value(fitted) == pytest.approx(expected, abs=0.02)
 
 
-def test_words_are_all_simulated_already():
+def test_a_choice_has_no_further_values():
     words = ("off", "left", "nearest")
     row = effects.named("hole_filling")
-    one = Candidate(name=row.name, effect=row, arm=Arm.DEPTH, base="off", nodes=words[1:])
-    grows = np.arange(3.0)[:, None, None] * np.ones((SCENES, FEATURES))
-    found = fit(Signature(one, words, grows), BASE.likelihood(grows[1], ONES), HELD)
-    assert found.value == "left" and strengths._closer(found) is None
+    choice = Candidate(
+        name=row.name, effect=row, segment=Segment.DEPTH, base="off", nodes=words[1:]
+    )
+    change = np.arange(3.0)[:, None, None] * np.ones((SCENES, FEATURES))
+    fitted = fit(Signature(choice, words, change), BASE.likelihood(change[1], ONES), FOLDS)
+    assert fitted.value == "left" and strengths._next_value(fitted) is None
 
 
-class Bent(FakeBench):
-    """Between its nodes the effect points elsewhere than a straight line between them."""
+class Bent(FakeTable):
+    """An effect whose direction changes between its nodes."""
 
     def change(self, settings: dict[str, Any]) -> np.ndarray | None:
         value = float(settings.get("veil", 0.0))
@@ -179,8 +157,8 @@ class Bent(FakeBench):
         return np.where(turn, 1.0, -1.0) * value * np.ones((SCENES, 1))
 
 
-class Steep(FakeBench):
-    """The square of the strength, of another shape at each: far above it all is farther off."""
+class Steep(FakeTable):
+    """An effect with the square of its strength, and another direction at each strength."""
 
     def change(self, settings: dict[str, Any]) -> np.ndarray | None:
         value = float(settings.get("veil", 0.0))
@@ -188,46 +166,32 @@ class Steep(FakeBench):
         return np.where(turn, 3.0, -1.0) * value**2 * np.ones((SCENES, 1))
 
 
-def sharpened(bench: Any, value: float, nodes: tuple[float, ...]) -> tuple[Signature, float, float]:
-    """Its signature, sharpened for a strength, where it then fits, and what it gains."""
-    change = bench.change({"veil": value})
+def refined(table: Any, value: float, nodes: tuple[float, ...]) -> tuple[Signature, float, float]:
+    """Refine an effect of a given strength; return signature, fitted value and additional gain."""
+    change = table.change({"veil": value})
     likelihood = BASE.likelihood(change + noise(5), ONES)
-    one = simulated_signature(candidate("veil"), bench, nodes)
-    assert one is not None
-    asked = Trial(
-        bench=bench,
-        likelihood=likelihood,
-        folds=HELD,
-        threshold=LEAST_GAIN,
-        explained_below=0.0,
-    )
-    (found,) = strengths.sharper([one], asked, likelihood.nothing)
-    return found.signature, float(found.value), found.total - fit(one, likelihood, HELD).total
+    signature = simulate_signature(candidate("veil"), table, nodes)
+    assert signature is not None
+    data = context(table, likelihood)
+    (fitted,) = strengths.refine([signature], data, likelihood.no_change)
+    gain = fitted.total - fit(signature, likelihood, FOLDS).total
+    return fitted.signature, float(fitted.value), gain
 
 
 @pytest.mark.parametrize("value", [0.4, 0.55, 0.8])
-def test_an_effect_is_simulated_until_it_fits_where_it_is_simulated(value):
-    sharp, found, gained = sharpened(Bent(), value, (0.1, 1.0))
-    assert found == pytest.approx(value, rel=0.2) and gained > LEAST_GAIN
-    assert 3 < len(sharp.values) <= 3 + strengths._ROUNDS
+def test_an_effect_is_simulated_until_it_fits_at_a_simulated_value(value: float):
+    signature, fitted, gain = refined(Bent(), value, (0.1, 1.0))
+    assert fitted == pytest.approx(value, rel=0.2) and gain > LEAST_GAIN
+    assert 3 < len(signature.values) <= 3 + strengths._ROUNDS
 
 
 @pytest.mark.parametrize("value", [0.55, 0.65, 0.8])
-def test_both_sides_of_where_an_effect_fits_are_looked_at(value):
-    """At 3.0 it is far worse than none at all; yet the strength lies on that side of 0.5."""
-    _, found, gained = sharpened(Steep(), value, (0.3, 0.5, 3.0))
-    assert found == pytest.approx(value, rel=0.05) and gained > LEAST_GAIN
+def test_both_neighbours_of_the_best_value_are_explored(value: float):
+    """At 3.0 the fit is far worse than without the effect, yet the value lies between 0.5 and 3."""
+    _, fitted, gain = refined(Steep(), value, (0.3, 0.5, 3.0))
+    assert fitted == pytest.approx(value, rel=0.05) and gain > LEAST_GAIN
 
 
-def test_what_fits_at_a_node_with_near_neighbours_is_not_simulated_again():
-    sharp, found, gained = sharpened(Bent(), 0.5, (0.45, 0.5, 0.55))
-    assert found == pytest.approx(0.5, rel=0.02) and len(sharp.values) == 4 and gained == 0
-
-
-def test_of_a_feature_that_is_lost_nothing_is_changed():
-    """What an effect makes unknown it does not explain."""
-    columns = Columns(arm=Arm.IMAGE, names=("a", "b"), ceiling=255)
-    rows = {(0, "[]", 0): np.array([1.0, 2.0]), (0, "[('veil', 0.5)]", 0): np.array([np.nan, 5.0])}
-    bench = Bench(FakeBench.subjects[:1], columns, _kept={**rows})
-    change = bench.change({"veil": 0.5})
-    assert change is not None and change.tolist() == [[0.0, 3.0]]
+def test_an_effect_that_fits_between_near_neighbours_is_not_refined():
+    signature, fitted, gain = refined(Bent(), 0.5, (0.45, 0.5, 0.55))
+    assert fitted == pytest.approx(0.5, rel=0.02) and len(signature.values) == 4 and gain == 0

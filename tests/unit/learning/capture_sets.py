@@ -16,14 +16,14 @@ from starling.sim.stereo.depth import to_code
 from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
 
 ROOMS = ("attic", "cellar", "hall", "study")
-SCENES = tuple(f"{room}-view" for room in ROOMS)  # One each.
+SCENES = tuple(f"{room}-view" for room in ROOMS)  # One scene per room.
 INFO_OF_SET = dataclasses.replace(INFO, sensor="d435", black_level_dn=4.0)
-LEFT_BAND = 5  # Columns that do not count: 100 of 1280, of 64.
-UNKNOWN = slice(0, 4)  # Rows whose reference is not known.
+LEFT_BAND = 5  # Columns that do not count: 100/1280 of 64.
+UNKNOWN = slice(0, 4)  # Rows with unknown reference.
 
 
 def write(folder: Path, *, rooms: tuple[str, ...] = ROOMS) -> Path:
-    """Write the set; the first rows of each reference are unknown, as in a scan with gaps."""
+    """Write the set. The first rows of each reference are unknown, like gaps in a scan."""
     folder.mkdir(parents=True)
     (folder / info.FILE).write_text(info.dumps(INFO_OF_SET))
     for number, room in enumerate(rooms):
@@ -47,7 +47,7 @@ def write(folder: Path, *, rooms: tuple[str, ...] = ROOMS) -> Path:
 def drawn(number: int) -> tuple[Image, Mask, np.ndarray]:
     """Reference depth [m], holes and left image, all (h, w).
 
-    Behind the pillar nothing is matched; elsewhere one pixel in fifty has no depth by chance.
+    Half-occluded pixels next to the pillar have no depth, and elsewhere one random pixel in fifty.
     """
     scene = step_scene(number)
     assert scene.ndp is not None
@@ -58,6 +58,6 @@ def drawn(number: int) -> tuple[Image, Mask, np.ndarray]:
 
 
 def sensor() -> Sensor:
-    """The preset of the set's device, with the set's geometry and an even, bright pattern."""
+    """Preset of the set's device, with the set's geometry and a uniform, bright pattern."""
     camera = INFO_OF_SET.geometry_into(presets.load("d435"))
     return with_values(camera, [("projector.power_w", 1.0)])

@@ -1,4 +1,4 @@
-"""A table before a wall with a box, a ball and a sheet, drawn by intersecting rays."""
+"""Ray-traced depth of a table before a wall with a box, a ball and a sheet."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ def rays() -> np.ndarray:
 
 
 def box_depth() -> np.ndarray:
-    """Depth of the box alone, infinite beside it."""
+    """Depth of the box alone; infinite elsewhere."""
     start, way = -BOX_CENTRE_M @ BOX_TURN, rays() @ BOX_TURN
-    one, other = ((side * BOX_SIDES_M / 2 - start) / way for side in (-1, 1))
-    near, far = np.minimum(one, other).max(axis=-1), np.maximum(one, other).min(axis=-1)
+    item, second = ((side * BOX_SIDES_M / 2 - start) / way for side in (-1, 1))
+    near, far = np.minimum(item, second).max(axis=-1), np.maximum(item, second).min(axis=-1)
     return np.where(near < far, near, np.inf)
 
 
 def ball_depth() -> np.ndarray:
-    """Depth of the ball alone, infinite beside it."""
+    """Depth of the ball alone; infinite elsewhere."""
     way = rays()
     a, b = (way**2).sum(axis=-1), way @ BALL_CENTRE_M
     root = b**2 - a * (BALL_CENTRE_M @ BALL_CENTRE_M - BALL_RADIUS_M**2)

@@ -1,4 +1,4 @@
-"""Examples made from nothing: a small camera before surfaces with known disparities."""
+"""Synthetic examples: a small camera before surfaces with known disparities."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FOCAL_PX, BASELINE_M = 100.0, 0.05
 
 
 def info(sensor: str = "a test's own") -> CaptureInfo:
-    """Give a camera of 120 x 60 pixels whose disparity at 1 m is 5 px."""
+    """Return a camera of 120 x 60 pixels whose disparity at 1 m is 5 px."""
     return CaptureInfo(
         sensor=sensor,
         width=WIDTH,
@@ -30,19 +30,19 @@ def info(sensor: str = "a test's own") -> CaptureInfo:
 
 
 def example(disparity_px: np.ndarray, **known: object) -> Example:
-    """Give a scene whose reference has these disparities (h, w), NaN where unknown."""
+    """Return a scene with given reference disparities (h, w), NaN where unknown."""
     depth_m = (FOCAL_PX * BASELINE_M / disparity_px).astype(np.float32)
     chosen = {"scene": "a", "room": "a", "info": info(), "depth_m": depth_m, **known}
     return Example(**chosen)  # type: ignore[arg-type]
 
 
 def flat(disparity_px: float = 5.0) -> np.ndarray:
-    """Give the disparities (h, w) of a wall that faces the camera."""
+    """Return the disparities (h, w) of a wall that faces the camera."""
     return np.full((HEIGHT, WIDTH), disparity_px)
 
 
 def box(first: int, last: int, *, back_px: float = 5.0, front_px: float = 15.0) -> np.ndarray:
-    """Give the disparities (h, w) of a wall and before it a box in columns `first` to `last`."""
+    """Return the disparities (h, w) of a wall behind a box in columns `first` to `last`."""
     disparity = flat(back_px)
     disparity[:, first : last + 1] = front_px
     return disparity

@@ -1,4 +1,4 @@
-"""A near pillar before a wall: what the right imager cannot see has no depth."""
+"""A near pillar before a wall; half-occluded pixels have no depth."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ INFO = CaptureInfo(
 def step_scene(number: int, *, room: str | None = None) -> Example:
     """A pillar at 0.25 to 0.4 m before a wall at 1 to 2 m.
 
-    Half-occlusion: left of the pillar the right imager sees none of the wall for as many pixels as
-    the disparities differ by, 6 to 14. Pillars stand anywhere and only columns that holes may lie
-    in alike are counted, so that a place in the image alone says nothing.
+    Left of the pillar, the right imager does not see a band of the wall that is as wide as the
+    difference of the disparities, 6 to 14 pixels. Pillars are at random places. Only columns that
+    can be half-occluded equally often are counted, so that the column alone is uninformative.
     """
     rng = np.random.default_rng(number)
     wall_px, pillar_px = 4.0 / rng.uniform(1, 2), 4.0 / rng.uniform(0.25, 0.4)
@@ -54,7 +54,7 @@ def step_scene(number: int, *, room: str | None = None) -> Example:
 
 
 def physics(ndp: np.ndarray, rng: np.random.Generator) -> Physics:
-    """Eight draws that see half of the holes, and some where none are."""
+    """Eight simulated draws with half of the holes and some false ones."""
     rate = np.where(ndp, 0.5, 0.1)
     share = rng.binomial(8, rate).astype(np.float32) / 8
     reason = np.where(share > 0.5, Reason.OCCLUDED, Reason.VALID).astype(np.uint32)

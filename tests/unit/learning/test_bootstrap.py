@@ -1,4 +1,4 @@
-"""Intervals of differences: they cover, they pair, and rooms are what is drawn."""
+"""Bootstrap intervals: coverage, pairing, and resampling of rooms."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from starling.patterns.errors import InputError
 ROOMS = [f"room {number}" for number in range(10)]
 
 
-def test_what_both_methods_share_cancels():
+def test_common_variation_cancels():
     shared = np.linspace(0.5, 0.99, 10)
-    found = paired_difference(list(shared + 0.01), list(shared), ROOMS, seed=0)
-    assert found.mean == pytest.approx(0.01)
-    assert found.low == pytest.approx(0.01)
-    assert found.high == pytest.approx(0.01)
-    assert found.excludes_zero
-    assert (found.rooms, found.above) == (10, 10)
+    result = paired_difference(list(shared + 0.01), list(shared), ROOMS, seed=0)
+    assert result.mean == pytest.approx(0.01)
+    assert result.low == pytest.approx(0.01)
+    assert result.high == pytest.approx(0.01)
+    assert result.excludes_zero
+    assert (result.rooms, result.above) == (10, 10)
 
 
-def test_scenes_of_one_room_are_one_piece_of_evidence():
+def test_scenes_of_one_room_are_averaged():
     alone = paired_difference([0.25, -0.25], [0.0, 0.0], ["a", "b"], seed=0)
     repeated = paired_difference([0.25] * 64 + [-0.25], [0.0] * 65, ["a"] * 64 + ["b"], seed=0)
     assert repeated == alone
@@ -38,42 +38,42 @@ def test_equal_seeds_give_equal_intervals():
     assert swapped.mean == -once.mean
 
 
-def test_interval_of_ten_normal_rooms_covers_as_it_says():
-    """95 % wanted; 400 trials tell it to +- 1.1 %. A plain percentile interval covers 90 %.
+def test_the_interval_of_ten_normal_rooms_has_its_nominal_coverage():
+    """Nominal 95 %; 400 trials determine it to +- 1.1 %. A plain percentile interval covers 90 %.
 
-    Normal differences only: it says nothing of heavy tails, nor of rooms unlike those drawn.
+    Tested for normal differences only, not for heavy tails or unrepresentative rooms.
     """
     rng = np.random.default_rng(5)
     covered = 0
     for _ in range(400):
-        found = paired_difference(rng.normal(0.02, 0.03, 10).tolist(), [0.0] * 10, ROOMS, seed=1)
-        covered += found.low <= 0.02 <= found.high
+        result = paired_difference(rng.normal(0.02, 0.03, 10).tolist(), [0.0] * 10, ROOMS, seed=1)
+        covered += result.low <= 0.02 <= result.high
     assert 0.925 <= covered / 400 <= 0.975
 
 
-def test_how_hard_rooms_are_cancels_in_a_share():
-    """Two fifths less in every room, whatever its error: no spread at all."""
+def test_the_difficulty_of_rooms_cancels_in_a_share():
+    """A reduction by two fifths in every room, at any error, has no spread."""
     hard = np.geomspace(0.01, 2.0, 10)
-    found = paired_share(hard.tolist(), (0.6 * hard).tolist(), ROOMS, seed=0)
-    assert (found.share, found.low, found.high) == pytest.approx((0.4, 0.4, 0.4))
-    assert (found.rooms, found.less) == (10, 10)
+    result = paired_share(hard.tolist(), (0.6 * hard).tolist(), ROOMS, seed=0)
+    assert (result.share, result.low, result.high) == pytest.approx((0.4, 0.4, 0.4))
+    assert (result.rooms, result.less) == (10, 10)
     none = paired_share(hard.tolist(), hard.tolist(), ROOMS, seed=0)
     assert none.share == 0 and none.less == 0
 
 
-def test_the_interval_of_a_share_covers_as_it_says():
-    """95 % wanted of ten rooms whose errors and shares both scatter; 400 trials tell +- 1.1 %."""
+def test_the_interval_of_a_share_has_its_nominal_coverage():
+    """Nominal 95 %, ten rooms with random errors and shares; 400 trials give +- 1.1 %."""
     rng = np.random.default_rng(5)
     covered = 0
     for _ in range(400):
         hard = rng.gamma(4.0, 0.05, 10)
-        own = hard * rng.normal(0.6, 0.1, 10)
-        found = paired_share(hard.tolist(), own.tolist(), ROOMS, seed=1)
-        covered += found.low <= 0.4 <= found.high
+        original = hard * rng.normal(0.6, 0.1, 10)
+        result = paired_share(hard.tolist(), original.tolist(), ROOMS, seed=1)
+        covered += result.low <= 0.4 <= result.high
     assert 0.92 <= covered / 400 <= 0.98
 
 
-def test_a_share_of_nothing_is_refused():
+def test_a_share_of_a_zero_error_is_refused():
     with pytest.raises(InputError, match="first must be > 0 in every room; got 0"):
         paired_share([0.0, 1.0], [0.0, 1.0], ["a", "b"], seed=0)
 
@@ -86,6 +86,6 @@ def test_a_share_of_nothing_is_refused():
         ([1.0, 2.0], [1.0, 2.0], ["a", "a"], "rooms must be at least 2; got 1"),
     ],
 )
-def test_what_has_no_spread_is_refused(first, second, room, message):
+def test_too_few_rooms_are_refused(first, second, room, message):
     with pytest.raises(InputError, match=message):
         paired_difference(first, second, room, seed=0)

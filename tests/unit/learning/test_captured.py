@@ -1,4 +1,4 @@
-"""Examples of a capture set: what is read, what counts, what is simulated and kept."""
+"""Examples of a capture set: content, counted pixels, simulation and cache."""
 
 from __future__ import annotations
 
@@ -30,32 +30,32 @@ def captures(tmp_path: Path) -> CaptureSet:
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
-    """Put made physics where simulating takes time; list what each call was asked."""
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
+    """Replace the simulation by synthetic physics; returns the recorded calls."""
     calls: list[dict] = []
 
-    def made(scene: object, sensor: object, **how: object) -> Physics:
+    def built(scene: object, sensor: object, **how: object) -> Physics:
         calls.append({"scene": scene, "sensor": sensor, **how})
-        found = step_scene(len(calls)).physics
-        assert found is not None
-        return found
+        result = step_scene(len(calls)).physics
+        assert result is not None
+        return result
 
-    monkeypatch.setattr(simulated, "physics", made)
+    monkeypatch.setattr(simulated, "physics", built)
     return calls
 
 
-def _same(one: Physics, other: Physics) -> None:
+def _same(item: Physics, different: Physics) -> None:
     for field in dataclasses.fields(Physics):
-        first, second = getattr(one, field.name), getattr(other, field.name)
+        first, second = getattr(item, field.name), getattr(different, field.name)
         assert_array_equal(first, second)
         assert np.asarray(first).dtype == np.asarray(second).dtype
 
 
-def test_examples_are_what_lies_on_disk(captures):
-    found = captured.examples(captures)
-    assert [example.scene for example in found] == list(capture_sets.SCENES)
-    assert [example.room for example in found] == list(capture_sets.ROOMS)
-    for number, example in enumerate(found):
+def test_examples_have_the_content_of_the_files(captures):
+    result = captured.examples(captures)
+    assert [example.scene for example in result] == list(capture_sets.SCENES)
+    assert [example.room for example in result] == list(capture_sets.ROOMS)
+    for number, example in enumerate(result):
         truth_m, ndp, _ = capture_sets.drawn(number)
         known = np.ones(SHAPE, bool)
         known[capture_sets.UNKNOWN] = False
@@ -66,7 +66,7 @@ def test_examples_are_what_lies_on_disk(captures):
         assert example.physics is None
 
 
-def test_pixels_count_right_of_the_left_band_where_the_reference_is_known(captures):
+def test_counted_pixels_are_right_of_the_left_band_with_known_reference(captures):
     counted = captured.examples(captures)[0].counted
     assert counted is not None
     assert not counted[:, : capture_sets.LEFT_BAND].any()
@@ -74,9 +74,9 @@ def test_pixels_count_right_of_the_left_band_where_the_reference_is_known(captur
     assert counted[capture_sets.UNKNOWN.stop :, capture_sets.LEFT_BAND :].all()
 
 
-def test_rooms_are_chosen_and_a_room_that_is_none_is_refused(captures):
-    found = captured.examples(captures, rooms=("study", "cellar"))
-    assert [example.room for example in found] == ["cellar", "study"]
+def test_rooms_are_selected_and_unknown_rooms_refused(captures):
+    result = captured.examples(captures, rooms=("study", "cellar"))
+    assert [example.room for example in result] == ["cellar", "study"]
     with pytest.raises(InputError, match=r"^room must be a known name; got 'yard'\. Known: "):
         captured.examples(captures, rooms=("attic", "yard"))
 
@@ -99,35 +99,35 @@ def test_without_infrared_an_example_has_no_reflectance(captures):
         (captures.scenes[0].path / "0" / f"{name}.png").unlink()
     assert captured.example(captures.scenes[0]).reflectance is None
     line = r"^scene must have truth\.png and ir_left\.png; got .*attic-view\. Choose a scene with"
-    for asked in (
+    for requests in (
         lambda scene: captured_scene.brightness(scene, smoothing_px=2.0),
-        lambda scene: captured_scene.lit(scene, SENSOR),
+        lambda scene: captured_scene.estimate_light(scene, SENSOR),
     ):
         with pytest.raises(InputError, match=line):
-            asked(captures.scenes[0])
+            requests(captures.scenes[0])
     (captures.scenes[1].path / "truth.png").unlink()
     with pytest.raises(InputError, match=r"^scene must have truth\.png"):
-        captured_scene.lit(captures.scenes[1], SENSOR)
+        captured_scene.estimate_light(captures.scenes[1], SENSOR)
 
 
 def test_brightness_is_the_smoothed_level_over_its_mean(captures):
     """Half of 44 DN and half of 24 DN above black, far from the step: 0.5 times 40 and 20 over 30.
 
-    Says nothing of what a real scene reflects: light and reflectance are one in an image.
+    Brightness is not reflectance in a real scene, because an image also depends on the light.
     """
     scene = captures.scenes[0]
     image = np.full(SHAPE, 44, np.uint8)
     image[:, SHAPE[1] // 2 :] = 24
     (scene.path / "0" / "ir_left.png").write_bytes(png.encode(image))
-    found = captured_scene.brightness(scene, smoothing_px=2.0)
-    assert found.dtype == np.float32
-    assert_allclose(found[:, :20], 0.5 * 40 / 30, rtol=1e-3)
-    assert_allclose(found[:, -20:], 0.5 * 20 / 30, rtol=1e-3)
-    assert found.mean() == pytest.approx(0.5, rel=1e-5)
+    result = captured_scene.brightness(scene, smoothing_px=2.0)
+    assert result.dtype == np.float32
+    assert_allclose(result[:, :20], 0.5 * 40 / 30, rtol=1e-3)
+    assert_allclose(result[:, -20:], 0.5 * 20 / 30, rtol=1e-3)
+    assert result.mean() == pytest.approx(0.5, rel=1e-5)
 
 
 def test_smoothing_leaves_no_dot_in_an_example(captures):
-    """Dots of one pixel deviate by 0.6 of the mean; of a Gaussian of 12 px some 1 % is left."""
+    """Single-pixel dots deviate by 0.6 of the mean; after a Gaussian of 12 px about 1 % remains."""
     reflectance = captured.examples(captures)[0].reflectance
     assert reflectance is not None
     sharp = capture_sets.drawn(0)[2].astype(float) - 4
@@ -135,33 +135,33 @@ def test_smoothing_leaves_no_dot_in_an_example(captures):
     assert np.abs(np.diff(reflectance, axis=1)).max() < 0.01
 
 
-def test_even_surfaces_have_one_reflectance(captures):
+def test_even_scenes_have_one_reflectance(captures):
     scene = captures.scenes[0]
     seen = captured.surface(scene, SENSOR)
     even = captured.surface(scene, SENSOR, even=True)
     assert any(body.texture is not None for body in seen.bodies)
     assert all(body.texture is None for body in even.bodies)
     assert {body.material.reflectance for body in even.bodies} == {0.5}
-    for one, other in zip(seen.bodies, even.bodies, strict=True):
-        assert_array_equal(one.mesh.vertices, other.mesh.vertices)
+    for item, second in zip(seen.bodies, even.bodies, strict=True):
+        assert_array_equal(item.mesh.vertices, second.mesh.vertices)
     (scene.path / "0" / "ir_left.png").unlink()
     (scene.path / "0" / "ir_right.png").unlink()
-    without = captured.surface(scene, SENSOR, even=True)  # No image is asked for.
+    without = captured.surface(scene, SENSOR, even=True)  # Reads no image.
     assert_array_equal(without.bodies[0].mesh.vertices, even.bodies[0].mesh.vertices)
 
 
-def test_a_scene_of_known_geometry_is_simulated_as_that(captures):
+def test_known_geometry_is_simulated(captures):
     scene = captures.scenes[0]
     rows = (
         "[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]"
     )
     (scene.path / "scene.toml").write_text(f'scene = "wall:1.5"\nleft_from_world = {rows}\n')
     for even in (False, True):
-        found = captured.surface(scene, SENSOR, even=even)
-        assert [body.name for body in found.bodies] == ["wall"]
+        result = captured.surface(scene, SENSOR, even=even)
+        assert [body.name for body in result.bodies] == ["wall"]
 
 
-def test_kept_physics_is_the_fresh_one_bit_for_bit(captures, tmp_path):
+def test_cached_physics_is_bit_identical(captures, tmp_path):
     scene = captures.scenes[0]
     fresh = captured.example(scene, simulation=Simulation(sensor=SENSOR, draws=2)).physics
     keeping = Simulation(sensor=SENSOR, draws=2, cache=tmp_path / "kept")
@@ -172,32 +172,33 @@ def test_kept_physics_is_the_fresh_one_bit_for_bit(captures, tmp_path):
     _same(fresh, again)
 
 
-def test_what_is_kept_is_not_simulated_again(captures, asked, tmp_path):
+def test_cached_physics_is_not_simulated_again(captures, calls, tmp_path):
     simulation = Simulation(sensor=SENSOR, draws=3, cache=tmp_path / "kept")
     first = captured.examples(captures, simulation=simulation)
-    assert len(asked) == 4
+    assert len(calls) == 4
     again = captured.examples(captures, simulation=simulation)
-    assert len(asked) == 4
-    for one, other in zip(first, again, strict=True):
-        assert one.physics is not None and other.physics is not None
-        _same(one.physics, other.physics)
+    assert len(calls) == 4
+    for item, second in zip(first, again, strict=True):
+        assert item.physics is not None and second.physics is not None
+        _same(item.physics, second.physics)
     elsewhere = dataclasses.replace(simulation, cache=tmp_path / "other")
     captured.example(captures.scenes[0], simulation=elsewhere)
     names = {path.name for path in (tmp_path / "kept").iterdir()}
     assert len(names) == 4
-    assert {path.name for path in (tmp_path / "other").iterdir()} < names  # The place is no matter.
+    # Independent of the folder.
+    assert {path.name for path in (tmp_path / "other").iterdir()} < names
 
 
-def test_scenes_have_draws_of_their_own(captures, asked):
+def test_scenes_have_independent_draws(captures, calls):
     captured.examples(captures, simulation=Simulation(sensor=SENSOR, draws=3, seed=5))
-    assert {call["draws"] for call in asked} == {3}
-    assert len({call["seed"] for call in asked}) == 4
+    assert {call["draws"] for call in calls} == {3}
+    assert len({call["seed"] for call in calls}) == 4
 
 
 @pytest.mark.parametrize("even", [False, True])
-def test_what_is_simulated_is_the_scene_by_the_sensor_that_was_given(captures, asked, even):
+def test_the_simulation_uses_scene_and_sensor(captures, calls, even):
     captured.example(captures.scenes[0], simulation=Simulation(sensor=SENSOR, even=even))
-    (call,) = asked
+    (call,) = calls
     assert call["sensor"] is SENSOR
     assert {body.texture is None for body in call["scene"].bodies} == {even}
 
@@ -216,29 +217,29 @@ def _with_pattern(path: Path) -> Simulation:
         {"sensor": with_values(SENSOR, [("imager.gain", 2.0)])},
     ],
 )
-def test_another_simulation_is_kept_apart(captures, asked, tmp_path, changed):
+def test_other_settings_have_other_cache_keys(captures, calls, tmp_path, changed):
     plain = Simulation(sensor=SENSOR, cache=tmp_path / "kept")
     scene = captures.scenes[0]
     captured.example(scene, simulation=plain)
     captured.example(scene, simulation=dataclasses.replace(plain, **changed))
-    assert len(asked) == 2
+    assert len(calls) == 2
     assert len(list((tmp_path / "kept").iterdir())) == 2
     captured.example(scene, simulation=plain)
-    assert len(asked) == 2
+    assert len(calls) == 2
 
 
-def test_another_mesh_in_the_same_file_is_simulated_anew(captures, asked, tmp_path):
+def test_a_changed_mesh_file_invalidates_the_cache(captures, calls, tmp_path):
     scene, simulation = captures.scenes[0], Simulation(sensor=SENSOR, cache=tmp_path / "kept")
     rows = ", ".join(str([float(i == j) for j in range(4)]) for i in range(4))
     (scene.path / "scene.toml").write_text(f'scene = "body.ply"\nleft_from_world = [{rows}]\n')
     for size in (0.2, 0.3):
         trimesh.creation.box((size, size, size)).export(scene.path / "body.ply")
         captured.example(scene, simulation=simulation)
-    assert len(asked) == 2
+    assert len(calls) == 2
 
 
 @pytest.mark.parametrize("name", ["truth.png", "0/ir_left.png", "scene.toml"])
-def test_another_scene_under_the_same_name_is_simulated_anew(captures, asked, tmp_path, name):
+def test_a_changed_scene_invalidates_the_cache(captures, calls, tmp_path, name):
     scene, simulation = captures.scenes[0], Simulation(sensor=SENSOR, cache=tmp_path / "kept")
     captured.example(scene, simulation=simulation)
     path = scene.path / name
@@ -250,16 +251,16 @@ def test_another_scene_under_the_same_name_is_simulated_anew(captures, asked, tm
         image[10, 30] += 1
         path.write_bytes(png.encode(image))
     captured.example(scene, simulation=simulation)
-    assert len(asked) == 2
+    assert len(calls) == 2
 
 
-def test_another_pattern_in_the_same_file_is_simulated_anew(captures, asked, tmp_path):
+def test_a_changed_pattern_file_invalidates_the_cache(captures, calls, tmp_path):
     path = tmp_path / "dots.png"
     for number in (1, 2):
         path.write_bytes(png.encode(np.full((32, 32), 100 + number, np.uint8)))
         simulation = dataclasses.replace(_with_pattern(path), cache=tmp_path / "kept")
         captured.example(captures.scenes[0], simulation=simulation)
-        assert len(asked) == number
+        assert len(calls) == number
 
 
 def _holes(share: float, counted: float) -> Example:
@@ -271,15 +272,15 @@ def _holes(share: float, counted: float) -> Example:
 
 
 def test_the_share_of_holes_is_the_mean_over_scenes():
-    """Scenes of a quarter and of all pixels count alike: 0.5 and 0.25 make 0.375."""
+    """Scenes with a quarter and with all pixels count equally: 0.5 and 0.25 average to 0.375."""
     assert captured.ndp_rate([_holes(0.5, 0.25), _holes(0.25, 1.0)]) == pytest.approx(0.375)
     nothing = dataclasses.replace(step_scene(0), counted=np.zeros(SHAPE, bool))
     with pytest.raises(InputError, match="counted must hold a pixel; got none in scene scene0"):
         captured.ndp_rate([nothing])
 
 
-def test_a_folder_to_keep_physics_in_is_named_once(tmp_path):
+def test_an_existing_cache_folder_is_kept(tmp_path):
     plain = Simulation(sensor=SENSOR)
-    kept = captured.caching(plain, tmp_path / "one")
-    assert kept.cache == tmp_path / "one"
-    assert captured.caching(kept, tmp_path / "two") is kept
+    remaining = captured.caching(plain, tmp_path / "one")
+    assert remaining.cache == tmp_path / "one"
+    assert captured.caching(remaining, tmp_path / "two") is remaining

@@ -1,4 +1,4 @@
-"""What networks see of a scene."""
+"""Input channels of networks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _with_physics(example: Example, **changes: Any) -> Example:
 
 
 def test_a_slanted_plane_has_its_gradient_and_incidence() -> None:
-    """A plane n . x = 1 is d = f b (n_x u + n_y v + n_z) in rays (u, v): all is known."""
+    """A plane n . x = 1 has d = f b (n_x u + n_y v + n_z) for rays (u, v)."""
     u = (np.arange(SHAPE[1]) - INFO.cx_px) / INFO.fx_px
     v = ((np.arange(SHAPE[0]) - INFO.cy_px) / INFO.fy_px)[:, None]
     normal = np.array([0.5, -0.25, 1.0])
@@ -45,19 +45,19 @@ def test_a_slanted_plane_has_its_gradient_and_incidence() -> None:
 
 
 @pytest.mark.parametrize("with_reflectance", [False, True])
-def test_physics_that_says_nothing_tells_the_share_of_holes_everywhere(
+def test_uninformative_physics_has_the_logit_of_the_share(
     with_reflectance: bool,
 ) -> None:
     order = channels.names(with_reflectance=with_reflectance, with_physics=True)
-    values = dict(channels.saying_nothing(0.2, with_reflectance=with_reflectance))
+    values = dict(channels.uninformative(0.2, with_reflectance=with_reflectance))
     assert {order[number] for number in values} == {*channels.PHYSICS, *channels.REASONS}
     logit = values.pop(order.index("logit")) / channels.LOGIT_SCALE
     assert 1 / (1 + np.exp(-logit)) == pytest.approx(0.2)
     assert set(values.values()) == {0.0}
 
 
-def test_turning_the_scene_upside_down_turns_the_channels_and_the_signs_of_the_odd_ones() -> None:
-    """What the augmentation takes for granted; the principal point lies in the middle."""
+def test_a_vertical_flip_flips_channels_and_signs() -> None:
+    """The assumption of the vertical flip; the principal point is at the centre."""
     example = step_scene(3)
     slanted = example.depth_m * np.linspace(1, 1.2, SHAPE[0], dtype=np.float32)[:, None]
     example = dataclasses.replace(example, depth_m=slanted)
@@ -73,7 +73,7 @@ def test_turning_the_scene_upside_down_turns_the_channels_and_the_signs_of_the_o
         np.testing.assert_allclose(over, sign * upright[::-1], atol=1e-4, err_msg=name)
 
 
-def test_unknown_reference_and_physics_leave_no_nan() -> None:
+def test_unknown_reference_and_physics_give_no_nan() -> None:
     example = step_scene(1)
     depth, reflectance = example.depth_m.copy(), np.full(SHAPE, 0.5, np.float32)
     depth[10:20, 5:30] = np.nan
@@ -109,14 +109,14 @@ def test_the_right_border_of_the_overlap_changes_sign() -> None:
         ({"physics": None}, "physics must be given"),
     ],
 )
-def test_refuses_what_is_missing_or_of_another_size(changes: Any, message: str) -> None:
+def test_missing_images_and_other_sizes_are_refused(changes: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         example = dataclasses.replace(step_scene(0), **changes)
         channels.channels(example, with_reflectance=True, with_physics=True)
 
 
 @pytest.mark.parametrize("name", ["ndp", "infrared", "contrast"])
-def test_refuses_physics_that_is_no_number(name: str) -> None:
+def test_physics_that_is_not_finite_is_refused(name: str) -> None:
     image = np.full(SHAPE, 0.5, np.float32)
     image[3, 4] = np.nan
     with pytest.raises(InputError, match=f"physics {name} must be finite.*1 pixels in scene0"):

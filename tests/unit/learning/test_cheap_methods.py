@@ -1,4 +1,4 @@
-"""The cheap methods behind the one interface; what cannot be learnt from; files of models."""
+"""Methods without networks: training, refusals, and model files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COUNTED = np.ones((HEIGHT, WIDTH), bool)
 
 
 def slanted_scene(seed: int):
-    """Facets at many angles; the chance of a hole is the squared sine of incidence."""
+    """Facets at many angles; the probability of a hole is the squared sine of incidence."""
     rng = np.random.default_rng(seed)
     ramp = 10 + rng.uniform(-0.5, 0.5) * (np.arange(WIDTH) - WIDTH / 2) / 6
     scene = example(np.broadcast_to(ramp, COUNTED.shape))
@@ -36,29 +36,29 @@ def slanted_scene(seed: int):
 def test_perfect_has_no_holes_and_needs_nothing(tmp_path):
     method: Method = Perfect()
     bare = example(flat())
-    told = method.fit([], folder=tmp_path, seed=0).probability(bare)
-    assert told.shape == (HEIGHT, WIDTH)
-    assert told.dtype == np.float32
-    assert not told.any()
+    report = method.fit([], folder=tmp_path, seed=0).probability(bare)
+    assert report.shape == (HEIGHT, WIDTH)
+    assert report.dtype == np.float32
+    assert not report.any()
     assert not list(tmp_path.iterdir())
-    assert_array_equal(Perfect().load(tmp_path).probability(bare), told)
+    assert_array_equal(Perfect().load(tmp_path).probability(bare), report)
 
 
-def test_simple_finds_the_law_of_the_angle(tmp_path):
+def test_simple_recovers_the_probability_by_angle(tmp_path):
     scenes, chances = zip(*[slanted_scene(seed) for seed in range(40)], strict=True)
     learnt = Simple().fit(scenes[1:], folder=tmp_path, seed=0)
     assert (np.diff(learnt.share) >= 0).all()
-    told = learnt.probability(scenes[0])
-    assert told.dtype == np.float32
-    # 7200 pixels a scene in half-degree bins: the shares are known to some 2 %.
-    assert_allclose(told, chances[0], atol=0.06)
-    assert abs(float(np.mean(told - chances[0]))) < 0.02
+    report = learnt.probability(scenes[0])
+    assert report.dtype == np.float32
+    # 7200 pixels a scene in half-degree bins determine the shares to about 2 %.
+    assert_allclose(report, chances[0], atol=0.06)
+    assert abs(float(np.mean(report - chances[0]))) < 0.02
     again = Simple().load(tmp_path)
-    assert_array_equal(again.probability(scenes[0]), told)
+    assert_array_equal(again.probability(scenes[0]), report)
 
 
-def test_simple_counts_scenes_alike(tmp_path):
-    """Half an image without holes, a whole one all holes: one half, not two thirds."""
+def test_simple_weights_scenes_equally(tmp_path):
+    """Half an image without holes and a whole one of holes average to one half, not two thirds."""
     half = COUNTED.copy()
     half[:, WIDTH // 2 :] = False  # The other half has the same angles.
     none = example(flat(), ndp=~COUNTED, counted=half)
@@ -72,39 +72,42 @@ def test_simple_counts_scenes_alike(tmp_path):
     ("examples", "message"),
     [
         ([], "examples must be at least one"),
-        ([example(flat())], "example must have the device's holes to be learnt from; got scene a"),
+        (
+            [example(flat())],
+            "example must have the device's holes for training and evaluation; got scene a",
+        ),
         ([example(flat(), ndp=COUNTED)], "example must have the device's holes"),
-        ([example(flat(), ndp=~COUNTED, counted=COUNTED)], "got 0 of 7200. Take scenes with both"),
+        ([example(flat(), ndp=~COUNTED, counted=COUNTED)], "got 0 of 7200. Use scenes with both"),
         ([example(flat(), ndp=COUNTED, counted=COUNTED)], "got 7200 of 7200"),
         ([example(flat(), ndp=COUNTED, counted=~COUNTED)], "counted must hold a pixel"),
         ([example(flat(), ndp=COUNTED[:5], counted=COUNTED)], "must share one shape"),
     ],
 )
-def test_what_teaches_nothing_is_refused_in_one_line(method, examples, message, tmp_path):
+def test_uninformative_examples_are_refused_in_one_line(method, examples, message, tmp_path):
     with pytest.raises(InputError, match=message) as caught:
         method.fit(examples, folder=tmp_path, seed=0)
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
 
-def test_scenes_without_holes_beside_others_are_welcome():
+def test_some_scenes_may_have_no_holes():
     none = example(box(50, 90), ndp=~COUNTED, counted=COUNTED)
     check_learnable([none, example(flat(), ndp=COUNTED, counted=COUNTED)])
 
 
-def test_models_come_back_and_a_newer_one_takes_the_older_s_place(tmp_path):
+def test_models_are_saved_loaded_and_replaced(tmp_path):
     arrays = {"a": np.arange(3), "b": np.array(["x", "yy"])}
     folder = tmp_path / "made"
     for offset in (0, 1):
         path = model_file.write(folder, "kind", 2, {**arrays, "a": arrays["a"] + offset})
     assert path == folder / "kind.npz"
-    found = model_file.read(folder, "kind", 2)
-    assert_array_equal(found["a"], [1, 2, 3])
-    assert found["b"].tolist() == ["x", "yy"]
+    result = model_file.read(folder, "kind", 2)
+    assert_array_equal(result["a"], [1, 2, 3])
+    assert result["b"].tolist() == ["x", "yy"]
     assert [item.name for item in folder.iterdir()] == ["kind.npz"]
 
 
-def test_a_model_that_is_missing_of_another_kind_or_damaged_is_refused(tmp_path):
+def test_missing_other_and_damaged_models_are_refused(tmp_path):
     with pytest.raises(InputError, match="model must exist"):
         model_file.read(tmp_path, "kind", 1)
     path = model_file.write(tmp_path, "kind", 1, {"a": np.arange(1000.0)})
@@ -122,7 +125,7 @@ def test_a_model_that_is_missing_of_another_kind_or_damaged_is_refused(tmp_path)
 
 
 def test_a_model_with_python_objects_is_not_loaded(tmp_path):
-    """Objects come as pickles, which run what their writer put in."""
+    """Objects are pickles, which can run arbitrary code."""
     path = model_file.path_of(tmp_path, "kind")
     objects = np.array([{"code": 1}], dtype=object)
     np.savez(path, kind=np.array("kind"), version=np.array(1), a=objects, allow_pickle=True)
@@ -130,7 +133,7 @@ def test_a_model_with_python_objects_is_not_loaded(tmp_path):
         model_file.read(tmp_path, "kind", 1)
 
 
-def test_a_model_without_its_arrays_or_of_other_features_is_refused(tmp_path):
+def test_models_without_arrays_or_with_other_features_are_refused(tmp_path):
     model_file.write(tmp_path, "simple", 1, {"share": np.zeros(3)})
     with pytest.raises(InputError, match="without angle_deg"):
         Simple().load(tmp_path)
@@ -138,11 +141,11 @@ def test_a_model_without_its_arrays_or_of_other_features_is_refused(tmp_path):
     others = {"root": np.zeros(1), "start": np.zeros(()), "recalibration": np.ones(2)}
     known = {"names": np.array(["warmth"]), "projector_x_m": np.array(np.nan)}
     model_file.write(tmp_path, "trees", 1, {**whole, **others, **known})
-    with pytest.raises(InputError, match="trees must be learnt from the features"):
+    with pytest.raises(InputError, match="trees must be trained on the features"):
         Trees().load(tmp_path)
 
 
-def test_methods_load_no_scikit_learn_before_they_learn():
+def test_scikit_learn_is_imported_for_training_only():
     code = (
         "import sys, starling.learning.methods.trees, starling.learning.methods.simple;"
         "print([m for m in ('sklearn', 'torch', 'mitsuba', 'drjit') if m in sys.modules])"

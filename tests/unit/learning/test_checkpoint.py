@@ -1,4 +1,4 @@
-"""Files of learnt weights: whole or refused."""
+"""Weight files: saving, loading and refusals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "new folder" / "kept.pt"
 
 
-def test_gives_back_what_was_saved(path: Path) -> None:
+def test_saved_content_is_loaded(path: Path) -> None:
     content = checkpoint.load(path, "network")
     assert torch.equal(content["weights"]["a"], CONTENT["weights"]["a"])
     assert content["step"] == 3
@@ -32,7 +32,7 @@ def test_gives_back_what_was_saved(path: Path) -> None:
 def test_refuses_a_truncated_file(path: Path, share: float) -> None:
     data = path.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
-    with pytest.raises(InputError, match=r"whole file of learnt weights; got .* Train again"):
+    with pytest.raises(InputError, match=r"complete file of trained weights; got .* Train again"):
         checkpoint.load(path, "network")
 
 
@@ -40,11 +40,11 @@ def test_refuses_a_file_damaged_in_its_middle(path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 0xFF
     path.write_bytes(data)
-    with pytest.raises(InputError, match="whole file of learnt weights"):
+    with pytest.raises(InputError, match="complete file of trained weights"):
         checkpoint.load(path, "network")
 
 
-def test_refuses_what_is_missing(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"must exist; got .*none\.pt\. Train first"):
         checkpoint.load(tmp_path / "none.pt", "network")
 
@@ -60,7 +60,7 @@ def test_refuses_another_kind(path: Path) -> None:
         checkpoint.load(path, "hybrid")
 
 
-def test_refuses_weights_of_somebody_else(path: Path) -> None:
+def test_a_file_of_another_program_is_refused(path: Path) -> None:
     torch.save({"weights": torch.zeros(2)}, path)
     with pytest.raises(InputError, match="written by this program"):
         checkpoint.load(path, "network")
@@ -71,9 +71,9 @@ class _Command:
         return os.system, ("exit 1",)
 
 
-def test_runs_no_code_from_a_file(path: Path) -> None:
+def test_code_in_a_file_is_not_run(path: Path) -> None:
     torch.save({"content": _Command()}, path)
-    with pytest.raises(InputError, match="whole file of learnt weights"):
+    with pytest.raises(InputError, match="complete file of trained weights"):
         checkpoint.load(path, "network")
 
 
@@ -90,12 +90,12 @@ def test_a_failed_write_leaves_the_old_file(path: Path, monkeypatch: pytest.Monk
 
 
 def test_restores_weights_that_fit() -> None:
-    kept, network = nn.Linear(3, 2), nn.Linear(3, 2)
-    checkpoint.restore(network, kept.state_dict())
-    assert torch.equal(network.weight, kept.weight)
+    remaining, network = nn.Linear(3, 2), nn.Linear(3, 2)
+    checkpoint.restore(network, remaining.state_dict())
+    assert torch.equal(network.weight, remaining.weight)
 
 
-@pytest.mark.parametrize("other", [nn.Linear(4, 2), nn.Linear(3, 2, bias=False), nn.PReLU()])
-def test_refuses_weights_that_do_not_fit(other: nn.Module) -> None:
+@pytest.mark.parametrize("network", [nn.Linear(4, 2), nn.Linear(3, 2, bias=False), nn.PReLU()])
+def test_weights_of_another_shape_are_refused(network: nn.Module) -> None:
     with pytest.raises(InputError, match=r"checkpoint must have .* of shape"):
-        checkpoint.restore(nn.Linear(3, 2), other.state_dict())
+        checkpoint.restore(nn.Linear(3, 2), network.state_dict())

@@ -1,4 +1,4 @@
-"""`starling compare --methods`: holes that methods draw beside the device's."""
+"""`starling compare --methods`: sampled holes compared with the device's."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Device:
 
 
 class Half:
-    """A predictor that tells the same probability everywhere."""
+    """A predictor with one probability for all pixels."""
 
     def probability(self, example: Example) -> Image:
         return np.full(example.depth_m.shape, 0.5, np.float32)
@@ -53,16 +53,16 @@ def captures(tmp_path: Path) -> CaptureSet:
 
 @pytest.fixture
 def titles(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
-    """Titles of the panels of the sheet that is drawn, by row; drawing itself takes time."""
-    found: list[list[str]] = []
+    """Titles of the panels of the drawn sheet, by row; drawing is skipped because it is slow."""
+    result: list[list[str]] = []
 
     def spied(rows, shape, **_):
         assert shape == SHAPE
-        found.extend([panel.draw.keywords["title"] for panel in row] for row in rows)
+        result.extend([panel.draw.keywords["title"] for panel in row] for row in rows)
         return b"picture"
 
     monkeypatch.setattr(sheet, "draw", spied)
-    return found
+    return result
 
 
 def _mean_share(captures: CaptureSet) -> float:
@@ -70,28 +70,29 @@ def _mean_share(captures: CaptureSet) -> float:
 
 
 @pytest.mark.usefixtures("titles")
-def test_a_perfect_camera_draws_no_hole(captures):
-    found, _ = compare_methods.compare_methods(captures, {"perfect": PerfectPredictor()})
-    assert found["real"] == {"ndp_rate": pytest.approx(_mean_share(captures))}
-    perfect = found["methods"]["perfect"]
+def test_a_perfect_camera_has_no_holes(captures):
+    result, _ = compare_methods.compare_methods(captures, {"perfect": PerfectPredictor()})
+    assert result["real"] == {"ndp_rate": pytest.approx(_mean_share(captures))}
+    perfect = result["methods"]["perfect"]
     assert (perfect["ndp_rate"], perfect["ndp_iou"], perfect["auc"]) == (0, 0, 0.5)
-    assert all(math.isnan(perfect[name]) for name in DISTANCES)  # No hole has no distribution.
-    said = json.loads(record.dumps(found))
-    assert said["methods"]["perfect"]["area_ks"] is None
+    # Without holes there is no distribution.
+    assert all(math.isnan(perfect[name]) for name in DISTANCES)
+    message = json.loads(record.dumps(result))
+    assert message["methods"]["perfect"]["area_ks"] is None
 
 
 @pytest.mark.usefixtures("titles")
-def test_the_device_s_own_holes_are_at_no_distance(captures):
-    found, _ = compare_methods.compare_methods(captures, {"device": Device()})
-    device = found["methods"]["device"]
-    assert device["ndp_rate"] == pytest.approx(found["real"]["ndp_rate"])
+def test_the_device_has_no_distance_from_itself(captures):
+    result, _ = compare_methods.compare_methods(captures, {"device": Device()})
+    device = result["methods"]["device"]
+    assert device["ndp_rate"] == pytest.approx(result["real"]["ndp_rate"])
     assert [device[name] for name in ("ndp_iou", "auc", "brier")] == [1, 1, 0]
     assert {device[name] for name in DISTANCES} == {0.0}
 
 
 @pytest.mark.usefixtures("titles")
-def test_physics_that_never_has_depth_draws_holes_everywhere(captures, monkeypatch):
-    """Share 1 in all draws is told as nearly 1, above the threshold of sure holes."""
+def test_physics_without_depth_has_holes_everywhere(captures, monkeypatch):
+    """A share of 1 in all draws gives a probability of nearly 1, above the threshold."""
     physics = step_scene(0).physics
     assert physics is not None
     nothing = dataclasses.replace(
@@ -103,42 +104,45 @@ def test_physics_that_never_has_depth_draws_holes_everywhere(captures, monkeypat
     )
     monkeypatch.setattr(simulated, "physics", lambda *_, **__: nothing)
     methods = {"physics": SimulatedPredictor()}
-    found, _ = compare_methods.compare_methods(captures, methods, simulation=SIMULATION)
-    physics_figures = found["methods"]["physics"]
+    result, _ = compare_methods.compare_methods(captures, methods, simulation=SIMULATION)
+    physics_figures = result["methods"]["physics"]
     assert physics_figures["ndp_rate"] == 1
-    # Scenes count the same number of pixels: what is common is the device's share.
-    assert physics_figures["ndp_iou"] == pytest.approx(found["real"]["ndp_rate"])
+    # All scenes have the same number of counted pixels.
+    assert physics_figures["ndp_iou"] == pytest.approx(result["real"]["ndp_rate"])
     counted = captured.examples(captures)[0].counted
     assert counted is not None
     real = [holes.measure(*known_holes(e)) for e in captured.examples(captures)]
-    one = holes.measure(counted, counted)
-    distance = holes.distance(one.area_px, holes.pool(real).area_px)
+    item = holes.measure(counted, counted)
+    distance = holes.distance(item.area_px, holes.pool(real).area_px)
     assert physics_figures["area_ks"] == pytest.approx(distance.kolmogorov_smirnov)
 
 
 @pytest.mark.usefixtures("titles")
-def test_half_the_pixels_are_drawn_at_a_half_and_a_seed_fixes_which(captures):
-    """Noise of 9 px on images of 64x48 px has some 38 independent patches, so that the share of a
-    half deviates by 8 %, and the mean of ten draws by 2.6 %; held to three times that."""
+def test_a_probability_of_one_half_gives_half_of_the_pixels_by_seed(captures):
+    """Noise of 9 px has about 38 independent patches in images of 64x48 px.
+
+    The standard deviation of the share is 8 %, and 2.6 % for the mean of ten draws. The tolerance
+    is three times that.
+    """
     methods = {"half": Half()}
-    told = [
+    report = [
         compare_methods.compare_methods(captures, methods, seed=seed)[0]["methods"]["half"]
         for seed in (*range(10), 0)
     ]
-    assert np.mean([one["ndp_rate"] for one in told[:10]]) == pytest.approx(0.5, abs=0.08)
-    assert told[0] == told[10]
-    assert len({one["ndp_iou"] for one in told}) == 10
-    assert {one["auc"] for one in told} == {0.5}  # Of the probability, which draws nothing.
+    assert np.mean([item["ndp_rate"] for item in report[:10]]) == pytest.approx(0.5, abs=0.08)
+    assert report[0] == report[10]
+    assert len({item["ndp_iou"] for item in report}) == 10
+    assert {item["auc"] for item in report} == {0.5}  # AUC of the probability, before sampling.
 
 
-def test_scenes_have_noise_of_their_own(captures, monkeypatch):
+def test_scenes_have_independent_noise(captures, monkeypatch):
     drawn = []
     measure = holes.measure
     monkeypatch.setattr(
         holes, "measure", lambda ndp, where: drawn.append(ndp) or measure(ndp, where)
     )
     compare_methods.compare_methods(captures, {"half": Half()})
-    masks = drawn[1::2]  # The device's and the method's in turn.
+    masks = drawn[1::2]  # Alternating masks of the device and the method.
     assert len({mask.tobytes() for mask in masks}) == len(captures.scenes)
 
 
@@ -146,14 +150,14 @@ def test_the_first_four_scenes_are_shown_with_the_device_and_every_method(tmp_pa
     rooms = (*capture_sets.ROOMS, "vault")
     captures = open_set(capture_sets.write(tmp_path / "set", rooms=rooms))
     methods = {"perfect": PerfectPredictor(), "half": Half()}
-    found, picture = compare_methods.compare_methods(captures, methods)
-    assert list(found["methods"]) == ["perfect", "half"]
+    result, picture = compare_methods.compare_methods(captures, methods)
+    assert list(result["methods"]) == ["perfect", "half"]
     assert picture == b"picture"
     assert titles == [[f"{name}: device", "perfect", "half"] for name in capture_sets.SCENES]
 
 
-def test_the_picture_is_a_png_as_large_as_its_panels(tmp_path):
-    """One method less is a column less: columns of one width, rows of one height."""
+def test_the_picture_is_a_png_with_the_size_of_its_panels(tmp_path):
+    """One method less is one column less."""
     shapes = {}
     for rooms in (1, 2):
         path = capture_sets.write(tmp_path / f"{rooms}", rooms=capture_sets.ROOMS[:rooms])
@@ -171,12 +175,12 @@ def test_the_picture_is_a_png_as_large_as_its_panels(tmp_path):
     assert widths[1] / widths[0] == pytest.approx(1.5, rel=0.05)
 
 
-def test_only_what_builds_on_physics_has_the_simulator_s_errors(captures, monkeypatch):
-    """Simulated 0.5 px too near everywhere: physics draws f b / (d + 0.5), perfect f b / d."""
+def test_only_methods_with_physics_have_the_errors_of_the_simulator(captures, monkeypatch):
+    """Simulated 0.5 px too near everywhere: physics gives f b / (d + 0.5), perfect f b / d."""
     drawn = []
     info = captures.info
 
-    def made(*_: object, **__: object) -> Physics:
+    def built(*_: object, **__: object) -> Physics:
         physics = step_scene(0).physics
         assert physics is not None
         disparity = info.disparity_px(capture_sets.drawn(0)[0]) + np.float32(0.5)
@@ -186,11 +190,11 @@ def test_only_what_builds_on_physics_has_the_simulator_s_errors(captures, monkey
         drawn.extend(panel.draw.keywords["depth_m"] for panel in rows[0])
         return b""
 
-    monkeypatch.setattr(simulated, "physics", made)
+    monkeypatch.setattr(simulated, "physics", built)
     monkeypatch.setattr(sheet, "draw", spied)
-    one = dataclasses.replace(captures, scenes=captures.scenes[:1])
+    item = dataclasses.replace(captures, scenes=captures.scenes[:1])
     methods = {"physics": PerfectPredictor(), "perfect": PerfectPredictor()}
-    compare_methods.compare_methods(one, methods, simulation=SIMULATION)
+    compare_methods.compare_methods(item, methods, simulation=SIMULATION)
     device, physics, perfect = drawn
     known = np.isfinite(perfect)
     assert np.isnan(device).any() and known[capture_sets.UNKNOWN.stop :].all()
@@ -203,9 +207,9 @@ def test_only_what_builds_on_physics_has_the_simulator_s_errors(captures, monkey
 def test_methods_are_names_or_folders_of_trained_models(tmp_path):
     captures = capture_sets.write(tmp_path / "set")
     train_captures("simple", str(captures), tmp_path / "model")
-    found = compare_methods.predictors(["physics", str(tmp_path / "model"), "perfect"])
-    assert list(found) == ["physics", "simple", "perfect"]
-    assert found["physics"] == SimulatedPredictor()
+    result = compare_methods.predictors(["physics", str(tmp_path / "model"), "perfect"])
+    assert list(result) == ["physics", "simple", "perfect"]
+    assert result["physics"] == SimulatedPredictor()
     for again in ("perfect", "perfect"), (str(tmp_path / "model"),) * 2:
         name = "perfect" if again[0] == "perfect" else "simple"
         with pytest.raises(InputError) as caught:
@@ -216,7 +220,7 @@ def test_methods_are_names_or_folders_of_trained_models(tmp_path):
 
 
 def test_physics_without_a_simulation_is_refused(captures):
-    with pytest.raises(InputError, match="physics must be given to a method that builds on it"):
+    with pytest.raises(InputError, match="physics must be given for a method that uses it"):
         compare_methods.compare_methods(captures, {"physics": SimulatedPredictor()})
 
 

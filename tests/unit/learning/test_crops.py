@@ -14,21 +14,21 @@ from hypothesis import strategies as st
 
 from starling.learning.data.example import Example
 from starling.learning.networks.training import samples
-from starling.learning.networks.training.samples import Sample
+from starling.learning.networks.training.samples import SceneSample
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
 
 WIDE = (200, 300)
 
 
-def _sample(number: int, shape: tuple[int, int] = WIDE, room: str = "") -> Sample:
-    """Channels: which scene, column, row (odd)."""
+def _sample(number: int, shape: tuple[int, int] = WIDE, room: str = "") -> SceneSample:
+    """Channels: number of the scene, column, row (odd)."""
     rows, columns = np.indices(shape, dtype=np.float32)
     seen = np.stack([np.full(shape, number, np.float32), columns, rows + 1])
     counted = np.ones(shape, bool)
     name = f"scene{number}"
-    return Sample(
-        scene=name, room=room or name, seen=seen, odd=(2,), target=rows + 1, counted=counted
+    return SceneSample(
+        scene=name, room=room or name, inputs=seen, odd=(2,), target=rows + 1, counted=counted
     )
 
 
@@ -38,36 +38,36 @@ _draw = partial(samples.draw, SAMPLES, count=4, crop_px=(80, 160), hidden=0.0, s
 
 def test_every_scene_is_drawn_equally_often() -> None:
     drawn = Counter(
-        int(number) for step in range(25) for number in _draw(step=step).seen[:, 0, 0, 0]
+        int(number) for step in range(25) for number in _draw(step=step).inputs[:, 0, 0, 0]
     )
     assert drawn == {number: 20 for number in range(5)}
 
 
-def test_the_order_is_another_each_time_round() -> None:
-    orders = {tuple(int(x) for x in _draw(count=5, step=i).seen[:, 0, 0, 0]) for i in range(8)}
+def test_the_order_differs_between_epochs() -> None:
+    orders = {tuple(int(x) for x in _draw(count=5, step=i).inputs[:, 0, 0, 0]) for i in range(8)}
     assert len(orders) > 4
 
 
 @settings(max_examples=20)
 @given(st.integers(0, 1000))
-def test_crops_are_turned_upside_down_and_never_mirrored(step: int) -> None:
+def test_crops_are_flipped_vertically_and_never_mirrored(step: int) -> None:
     batch = _draw(step=step)
-    assert (batch.seen[:, 1].diff(dim=-1) == 1).all()
+    assert (batch.inputs[:, 1].diff(dim=-1) == 1).all()
     down = batch.target[:, 0].diff(dim=1)
     upside_down = down[:, 0, 0] < 0
     assert (down == torch.where(upside_down, -1.0, 1.0)[:, None, None]).all()
-    # The odd channel went along and changed its sign.
-    odd = batch.seen[:, 2] * torch.where(upside_down, -1.0, 1.0)[:, None, None]
+    # The odd channel is flipped and has changed its sign.
+    odd = batch.inputs[:, 2] * torch.where(upside_down, -1.0, 1.0)[:, None, None]
     assert torch.equal(odd, batch.target[:, 0])
 
 
-def test_about_half_are_turned() -> None:
+def test_about_half_are_flipped() -> None:
     turned = [float(_draw(step=i).target[0, 0, :2, 0].diff()) < 0 for i in range(200)]
     assert 70 < sum(turned) < 130
 
 
-def test_about_half_hide_what_may_be_hidden_and_nothing_else() -> None:
-    hiding = [dataclasses.replace(one, hideable=((0, -7.0), (2, 0.0))) for one in SAMPLES]
+def test_about_half_hide_the_hideable_channels_only() -> None:
+    hiding = [dataclasses.replace(sample, hideable=((0, -7.0), (2, 0.0))) for sample in SAMPLES]
     open_, hidden = 0, 0
     for step in range(50):
         plain = _draw(step=step)
@@ -76,30 +76,30 @@ def test_about_half_hide_what_may_be_hidden_and_nothing_else() -> None:
         )
         assert torch.equal(some.target, plain.target)
         assert torch.equal(some.counted, plain.counted)
-        assert torch.equal(some.seen[:, 1], plain.seen[:, 1])
-        for crop, whole in zip(some.seen, plain.seen, strict=True):
+        assert torch.equal(some.inputs[:, 1], plain.inputs[:, 1])
+        for crop, whole in zip(some.inputs, plain.inputs, strict=True):
             open_ += torch.equal(crop, whole)
             hidden += bool((crop[0] == -7).all() and (crop[2] == 0).all())
     assert open_ + hidden == 200
     assert 70 < hidden < 130
-    assert all((sample.seen[2] > 0).all() for sample in hiding)  # The scenes stay as they were.
+    assert all((sample.inputs[2] > 0).all() for sample in hiding)  # The scenes do not change.
 
 
-def test_a_step_draws_the_same_whatever_came_before() -> None:
-    first, again, other = _draw(step=7), _draw(step=7), _draw(step=8)
-    assert torch.equal(first.seen, again.seen)
+def test_the_draw_of_a_step_does_not_depend_on_earlier_steps() -> None:
+    first, again, second = _draw(step=7), _draw(step=7), _draw(step=8)
+    assert torch.equal(first.inputs, again.inputs)
     assert torch.equal(first.counted, again.counted)
-    assert not torch.equal(first.seen, other.seen)
-    assert not torch.equal(first.seen, _draw(step=7, part="device").seen)
-    assert not torch.equal(first.seen, _draw(step=7, seed=1).seen)
+    assert not torch.equal(first.inputs, second.inputs)
+    assert not torch.equal(first.inputs, _draw(step=7, part="device").inputs)
+    assert not torch.equal(first.inputs, _draw(step=7, seed=1).inputs)
 
 
 @settings(max_examples=30)
 @given(st.integers(0, 1000))
-def test_pixels_near_a_cut_do_not_count_and_those_at_the_image_border_do(step: int) -> None:
+def test_pixels_near_a_cut_do_not_count_but_those_at_the_image_border_do(step: int) -> None:
     batch = _draw(step=step, count=1)
-    rows, columns = batch.target[0, 0] - 1, batch.seen[0, 1]
-    margin_rows, margin_columns = 20, 32  # A quarter of 80, and the most.
+    rows, columns = batch.target[0, 0] - 1, batch.inputs[0, 1]
+    margin_rows, margin_columns = 20, 32  # A quarter of 80, and the greatest margin.
     expected = torch.ones_like(rows, dtype=torch.bool)
     if rows.min() > 0:
         expected &= rows >= rows.min() + margin_rows
@@ -122,7 +122,7 @@ def test_images_smaller_than_a_crop_are_taken_whole() -> None:
         step=0,
         part="crops",
     )
-    assert batch.seen.shape == (2, 3, 20, 30)
+    assert batch.inputs.shape == (2, 3, 20, 30)
     assert batch.counted.all()
 
 
@@ -135,18 +135,18 @@ def test_the_digest_changes_with_a_pixel_and_a_name() -> None:
     assert samples.digest([_sample(0)]) == numbers[0]
 
 
-def test_share_weighs_scenes_alike() -> None:
+def test_share_weights_scenes_equally() -> None:
     few, many = _sample(0, (10, 10)), _sample(1, (10, 10))
     few.target[:], many.target[:] = 1, 0
     few.counted[1:] = False
     assert samples.share([few, many]) == 0.5
 
 
-def _collect(*examples: Example) -> list[Sample]:
+def _collect(*examples: Example) -> list[SceneSample]:
     def depth(example: Example) -> np.ndarray:
         return example.depth_m[None]
 
-    return samples.collect(examples, depth, odd=(), wanted=lambda e: np.asarray(e.ndp))
+    return samples.collect(examples, depth, odd=(), target=lambda e: np.asarray(e.ndp))
 
 
 def _all_ndp(value: bool) -> Example:
@@ -160,7 +160,7 @@ def _of_another_size() -> Example:
     return dataclasses.replace(step_scene(1), info=info, depth_m=depth, **images)
 
 
-def test_samples_take_over_what_counts() -> None:
+def test_samples_have_the_counted_pixels() -> None:
     (sample,) = _collect(step_scene(0))
     assert sample.target.dtype == np.float32
     np.testing.assert_array_equal(sample.target, step_scene(0).ndp)
@@ -174,10 +174,15 @@ def test_samples_take_over_what_counts() -> None:
         ([_all_ndp(True)], "must be some and not all of the counted ones"),
         ([_all_ndp(False)], "must be some and not all of the counted ones; got 0 of"),
         ([dataclasses.replace(step_scene(0), ndp=None)], "must have the device's holes"),
-        ([step_scene(0), _of_another_size()], "size learnt from, 64x48; got 32x48 in scene1"),
+        (
+            [step_scene(0), _of_another_size()],
+            "size of the training scenes, 64x48; got 32x48 in scene1",
+        ),
     ],
 )
-def test_refuses_what_cannot_be_learnt_from(examples: list[Example], message: str) -> None:
+def test_examples_that_cannot_be_learnt_from_are_refused(
+    examples: list[Example], message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         _collect(*examples)
 

@@ -1,4 +1,4 @@
-"""`starling evaluate`: methods judged on rooms that they have not learnt from."""
+"""`starling evaluate`: evaluation of methods on held-out rooms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.testing import assert_array_equal
 
 from starling.learning import registry
 from starling.learning.commands import work_folder
-from starling.learning.commands.evaluate_captures import FOLDS, Plan, evaluate_captures
+from starling.learning.commands.evaluate_captures import FOLDS, EvaluationPlan, evaluate_captures
 from starling.learning.commands.train_captures import PHYSICS, train_captures
 from starling.learning.data import captured, simulated
 from starling.learning.data.captured import Simulation
@@ -31,18 +31,18 @@ from tests.unit.learning import capture_sets
 from tests.unit.learning.step_scenes import step_scene
 
 ROOMS = capture_sets.ROOMS
-SIMPLE = Plan(methods=("simple",))
+SIMPLE = EvaluationPlan(methods=("simple",))
 
 
 @dataclasses.dataclass
 class Spy:
-    """A method that notes what it learns from and is asked; it sees holes dimly."""
+    """A method that records its training and prediction calls; it predicts holes weakly."""
 
     fits: list[tuple[str, ...]] = dataclasses.field(default_factory=list)
     folders: list[Path] = dataclasses.field(default_factory=list)
-    asked: list[tuple[str, tuple[str, ...]]] = dataclasses.field(default_factory=list)
-    breaks_at: str | None = None  # The room at which it is cut short.
-    given: list[bool] = dataclasses.field(default_factory=list)  # Whether there was physics.
+    predictions: list[tuple[str, tuple[str, ...]]] = dataclasses.field(default_factory=list)
+    fails_at: str | None = None  # Room at which the training is interrupted.
+    had_physics: list[bool] = dataclasses.field(default_factory=list)  # Whether there was physics.
     name: str = "spy"
 
     def fit(self, examples: Sequence[Example], *, folder: Path, seed: int, track: Any) -> Learnt:
@@ -54,16 +54,16 @@ class Spy:
 
 @dataclasses.dataclass
 class Learnt:
-    """What the spy has learnt, which is different for each choice of rooms."""
+    """Predictor of the spy, which depends on the training rooms."""
 
     spy: Spy
     rooms: tuple[str, ...]
 
     def probability(self, example: Example) -> Image:
-        if example.room == self.spy.breaks_at:
+        if example.room == self.spy.fails_at:
             raise KeyboardInterrupt
-        self.spy.asked.append((example.room, self.rooms))
-        self.spy.given.append(example.physics is not None)
+        self.spy.predictions.append((example.room, self.rooms))
+        self.spy.had_physics.append(example.physics is not None)
         rng = np.random.default_rng(len(self.rooms))
         assert example.ndp is not None
         return (0.3 * example.ndp + 0.7 * rng.random(example.ndp.shape)).astype(np.float32)
@@ -76,120 +76,124 @@ def captures(tmp_path: Path) -> str:
 
 @pytest.fixture
 def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
-    """Take the place of every method."""
-    one = Spy()
-    monkeypatch.setattr(registry, "method", lambda name, *, steps=None, start=None: one)
-    return one
+    """Replace every method by the spy."""
+    item = Spy()
+    monkeypatch.setattr(registry, "method", lambda name, *, steps=None, start=None: item)
+    return item
 
 
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Draw nothing: pictures take most of the time."""
+    """Skip the slow drawing of pictures."""
     monkeypatch.setattr(pictures, "curves", lambda _: b"curves")
     monkeypatch.setattr(pictures, "scenes", lambda _: b"scenes")
 
 
 def figures(result: dict) -> dict:
-    """What does not depend on place and time."""
+    """Results that do not depend on place and time."""
     return {key: value for key, value in result.items() if key not in ("out", "seconds")}
 
 
-def test_an_evaluation_leaves_figures_pictures_and_what_was_told(captures, tmp_path):
+def test_an_evaluation_writes_figures_pictures_and_predictions(captures, tmp_path):
     out = tmp_path / "out"
-    plan = Plan(methods=("perfect", "simple"), held=("hall", "attic"))
-    found = evaluate_captures(captures, out, plan, asked={"draws": 8})
-    assert list(found["methods"]) == ["perfect", "simple"]
-    assert list(found["rooms"]) == ["attic", "hall"]
-    assert found["methods"]["perfect"]["auc"] == 0.5
-    gain = found["differences"]["simple"]["perfect"]["auc"]["mean"]
-    assert gain == pytest.approx(found["methods"]["simple"]["auc"] - 0.5)
+    plan = EvaluationPlan(methods=("perfect", "simple"), held=("hall", "attic"))
+    result = evaluate_captures(captures, out, plan, options={"draws": 8})
+    assert list(result["methods"]) == ["perfect", "simple"]
+    assert list(result["rooms"]) == ["attic", "hall"]
+    assert result["methods"]["perfect"]["auc"] == 0.5
+    gain = result["differences"]["simple"]["perfect"]["auc"]["mean"]
+    assert gain == pytest.approx(result["methods"]["simple"]["auc"] - 0.5)
     files = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
-    told = {
+    report = {
         f"{FOLDS}/{room}/{name}/{room}-view.png"
         for room in ("hall", "attic")
         for name in plan.methods
     }
     models = {f"{FOLDS}/{room}/simple/simple.npz" for room in ("hall", "attic")}
-    assert files == {RECORD, "curves.png", "scenes.png", *told, *models}
+    assert files == {RECORD, "curves.png", "scenes.png", *report, *models}
     for name in ("curves.png", "scenes.png"):
         assert (out / name).read_bytes().startswith(b"\x89PNG")
     record = json.loads((out / RECORD).read_text())
     assert record["verb"] == "evaluate"
     assert record["arguments"]["plan"]["held"] == ["hall", "attic"]
     assert record["arguments"]["draws"] == 8
-    assert record["figures"] == json.loads(json.dumps(figures(found)))
+    assert record["figures"] == json.loads(json.dumps(figures(result)))
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_each_room_is_judged_by_what_was_learnt_from_the_others(captures, tmp_path, spy):
-    evaluate_captures(captures, tmp_path / "out", Plan(methods=("spy",)))
-    assert [room for room, _ in spy.asked] == list(ROOMS)
-    for (room, rooms), folder in zip(spy.asked, spy.folders, strict=True):
+def test_each_room_is_evaluated_by_training_on_the_others(captures, tmp_path, spy):
+    evaluate_captures(captures, tmp_path / "out", EvaluationPlan(methods=("spy",)))
+    assert [room for room, _ in spy.predictions] == list(ROOMS)
+    for (room, rooms), folder in zip(spy.predictions, spy.folders, strict=True):
         assert set(rooms) == set(ROOMS) - {room}
         assert folder == tmp_path / "out" / FOLDS / room / "spy"
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_fewer_rooms_are_the_next_ones(captures, tmp_path, spy):
-    plan = Plan(methods=("spy",), learn_from=1, held=("study", "attic"))
+def test_fewer_training_rooms_are_the_next_ones(captures, tmp_path, spy):
+    plan = EvaluationPlan(methods=("spy",), learn_from=1, held=("study", "attic"))
     evaluate_captures(captures, tmp_path / "out", plan)
-    assert spy.asked == [("study", ("attic",)), ("attic", ("cellar",))]
+    assert spy.predictions == [("study", ("attic",)), ("attic", ("cellar",))]
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_what_is_told_is_kept_in_16_bits_and_judged_as_it_is_kept(captures, tmp_path, spy):
+def test_predictions_are_stored_and_scored_in_16_bits(captures, tmp_path, spy):
     out = tmp_path / "out"
-    evaluate_captures(captures, out, Plan(methods=("spy",)))
+    evaluate_captures(captures, out, EvaluationPlan(methods=("spy",)))
     example = captured.examples(open_set(captures), rooms=("hall",))[0]
-    told = Learnt(spy, ("a", "b", "c")).probability(example)
-    kept = png.read(out / FOLDS / "hall" / "spy" / "hall-view.png", "probability")
-    assert_array_equal(kept, np.round(told * 65535).astype(np.uint16))
+    report = Learnt(spy, ("a", "b", "c")).probability(example)
+    remaining = png.read(out / FOLDS / "hall" / "spy" / "hall-view.png", "probability")
+    assert_array_equal(remaining, np.round(report * 65535).astype(np.uint16))
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_models_are_asked_as_they_are(captures, tmp_path):
+def test_models_are_evaluated_without_training(captures, tmp_path):
     train_captures("simple", captures, tmp_path / "model", rooms=("attic",))
-    plan = Plan(methods=(), models=(tmp_path / "model",))
-    asked = evaluate_captures(captures, tmp_path / "models", plan)
+    plan = EvaluationPlan(methods=(), models=(tmp_path / "model",))
+    requests = evaluate_captures(captures, tmp_path / "models", plan)
     assert not list((tmp_path / "models").rglob("*.npz"))
-    plan = Plan(methods=("simple",), learn_from=1, held=("study",))  # The next is attic.
+    # The next room is attic.
+    plan = EvaluationPlan(methods=("simple",), learn_from=1, held=("study",))
     anew = evaluate_captures(captures, tmp_path / "anew", plan)
-    assert asked["rooms"]["study"] == anew["rooms"]["study"]
-    assert list(asked["rooms"]) == list(ROOMS)
+    assert requests["rooms"]["study"] == anew["rooms"]["study"]
+    assert list(requests["rooms"]) == list(ROOMS)
 
 
 @pytest.mark.usefixtures("no_pictures")
-@pytest.mark.parametrize("breaks_at", ["cellar", "study"])
-def test_what_was_cut_short_goes_on_without_training_again(captures, tmp_path, spy, breaks_at):
-    plan, out = Plan(methods=("spy",)), tmp_path / "out"
+@pytest.mark.parametrize("fails_at", ["cellar", "study"])
+def test_an_interrupted_evaluation_continues(captures, tmp_path, spy, fails_at):
+    plan, out = EvaluationPlan(methods=("spy",)), tmp_path / "out"
     whole = evaluate_captures(captures, tmp_path / "whole", plan)
     spy.fits.clear()
-    spy.breaks_at = breaks_at
+    spy.fails_at = fails_at
     with pytest.raises(KeyboardInterrupt):
         evaluate_captures(captures, out, plan)
-    done = ROOMS.index(breaks_at)
+    done = ROOMS.index(fails_at)
     assert len(spy.fits) == done + 1
     assert (out / work_folder.UNFINISHED).is_file() and not (out / RECORD).exists()
-    spy.breaks_at = None
+    spy.fails_at = None
     spy.fits.clear()
     again = evaluate_captures(captures, out, plan)
-    assert len(spy.fits) == len(ROOMS) - done  # The broken fold and those after it.
+    assert len(spy.fits) == len(ROOMS) - done  # The interrupted fold and the following ones.
     assert figures(again) == figures(whole)
     assert not (out / work_folder.UNFINISHED).exists()
 
 
 @pytest.mark.usefixtures("no_pictures")
 def test_other_work_in_the_folder_is_refused(captures, tmp_path, spy):
-    plan, out = Plan(methods=("spy",)), tmp_path / "out"
-    spy.breaks_at = "hall"
+    plan, out = EvaluationPlan(methods=("spy",)), tmp_path / "out"
+    spy.fails_at = "hall"
     with pytest.raises(KeyboardInterrupt):
         evaluate_captures(captures, out, plan)
-    spy.breaks_at = None
-    for other in (Plan(methods=("spy",), seed=1), Plan(methods=("spy",), learn_from=2)):
+    spy.fails_at = None
+    for method in (
+        EvaluationPlan(methods=("spy",), seed=1),
+        EvaluationPlan(methods=("spy",), learn_from=2),
+    ):
         with pytest.raises(InputError, match="out must hold no other unfinished work"):
-            evaluate_captures(captures, out, other)
+            evaluate_captures(captures, out, method)
     with pytest.raises(InputError, match="out must hold no other unfinished work"):
-        evaluate_captures(captures, out, plan, asked={"sensor": "mine"})
+        evaluate_captures(captures, out, plan, options={"sensor": "mine"})
     evaluate_captures(captures, out, plan)
     with pytest.raises(InputError, match="out must be an empty or new folder"):
         evaluate_captures(captures, out, plan)
@@ -203,11 +207,11 @@ def _needs_none(held: str) -> Simulation:
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_each_room_has_a_sensor_of_its_own_and_physics_is_kept(captures, tmp_path, monkeypatch):
+def test_each_room_has_its_sensor_and_physics_is_cached(captures, tmp_path, monkeypatch):
     powers: list[float] = []
     held: list[str] = []
 
-    def made(scene: object, sensor: Any, **how: object):
+    def built(scene: object, sensor: Any, **how: object):
         powers.append(sensor.left.gain)
         return step_scene(len(powers)).physics
 
@@ -217,32 +221,43 @@ def test_each_room_has_a_sensor_of_its_own_and_physics_is_kept(captures, tmp_pat
         left = dataclasses.replace(camera.left, gain=1.0 + ROOMS.index(room))
         return Simulation(sensor=dataclasses.replace(camera, left=left), draws=3)
 
-    monkeypatch.setattr(simulated, "physics", made)
-    plan, out = Plan(methods=("physics_recalibrated",), held=("hall", "attic")), tmp_path / "out"
+    monkeypatch.setattr(simulated, "physics", built)
+    plan, out = (
+        EvaluationPlan(methods=("physics_recalibrated",), held=("hall", "attic")),
+        tmp_path / "out",
+    )
     evaluate_captures(captures, out, plan, simulations=simulation)
     assert held == ["hall", "attic"]
-    assert powers == [3.0] * 4 + [1.0] * 4  # Three rooms learnt from and the one that is judged.
+    assert powers == [3.0] * 4 + [1.0] * 4  # Three training rooms and the held-out one.
     assert len(list((out / PHYSICS).iterdir())) == 8
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_methods_without_physics_ask_for_no_sensor(captures, tmp_path, spy):
-    evaluate_captures(captures, tmp_path / "out", Plan(methods=("spy",)), simulations=_needs_none)
-    assert not any(spy.given)
+def test_methods_without_physics_need_no_sensor(captures, tmp_path, spy):
+    evaluate_captures(
+        captures, tmp_path / "out", EvaluationPlan(methods=("spy",)), simulations=_needs_none
+    )
+    assert not any(spy.had_physics)
 
 
 @pytest.mark.parametrize(
     ("plan", "line"),
     [
-        (Plan(methods=()), "methods must be at least one; got none. Give --methods or --models."),
         (
-            Plan(methods=("simple", "perfect", "simple")),
+            EvaluationPlan(methods=()),
+            "methods must be at least one; got none. Give --methods or --models.",
+        ),
+        (
+            EvaluationPlan(methods=("simple", "perfect", "simple")),
             "methods must be different; got simple, perfect, simple. Name each once.",
         ),
-        (Plan(methods=("hybrid",)), "sensor must be given for hybrid; got none. Give --sensor."),
+        (
+            EvaluationPlan(methods=("hybrid",)),
+            "sensor must be given for hybrid; got none. Give --sensor.",
+        ),
     ],
 )
-def test_what_cannot_be_evaluated_leaves_no_folder(captures, tmp_path, plan, line):
+def test_a_refused_evaluation_writes_no_folder(captures, tmp_path, plan, line):
     with pytest.raises(InputError) as caught:
         evaluate_captures(captures, tmp_path / "out", plan)
     assert str(caught.value) == line
@@ -251,27 +266,32 @@ def test_what_cannot_be_evaluated_leaves_no_folder(captures, tmp_path, plan, lin
 
 def test_a_method_and_a_model_of_one_name_are_refused(captures, tmp_path):
     train_captures("simple", captures, tmp_path / "model")
-    plan = Plan(methods=("simple",), models=(tmp_path / "model",))
+    plan = EvaluationPlan(methods=("simple",), models=(tmp_path / "model",))
     with pytest.raises(InputError, match="methods must be different; got simple, simple"):
         evaluate_captures(captures, tmp_path / "out", plan)
     shutil.copytree(tmp_path / "model", tmp_path / "again")
-    plan = Plan(methods=(), models=(tmp_path / "model", tmp_path / "again"))
+    plan = EvaluationPlan(methods=(), models=(tmp_path / "model", tmp_path / "again"))
     with pytest.raises(InputError, match="methods must be different; got simple, simple"):
         evaluate_captures(captures, tmp_path / "out", plan)
     with pytest.raises(InputError, match="model must be a folder that `starling train` has"):
-        evaluate_captures(captures, tmp_path / "out", Plan(methods=(), models=(tmp_path,)))
+        evaluate_captures(
+            captures, tmp_path / "out", EvaluationPlan(methods=(), models=(tmp_path,))
+        )
 
 
 @pytest.mark.parametrize(
     ("plan", "line"),
     [
-        (Plan(methods=("simple",), held=("loo",)), "room must be a known name; got 'loo'"),
         (
-            Plan(methods=("simple",), learn_from=4),
+            EvaluationPlan(methods=("simple",), held=("loo",)),
+            "room must be a known name; got 'loo'",
+        ),
+        (
+            EvaluationPlan(methods=("simple",), learn_from=4),
             r"rooms to learn from must be in \[1, 3\]; got 4",
         ),
-        (Plan(methods=("oracle",)), "method must be a known name; got 'oracle'"),
-        (Plan(methods=("network",), steps=0), "steps must be"),
+        (EvaluationPlan(methods=("oracle",)), "method must be a known name; got 'oracle'"),
+        (EvaluationPlan(methods=("network",), steps=0), "steps must be"),
     ],
 )
 def test_wrong_rooms_methods_and_steps_are_refused(captures, tmp_path, plan, line):
@@ -280,39 +300,41 @@ def test_wrong_rooms_methods_and_steps_are_refused(captures, tmp_path, plan, lin
     assert not (tmp_path / "out").exists()
 
 
-def test_models_are_asked_of_rooms_that_there_are(captures, tmp_path):
+def test_unknown_rooms_are_refused_for_models(captures, tmp_path):
     train_captures("simple", captures, tmp_path / "model")
-    plan = Plan(methods=(), models=(tmp_path / "model",), held=("loo",))
+    plan = EvaluationPlan(methods=(), models=(tmp_path / "model",), held=("loo",))
     with pytest.raises(InputError, match="room must be a known name; got 'loo'"):
         evaluate_captures(captures, tmp_path / "out", plan)
 
 
 def test_a_case_study_needs_trials_and_objects(captures, tmp_path):
     with pytest.raises(InputError, match=r"icp must be an integer in \[2, 1000000\]; got 1\. Give"):
-        Plan(methods=("simple",), icp=1)
-    with pytest.raises(InputError, match="objects must tell their pose by their shape; got none"):
-        evaluate_captures(captures, tmp_path / "out", Plan(methods=("simple",), icp=2))
+        EvaluationPlan(methods=("simple",), icp=1)
+    with pytest.raises(
+        InputError, match="objects must have a shape that determines their pose; got none"
+    ):
+        evaluate_captures(captures, tmp_path / "out", EvaluationPlan(methods=("simple",), icp=2))
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_a_case_study_is_one_figure_more(captures, tmp_path, monkeypatch):
-    def study(opened: CaptureSet, told: dict, *, trials: int, **_: Any) -> dict[str, Outcome]:
+def test_a_case_study_adds_its_figures(captures, tmp_path, monkeypatch):
+    def study(opened: CaptureSet, report: dict, *, trials: int, **_: Any) -> dict[str, Outcome]:
         assert str(opened.path) == captures and trials == 7
-        assert [len(views) for views in told.values()] == [len(ROOMS)] * 2
+        assert [len(views) for views in report.values()] == [len(ROOMS)] * 2
         errors = np.arange(4.0).reshape(2, 2)
         return {
             name: Outcome(objects=("s/1", "s/2"), position_m=errors + n, rotation=errors / 10)
-            for n, name in enumerate(("real", *told))
+            for n, name in enumerate(("real", *report))
         }
 
     monkeypatch.setattr(case_study, "check_objects", lambda _: None)
     monkeypatch.setattr(case_study, "case_study", study)
-    plan = Plan(methods=("perfect", "simple"), icp=7)
-    found = evaluate_captures(captures, tmp_path / "out", plan)
-    assert list(found["icp"]) == ["perfect", "simple"]
-    assert found["icp"]["simple"]["position_mean_pct"] == pytest.approx(100 * 2 / 1.5)
-    assert found["icp"]["simple"]["rotation_var_pct"] == 0
+    plan = EvaluationPlan(methods=("perfect", "simple"), icp=7)
+    result = evaluate_captures(captures, tmp_path / "out", plan)
+    assert list(result["icp"]) == ["perfect", "simple"]
+    assert result["icp"]["simple"]["position_mean_pct"] == pytest.approx(100 * 2 / 1.5)
+    assert result["icp"]["simple"]["rotation_var_pct"] == 0
     without = evaluate_captures(captures, tmp_path / "plain", dataclasses.replace(plan, icp=0))
     assert without["icp"] == {}
 
@@ -324,24 +346,24 @@ def test_a_single_room_cannot_be_held_out(tmp_path):
 
 
 def test_the_captures_are_never_written_to(captures):
-    with pytest.raises(InputError, match="out must lie apart from what it is made from"):
+    with pytest.raises(InputError, match="out must lie outside its input"):
         evaluate_captures(captures, Path(captures) / "out", SIMPLE, force=True)
     assert not (Path(captures) / "out").exists()
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_starts_go_to_the_methods_of_their_name(captures, tmp_path, monkeypatch):
-    made = {}
+def test_initial_weights_go_to_the_method_of_the_same_name(captures, tmp_path, monkeypatch):
+    built = {}
 
     def method(name: str, *, steps: int | None = None, start: Path | None = None) -> Spy:
-        made[name] = start
+        built[name] = start
         return Spy()
 
     train_captures("simple", captures, tmp_path / "model")
     monkeypatch.setattr(registry, "method", method)
-    plan = Plan(methods=("perfect", "simple"), start=(tmp_path / "model",))
+    plan = EvaluationPlan(methods=("perfect", "simple"), start=(tmp_path / "model",))
     evaluate_captures(captures, tmp_path / "out", plan)
-    assert made == {"perfect": None, "simple": tmp_path / "model"}
-    plan = Plan(methods=("perfect",), start=(tmp_path / "model",))
+    assert built == {"perfect": None, "simple": tmp_path / "model"}
+    plan = EvaluationPlan(methods=("perfect",), start=(tmp_path / "model",))
     with pytest.raises(InputError, match="start must be for a method that learns; got simple"):
         evaluate_captures(captures, tmp_path / "other", plan)

@@ -1,4 +1,4 @@
-"""What an evaluation leaves: figures as plain values, and pictures."""
+"""Results of an evaluation: plain values and pictures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from starling.learning.evaluation import evaluate, pictures, report
-from starling.learning.evaluation.evaluate import Told
+from starling.learning.evaluation.evaluate import HolePrediction
 from starling.learning.evaluation.figures import classification
 from starling.learning.features.hole_kinds import KINDS
 from starling.sim.console import record
@@ -21,9 +21,9 @@ FIGURES = [field.name for field in dataclasses.fields(classification.Classificat
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def told(quality: float, *, scenes: int = 4, rooms: int = 4) -> list[Told]:
-    """Made scenes and a probability between chance (0) and the holes themselves (1)."""
-    found = []
+def predictions(quality: float, *, scenes: int = 4, rooms: int = 4) -> list[HolePrediction]:
+    """Synthetic scenes with a probability between chance (0) and the holes themselves (1)."""
+    result = []
     for number in range(scenes):
         rng = np.random.default_rng(number)
         scene = step_scene(number, room=f"room{number % rooms}")
@@ -31,8 +31,8 @@ def told(quality: float, *, scenes: int = 4, rooms: int = 4) -> list[Told]:
         ndp = scene.ndp | (rng.random(SHAPE) < 0.02)
         probability = quality * ndp + (1 - quality) * rng.random(SHAPE)
         scene = dataclasses.replace(scene, ndp=ndp)
-        found.append(Told(example=scene, probability=probability.astype(np.float32)))
-    return found
+        result.append(HolePrediction(example=scene, probability=probability.astype(np.float32)))
+    return result
 
 
 def shown(picture: bytes) -> np.ndarray:
@@ -44,63 +44,63 @@ def shown(picture: bytes) -> np.ndarray:
 
 
 def test_figures_are_the_scores_as_plain_values():
-    scores = {"dim": evaluate.scores(told(0.3)), "good": evaluate.scores(told(0.9))}
-    found = report.figures(scores, seed=4)
-    assert json.loads(record.dumps(found)) == found
-    assert list(found["methods"]) == ["dim", "good"]
-    assert list(found["rooms"]) == ["room0", "room1", "room2", "room3"]
-    for name, of_it in found["methods"].items():
+    scores = {"dim": evaluate.scores(predictions(0.3)), "good": evaluate.scores(predictions(0.9))}
+    result = report.figures(scores, seed=4)
+    assert json.loads(record.dumps(result)) == result
+    assert list(result["methods"]) == ["dim", "good"]
+    assert list(result["rooms"]) == ["room0", "room1", "room2", "room3"]
+    for name, of_it in result["methods"].items():
         assert list(of_it) == [*FIGURES, "worst", "off_edges", "kinds"]
         assert list(of_it["kinds"]) == list(KINDS)
         assert list(of_it["kinds"]["edge"]) == ["share", "sure", "at_fpr10"]
         for figure in FIGURES:
-            rooms = [room[name][figure] for room in found["rooms"].values()]
+            rooms = [room[name][figure] for room in result["rooms"].values()]
             assert of_it[figure] == pytest.approx(np.mean(rooms))
             assert of_it["worst"][figure] in (min(rooms), max(rooms))
-        off_edges = [one.auc for one in scores[name].rooms_off_edges.values()]
+        off_edges = [rooms_off_edge.auc for rooms_off_edge in scores[name].rooms_off_edges.values()]
         assert of_it["off_edges"]["auc"] == pytest.approx(np.mean(off_edges))
     between = evaluate.differences(scores, seed=4)["good"]["dim"]
-    assert found["differences"]["good"]["dim"]["auc"] == dataclasses.asdict(between["auc"])
-    gain = found["methods"]["good"]["auc"] - found["methods"]["dim"]["auc"]
-    assert found["differences"]["good"]["dim"]["auc"]["mean"] == pytest.approx(gain)
-    assert set(found["differences"]["good"]["dim"]["auc"]) == {
+    assert result["differences"]["good"]["dim"]["auc"] == dataclasses.asdict(between["auc"])
+    gain = result["methods"]["good"]["auc"] - result["methods"]["dim"]["auc"]
+    assert result["differences"]["good"]["dim"]["auc"]["mean"] == pytest.approx(gain)
+    assert set(result["differences"]["good"]["dim"]["auc"]) == {
         *("mean", "low", "high", "rooms", "above"),
     }
 
 
-def test_one_room_has_no_differences_and_one_method_none_to_another():
-    of_room = told(0.5, scenes=2, rooms=1)
+def test_one_room_or_one_method_has_no_differences():
+    of_room = predictions(0.5, scenes=2, rooms=1)
     one_room = {"a": evaluate.scores(of_room), "b": evaluate.scores(of_room)}
     assert "differences" not in report.figures(one_room, seed=0)
-    alone = report.figures({"a": evaluate.scores(told(0.5))}, seed=0)
+    alone = report.figures({"a": evaluate.scores(predictions(0.5))}, seed=0)
     assert alone["differences"] == {}
 
 
 def test_curves_of_every_method_are_drawn():
-    scores = {f"method {n}": evaluate.scores(told(n / 4)) for n in range(4)}
+    scores = {f"method {n}": evaluate.scores(predictions(n / 4)) for n in range(4)}
     all_of_them = shown(pictures.curves(scores))
-    one = shown(pictures.curves({"method 3": scores["method 3"]}))
-    assert all_of_them.shape == one.shape
-    assert (all_of_them != one).any(axis=2).mean() > 1e-3
+    item = shown(pictures.curves({"method 3": scores["method 3"]}))
+    assert all_of_them.shape == item.shape
+    assert (all_of_them != item).any(axis=2).mean() > 1e-3
 
 
 @pytest.fixture
 def sheets(monkeypatch: pytest.MonkeyPatch) -> list[list[list[str]]]:
-    """Titles of the panels of each sheet that is drawn, by row."""
-    found: list[list[list[str]]] = []
+    """Titles of the panels of each drawn sheet, by row."""
+    result: list[list[list[str]]] = []
     draw = sheet.draw
 
     def spied(rows, shape, **how):
-        found.append([[panel.draw.keywords["title"] for panel in row] for row in rows])
+        result.append([[panel.draw.keywords["title"] for panel in row] for row in rows])
         assert shape == SHAPE
         return draw(rows, shape, **how)
 
     monkeypatch.setattr(sheet, "draw", spied)
-    return found
+    return result
 
 
 def test_scenes_show_reference_holes_and_every_method(sheets):
-    methods = {"dim": told(0.3, scenes=2), "good": told(0.9, scenes=2)}
+    methods = {"dim": predictions(0.3, scenes=2), "good": predictions(0.9, scenes=2)}
     shown(pictures.scenes(methods))
     assert len(sheets) == 1
     assert sorted(sheets[0]) == [
@@ -109,16 +109,16 @@ def test_scenes_show_reference_holes_and_every_method(sheets):
 
 
 def test_scenes_with_the_most_holes_missed_by_the_last_method_come_first(sheets):
-    """Of scene n five times n holes are missed."""
+    """Five times n holes of scene n are missed."""
     several = []
-    for number, one in enumerate(told(1.0, scenes=6, rooms=6)):
-        counted = one.example.counted
+    for number, item in enumerate(predictions(1.0, scenes=6, rooms=6)):
+        counted = item.example.counted
         assert counted is not None
-        holes = np.flatnonzero((one.probability > 0) & counted)
-        probability = one.probability.copy().ravel()
+        holes = np.flatnonzero((item.probability > 0) & counted)
+        probability = item.probability.copy().ravel()
         assert len(holes) > 25
         probability[holes[: number * 5]] = 0.49
-        several.append(Told(example=one.example, probability=probability.reshape(SHAPE)))
-    blind = [Told(example=o.example, probability=0 * o.probability) for o in several]
+        several.append(HolePrediction(example=item.example, probability=probability.reshape(SHAPE)))
+    blind = [HolePrediction(example=o.example, probability=0 * o.probability) for o in several]
     shown(pictures.scenes({"blind": blind, "last": several}))
     assert [row[0] for row in sheets[0]] == [f"scene{n}: reference" for n in (5, 4, 3, 2)]

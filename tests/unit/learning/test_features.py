@@ -1,4 +1,4 @@
-"""Features: named, defined, finite, and blind to what they must not see."""
+"""Features: definitions, finite values, and independence of unused inputs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .seen import HEIGHT, WIDTH, box, example, flat, info
 GREY = np.full((HEIGHT, WIDTH), 0.4, np.float32)
 
 
-def test_every_feature_is_defined_and_every_definition_measured():
+def test_features_and_definitions_correspond():
     seen = features(example(box(50, 90), reflectance=GREY), with_reflectance=True)
     assert seen.names == names(with_reflectance=True) == (*GEOMETRY, *REFLECTANCE)
     assert seen.values.shape == (HEIGHT, WIDTH, len(seen.names))
@@ -33,7 +33,7 @@ def test_a_wall_that_faces_the_camera():
     assert_allclose(seen["disparity_px"], 5.25, rtol=1e-6)
     assert_allclose(seen["disparity_fraction_px"], 0.25, atol=1e-5)
     assert_allclose(seen["right_column_px"][7], np.arange(WIDTH) - 5.25, atol=1e-5)
-    # Towards the corners cosine and squared range both fall: cos^3 / z^2 in all.
+    # Towards the corners cosine and squared range decrease: cos^3 / z^2.
     assert_allclose(seen["return_per_m2"], seen["incidence_cosine"] ** 3 / distance_m**2, rtol=1e-4)
     for name in ("occluded_px", "shadowed_px", "front_px", "back_px", "edge_left_step_px"):
         assert_array_equal(seen[name], 0)
@@ -43,7 +43,7 @@ def test_a_wall_that_faces_the_camera():
         assert_array_equal(seen[name], 64)
 
 
-def test_left_of_a_box_is_what_the_right_imager_and_the_projector_miss():
+def test_occlusion_and_shadow_are_left_of_a_box():
     seen = features(example(box(50, 90)), projector_x_m=0.02)
     assert_allclose(seen["occluded_px"][30, 41:50], np.arange(1, 10), atol=1e-4)
     assert_allclose(seen["shadowed_px"][30, 47:50], [1, 2, 3], atol=1e-4)  # 0.4 of 10 px.
@@ -53,7 +53,7 @@ def test_left_of_a_box_is_what_the_right_imager_and_the_projector_miss():
     assert (seen["edge_px"][:, 48:52] < 0).all()
 
 
-def test_projector_stands_where_the_preset_has_it_else_in_the_middle():
+def test_the_projector_position_is_from_the_preset_or_the_middle():
     step = box(50, 90)
     preset = presets.load("d435")
     part = preset.projector.position_m[0] / preset.baseline_m
@@ -67,12 +67,13 @@ def test_projector_stands_where_the_preset_has_it_else_in_the_middle():
 
 @settings(max_examples=25)
 @given(seed=st.integers(0, 2**16), unknown=st.floats(0, 0.99))
-def test_features_are_finite_whatever_is_unknown(seed, unknown):
+def test_features_are_finite_with_unknown_pixels(seed, unknown):
     rng = np.random.default_rng(seed)
     disparity = np.repeat(rng.uniform(2, 40, (HEIGHT, WIDTH // 8)), 8, axis=1)
     disparity[rng.random(disparity.shape) < unknown] = np.nan
-    disparity[30, 50:54] = [20.0, 20.5, 21.0, 21.5]  # Something is always known,
-    disparity[31, 50:54] = 20.0  # enough for a plane.
+    # Some pixels are always known, enough for a plane.
+    disparity[30, 50:54] = [20.0, 20.5, 21.0, 21.5]
+    disparity[31, 50:54] = 20.0
     seen = features(example(disparity))
     assert np.isfinite(seen.values).all()
     assert_array_equal(seen["unknown_px"] < 0, np.isnan(disparity))
@@ -80,8 +81,8 @@ def test_features_are_finite_whatever_is_unknown(seed, unknown):
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 2**16))
-def test_upside_down_is_upside_down(seed):
-    """A stereo rig has a left and a right, but no up: vertical flips are true augmentations."""
+def test_a_vertical_flip_flips_the_features(seed):
+    """A stereo rig has a left and a right but no up, so vertical flips are valid augmentations."""
     rng = np.random.default_rng(seed)
     disparity = np.repeat(rng.uniform(2, 40, (HEIGHT, WIDTH // 8)), 8, axis=1)
     upright = features(example(disparity)).values
@@ -89,15 +90,15 @@ def test_upside_down_is_upside_down(seed):
     assert_allclose(flipped, upright, atol=2e-3)
 
 
-def test_neither_device_depth_nor_reflectance_is_seen_unasked():
+def test_device_depth_and_unrequested_reflectance_are_not_used():
     bare = features(example(box(50, 90)))
-    told = features(example(box(50, 90), ndp=GREY > 0, counted=GREY > 0, reflectance=GREY))
-    assert_array_equal(bare.values, told.values)
+    report = features(example(box(50, 90), ndp=GREY > 0, counted=GREY > 0, reflectance=GREY))
+    assert_array_equal(bare.values, report.values)
 
 
-def test_reflectance_has_its_level_slope_and_return():
+def test_features_of_reflectance():
     ramp = np.broadcast_to(np.linspace(0, 1, WIDTH, dtype=np.float32), GREY.shape).copy()
-    ramp[10, 10] = np.nan  # Filled from beside it.
+    ramp[10, 10] = np.nan  # Filled from its neighbour.
     seen = features(example(flat(), reflectance=ramp), with_reflectance=True)
     inside = (slice(None), slice(20, -20))
     slope = seen["reflectance_gradient_per_px"][inside]
@@ -111,10 +112,10 @@ def test_reflectance_has_its_level_slope_and_return():
     ("call", "message"),
     [
         (lambda: features(example(flat() * np.nan)), "reference depth must be known somewhere"),
-        (lambda: features(example(flat()[:5])), "depth_m must be 120x60 as the geometry says"),
+        (lambda: features(example(flat()[:5])), "depth_m must be 120x60 as the geometry states"),
         (
             lambda: features(example(flat()), with_reflectance=True),
-            "reflectance must be given to a method that was asked to use it; got none for a",
+            "reflectance must be given for a method that uses it; got none for a",
         ),
         (
             lambda: features(example(flat(), reflectance=GREY[:5]), with_reflectance=True),
@@ -124,7 +125,7 @@ def test_reflectance_has_its_level_slope_and_return():
         (lambda: features(example(flat()), projector_x_m=3.0), "fraction must be in"),
     ],
 )
-def test_what_has_no_features_is_refused_in_one_line(call, message):
+def test_invalid_examples_are_refused_in_one_line(call, message):
     with pytest.raises(InputError, match=message) as caught:
         call()
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""Figures of classification: closed forms, and agreement with scikit-learn's own."""
+"""Metrics of classification: closed forms, and agreement with scikit-learn."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def judged(probability, ndp) -> Judged:
     return judge(np.asarray(probability, np.float32), np.asarray(ndp, bool))
 
 
-# Few distinct values, so that ties are the rule.
+# Few distinct values, so that ties are frequent.
 tied = st.lists(
     st.tuples(st.sampled_from([0.0, 0.1, 0.25, 0.5, 0.9, 1.0]), st.booleans()),
     min_size=2,
@@ -36,18 +36,18 @@ def test_a_perfect_ranking_has_area_1_and_no_ranking_one_half():
     assert flat.true_positive_rate_at(1.0) == 1.0
 
 
-def test_area_of_two_beta_laws_is_its_closed_form():
-    """Holes told sqrt(U), the rest U: P(sqrt(U) > V) = 2/3, TPR = 1 - (1 - FPR)^2."""
+def test_the_area_of_two_beta_distributions_has_its_closed_form():
+    """Holes have sqrt(U), the rest U: P(sqrt(U) > V) = 2/3, TPR = 1 - (1 - FPR)^2."""
     rng = np.random.default_rng(0)
-    told = np.concatenate([np.sqrt(rng.random(200_000)), rng.random(200_000)])
-    curve = roc(judged(told, np.arange(400_000) < 200_000))
+    report = np.concatenate([np.sqrt(rng.random(200_000)), rng.random(200_000)])
+    curve = roc(judged(report, np.arange(400_000) < 200_000))
     assert curve.area == pytest.approx(2 / 3, abs=0.003)
     for rate in (0.04, 0.10, 0.5):
         expected = 1 - (1 - rate) ** 2
         assert curve.true_positive_rate_at(rate) == pytest.approx(expected, abs=0.004)
 
 
-def test_rate_on_a_vertical_piece_is_its_top_and_beyond_it_starts_there():
+def test_the_rate_on_a_vertical_segment_is_its_upper_end():
     """Corners (0, 0), (0, 1/2), (1/2, 1/2), (1/2, 1), (1, 1)."""
     curve = roc(judged([0.9, 0.8, 0.7, 0.6], [1, 0, 1, 0]))
     rates = [curve.true_positive_rate_at(rate) for rate in (0.0, 0.25, 0.5, 0.75)]
@@ -58,8 +58,8 @@ def test_rate_on_a_vertical_piece_is_its_top_and_beyond_it_starts_there():
 def test_curve_and_scores_agree_with_scikit_learn(pixels):
     from sklearn import metrics
 
-    told, ndp = zip(*pixels, strict=True)
-    ours, curve = judged(told, ndp), roc(judged(told, ndp))
+    report, ndp = zip(*pixels, strict=True)
+    ours, curve = judged(report, ndp), roc(judged(report, ndp))
     across, up, _ = metrics.roc_curve(ours.ndp, ours.probability, drop_intermediate=False)
     np.testing.assert_allclose(curve.false_positive_rate, across)
     np.testing.assert_allclose(curve.true_positive_rate, up)
@@ -72,17 +72,17 @@ def test_curve_and_scores_agree_with_scikit_learn(pixels):
 
 
 @given(tied, st.randoms(use_true_random=False))
-def test_no_figure_depends_on_the_order_of_pixels(pixels, random):
+def test_metrics_do_not_depend_on_the_order_of_pixels(pixels, random):
     shuffled = random.sample(pixels, len(pixels))
-    told, ndp = zip(*pixels, strict=True)
+    report, ndp = zip(*pixels, strict=True)
     told_other, ndp_other = zip(*shuffled, strict=True)
-    first = classification.classification(judged(told, ndp))
+    first = classification.classification(judged(report, ndp))
     second = classification.classification(judged(told_other, ndp_other))
     for name in first.__slots__:
         assert getattr(first, name) == pytest.approx(getattr(second, name), abs=1e-12)
 
 
-def test_skill_is_0_for_the_share_1_for_the_truth_and_negative_for_wrong_surety():
+def test_skill_of_the_share_the_truth_and_wrong_certainty():
     ndp = [0] * 9 + [1]
     assert proper_scores.brier_skill(judged([0.1] * 10, ndp)) == pytest.approx(0, abs=1e-6)
     assert proper_scores.brier_skill(judged(ndp, ndp)) == 1.0
@@ -91,43 +91,43 @@ def test_skill_is_0_for_the_share_1_for_the_truth_and_negative_for_wrong_surety(
     assert np.isnan(proper_scores.brier_skill(judged([0.5], [1])))
 
 
-def test_log_loss_of_the_share_is_its_entropy_and_wrong_surety_stays_finite():
+def test_log_loss_of_the_share_and_of_wrong_certainty():
     entropy = -(0.1 * np.log(0.1) + 0.9 * np.log(0.9))
     share = judged([0.1] * 10, [0] * 9 + [1])
     assert proper_scores.log_loss(share) == pytest.approx(entropy, rel=1e-6)
     assert proper_scores.log_loss(judged([0.0], [1])) == pytest.approx(-np.log(1e-6))
 
 
-def test_true_probabilities_have_no_calibration_error_and_squared_ones_theirs():
-    """Told p^2 where p is true, p uniform: E|p^2 - p| = 1/6; 15 bins resolve it to 1 %."""
+def test_calibration_error_of_true_and_of_squared_probabilities():
+    """Predicted p^2 where p is true, p uniform: E|p^2 - p| = 1/6; 15 bins resolve it to 1 %."""
     rng = np.random.default_rng(1)
     true = rng.random(300_000)
     ndp = rng.random(300_000) < true
     assert reliability(judged(true, ndp)).expected_calibration_error < 0.005
-    found = reliability(judged(true**2, ndp)).expected_calibration_error
-    assert found == pytest.approx(1 / 6, rel=0.01)
+    result = reliability(judged(true**2, ndp)).expected_calibration_error
+    assert result == pytest.approx(1 / 6, rel=0.01)
 
 
 def test_bins_hold_equally_many_pixels_and_never_split_a_probability():
     spread = reliability(judged(np.linspace(0, 1, 100), np.arange(100) % 2), bins=10)
     assert spread.pixels.tolist() == [10] * 10
-    told = [0.0] * 80 + [0.5] * 15 + [1.0] * 5
-    grouped = reliability(judged(told, [0] * 84 + [1] * 16), bins=10)
-    np.testing.assert_allclose(grouped.told, [0, 0.5, 1])
+    report = [0.0] * 80 + [0.5] * 15 + [1.0] * 5
+    grouped = reliability(judged(report, [0] * 84 + [1] * 16), bins=10)
+    np.testing.assert_allclose(grouped.predicted, [0, 0.5, 1])
     assert grouped.pixels.tolist() == [80, 15, 5]
     np.testing.assert_allclose(grouped.observed, [0, 11 / 15, 1])
     assert reliability(judged([0.3, 0.6], [0, 1]), bins=15).pixels.tolist() == [1, 1]
 
 
 def test_only_counted_pixels_count():
-    told = np.array([[0.2, np.nan], [0.8, 7.0]], np.float32)
+    report = np.array([[0.2, np.nan], [0.8, 7.0]], np.float32)
     ndp = np.array([[False, True], [True, False]])
-    taken = judge(told, ndp, np.array([[True, False], [True, False]]))
+    taken = judge(report, ndp, np.array([[True, False], [True, False]]))
     np.testing.assert_allclose(taken.probability, [0.2, 0.8])
     assert taken.share == 0.5
 
 
-def test_rooms_pool_their_scenes_and_count_alike():
+def test_rooms_pool_their_scenes_and_are_weighted_equally():
     good, bad = judged([0.1, 0.9], [0, 1]), judged([0.9, 0.1], [0, 1])
     rooms = classification.by_room([("b", good), ("a", good), ("b", bad)])
     assert list(rooms) == ["a", "b"]
@@ -144,7 +144,7 @@ def test_rooms_pool_their_scenes_and_count_alike():
     [
         (lambda: judged([0.5], [0, 1]), "probability, ndp and counted must share one shape"),
         (lambda: judge(np.ones(1), np.ones(1, bool), np.zeros(1, bool)), "counted must hold"),
-        (lambda: judged([0.5, 1.5, np.nan], [0, 1, 1]), r"got 1.5 and 1 more such"),
+        (lambda: judged([0.5, 1.5, np.nan], [0, 1, 1]), r"got 1.5 and 1 more"),
         (lambda: pool([]), "judged scenes must be at least one"),
         (lambda: roc(judged([0.5, 0.6], [1, 1])), "no-depth pixels must be some"),
         (lambda: roc(judged([0.5, 0.6], [0, 1])).true_positive_rate_at(4), "must be in"),
@@ -154,13 +154,13 @@ def test_rooms_pool_their_scenes_and_count_alike():
         (lambda: classification.worst({}), "rooms must be at least one"),
     ],
 )
-def test_what_cannot_be_judged_is_refused_in_one_line(call, message):
+def test_invalid_pixels_are_refused_in_one_line(call, message):
     with pytest.raises(InputError, match=message) as caught:
         call()
     assert "\n" not in str(caught.value)
 
 
-def test_the_worst_room_has_the_most_of_what_is_better_small():
+def test_the_worst_room_has_the_greatest_error():
     good, bad = judged([0.1, 0.9], [0, 1]), judged([0.9, 0.1], [0, 1])
     rooms = classification.by_room([("a", good), ("b", bad)])
     assert rooms["a"] != rooms["b"]

@@ -1,4 +1,4 @@
-"""Which rooms are learnt from while one is held out."""
+"""Training rooms of a held-out room."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ ROOMS = ("a", "b", "c", "d")
         ("b", 3, ("c", "d", "a")),
     ],
 )
-def test_the_next_rooms_in_order_round_and_round(held, count, expected):
-    assert folds.learnt_from(ROOMS, held, count) == expected
+def test_training_rooms_are_the_next_ones_in_cyclic_order(held, count, expected):
+    assert folds.training_rooms(ROOMS, held, count) == expected
 
 
 @given(number=st.integers(2, 12), data=st.data())
-def test_each_room_is_learnt_from_as_often_as_any_and_never_while_it_is_held(number, data):
+def test_each_room_is_used_equally_often_and_never_when_held_out(number, data):
     rooms = [f"room {n}" for n in range(number)]
     count = data.draw(st.integers(1, number - 1))
-    taken = {held: folds.learnt_from(rooms, held, count) for held in rooms}
+    taken = {held: folds.training_rooms(rooms, held, count) for held in rooms}
     for held, others in taken.items():
         assert held not in others
         assert len(set(others)) == len(others) == count
     for room in rooms:
         assert sum(room in others for others in taken.values()) == count
-    assert set(folds.learnt_from(rooms, rooms[0])) == set(rooms[1:])
+    assert set(folds.training_rooms(rooms, rooms[0])) == set(rooms[1:])
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_each_room_is_learnt_from_as_often_as_any_and_never_while_it_is_held(num
         (ROOMS, "a", 0, "rooms to learn from must be in [1, 3]; got 0. Choose a value inside."),
     ],
 )
-def test_what_cannot_be_held_out_is_refused(rooms, held, count, line):
+def test_impossible_folds_are_refused(rooms, held, count, line):
     with pytest.raises(InputError) as caught:
-        folds.learnt_from(rooms, held, count)
+        folds.training_rooms(rooms, held, count)
     assert str(caught.value).startswith(line)

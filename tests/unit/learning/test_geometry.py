@@ -1,4 +1,4 @@
-"""Geometry of a reference depth: planes, a sphere, steps at known pixels."""
+"""Geometry of reference depth: planes, a sphere, steps at known pixels."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from starling.sim.stereo.filled import filled
 
 from .seen import BASELINE_M, FOCAL_PX, HEIGHT, WIDTH, box, flat, info
 
-CAMERA = Pinhole.of(info())
+CAMERA = Pinhole.from_camera(info())
 ALL = np.ones((HEIGHT, WIDTH), bool)
 
 
@@ -39,7 +39,7 @@ def test_a_tilted_plane_has_its_cosine_everywhere_and_no_roughness(azimuth, slan
     tilt = np.array([np.cos(azimuth), np.sin(azimuth)]) * np.sin(slant)
     normal = np.array([*tilt, np.cos(slant)])
     disparity = plane_px(normal, distance)
-    seen = disparity > 0.1  # Where the plane lies before the camera.
+    seen = disparity > 0.1  # The plane is in front of the camera.
     expected = rays() @ normal / np.linalg.norm(rays(), axis=-1)
     planes = surface_planes(disparity, seen)
     whole = signed_distance(seen) > 8
@@ -47,10 +47,10 @@ def test_a_tilted_plane_has_its_cosine_everywhere_and_no_roughness(azimuth, slan
     assert_allclose(fit_planes(disparity, seen, 10).residual_px[whole], 0, atol=2e-4)
 
 
-def test_holes_in_the_reference_do_not_bend_normals():
+def test_holes_in_the_reference_do_not_change_normals():
     disparity = plane_px(np.array([0.6, 0.0, 0.8]), 1.0)
     known = np.random.default_rng(0).random(ALL.shape) < 0.6
-    known[20:30, 50:60] = False  # Larger than the window: the nearest fit counts.
+    known[20:30, 50:60] = False  # Larger than the window, so that the nearest fit is used.
     planes = surface_planes(filled(disparity, known), known)
     slope = FOCAL_PX * BASELINE_M * 0.6 / FOCAL_PX
     assert_allclose(planes.across, slope, atol=1e-4)
@@ -58,7 +58,7 @@ def test_holes_in_the_reference_do_not_bend_normals():
 
 
 def test_a_sphere_has_its_cosine_on_its_inside():
-    """Within what a plane over 7 px can know of a radius of some 55 px; worse towards the limb."""
+    """Up to the error of a plane over 7 px on a radius of about 55 px; worse towards the limb."""
     centre, radius = np.array([0.0, 0.0, 0.8]), 0.35
     along = rays() / np.linalg.norm(rays(), axis=-1, keepdims=True)
     middle = along @ centre
@@ -78,21 +78,21 @@ def test_a_sphere_has_its_cosine_on_its_inside():
     assert (bump[inner] > 0).mean() > 0.99  # It bulges towards the camera.
 
 
-def test_normals_stay_true_up_to_a_depth_edge():
+def test_normals_are_correct_up_to_a_depth_edge():
     disparity = box(50, 90).astype(np.float32)
     straight = incidence_cosine(fit_planes(disparity, ALL, 3), CAMERA)
-    own = incidence_cosine(surface_planes(disparity, ALL), CAMERA)
+    original = incidence_cosine(surface_planes(disparity, ALL), CAMERA)
     ray = 1 / np.linalg.norm(rays(), axis=-1)
-    assert_allclose(own, ray, atol=1e-4)  # Both faces look along the axis.
-    assert straight[30, 49] < 0.6  # What it is good for.
+    assert_allclose(original, ray, atol=1e-4)  # Both faces look along the axis.
+    assert straight[30, 49] < 0.6  # A plain window fit is wrong at the edge.
 
 
 @pytest.mark.parametrize("fraction", [1.0, 0.5])
 def test_a_box_hides_a_strip_left_of_it_as_wide_as_its_step(fraction):
-    """Step 10 px: 10 f columns left of column 50 are behind its edge, the rest is in the open."""
+    """For a step of 10 px, 10 f columns left of column 50 are hidden, and no others."""
     seen = seen_from(box(50, 90).astype(np.float32), fraction)
     strip = np.zeros(WIDTH, bool)
-    strip[50 - int(10 * fraction) + 1 : 50] = True  # The strip's first pixel lies on the edge.
+    strip[50 - int(10 * fraction) + 1 : 50] = True  # The first pixel of the strip is on the edge.
     assert_array_equal(seen.hidden, np.broadcast_to(strip, ALL.shape))
     behind = np.clip(np.arange(WIDTH) - (50 - 10 * fraction), 0, None) * (np.arange(WIDTH) < 50)
     assert_allclose(seen.behind_px, np.broadcast_to(behind, ALL.shape), atol=1e-4)
@@ -108,7 +108,7 @@ def test_from_the_left_the_strip_is_on_the_right():
     assert not left.hidden[:, :91].any()
 
 
-def test_behind_a_thin_pole_the_wall_comes_out_again_but_stays_behind():
+def test_the_wall_reappears_behind_a_thin_pole_but_counts_as_behind():
     seen = seen_from(box(60, 62).astype(np.float32), 1.0)
     columns = np.flatnonzero(seen.hidden[0])
     assert columns.min() >= 50
@@ -132,8 +132,8 @@ def test_a_slanted_wall_hides_nothing_of_itself(slope, fraction):
 
 
 @given(seed=st.integers(0, 2**16), fraction=st.floats(0.1, 1.0))
-def test_what_is_hidden_is_behind_something(seed, fraction):
-    """A law of order on any surface: something nearer stands to its right, past its place."""
+def test_hidden_pixels_have_an_occluder(seed, fraction):
+    """On any surface, a nearer surface right of the hidden pixel is projected beyond it."""
     rng = np.random.default_rng(seed)
     disparity = np.repeat(rng.uniform(0, 30, (8, 15)), 8, axis=1).astype(np.float32)
     seen = seen_from(disparity, fraction)
@@ -142,7 +142,7 @@ def test_what_is_hidden_is_behind_something(seed, fraction):
     assert (nearest[seen.hidden] > disparity[seen.hidden] + 1).all()
 
 
-def test_distances_to_a_border_have_its_sign_and_its_half_pixel():
+def test_signed_distances_to_a_border():
     inside = np.zeros(ALL.shape, bool)
     inside[:, 40:50] = True
     row = signed_distance(inside)[30]
@@ -155,7 +155,7 @@ def test_distances_to_a_border_have_its_sign_and_its_half_pixel():
 def test_edges_of_a_box_have_their_distance_step_and_side():
     left, right = (edge(box(50, 90).astype(np.float32)) for edge in (edges_left, edges_right))
     assert (left.distance_px[:, 50:60] == np.arange(0.5, 10)).all()
-    assert (left.step_px[:, 50:91] == -10).all()  # On the box: behind its left edge is the wall.
+    assert (left.step_px[:, 50:91] == -10).all()  # On the box: the wall is beyond its left edge.
     assert (left.step_px[:, 91:] == 10).all()  # Right of the box: the box is in front.
     assert (right.distance_px[:, 40:50] == np.arange(9.5, 0, -1)).all()
     assert (right.step_px[:, :50] == 10).all()
@@ -199,7 +199,7 @@ def test_unknown_pixels_take_the_nearest_known():
         (lambda: seen_from(flat(), 5.0), r"fraction must be in \[-4, 4\]"),
     ],
 )
-def test_what_cannot_be_measured_is_refused(call, message):
+def test_invalid_disparities_are_refused(call, message):
     with pytest.raises(InputError, match=message):
         call()
 
@@ -208,8 +208,8 @@ def test_a_slanted_surface_keeps_its_disparity_up_to_an_edge():
     row, column = np.mgrid[0:40, 0:60].astype(np.float32)
     step = np.where((column > 30) | (row > 20), 20, 0)
     disparity_px = (10 + 0.1 * column - 0.2 * row + step).astype(np.float32)
-    found = surface_planes(disparity_px, np.ones(disparity_px.shape, bool)).disparity_px
-    beside = (row > 5) & (row < 14) & (column > 25) & (column < 36)
+    result = surface_planes(disparity_px, np.ones(disparity_px.shape, bool)).disparity_px
+    neighbour = (row > 5) & (row < 14) & (column > 25) & (column < 36)
     below = (column > 5) & (column < 24) & (row > 15) & (row < 26)
-    for where in (beside, below):
-        assert_allclose(found[where], disparity_px[where], atol=0.01)
+    for where in (neighbour, below):
+        assert_allclose(result[where], disparity_px[where], atol=0.01)

@@ -1,4 +1,4 @@
-"""Kinds of surroundings: each pixel is of one, and made scenes have those they are made to."""
+"""Kinds of holes on synthetic scenes."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ def test_a_wall_is_near_far_or_neither(disparity_px, kind):
     assert set(kind_of(example(flat(disparity_px))).ravel()) == {kind}
 
 
-def test_what_a_pillar_hides_is_occluded_and_around_it_lie_edges():
-    """Columns 55 to 94 at 40 px before a wall at 20.5 px: it hides what is less than 19.5 px left.
+def test_occlusion_and_edges_of_a_pillar():
+    """A pillar in columns 55 to 94 at 40 px hides 19.5 px of a wall at 20.5 px on its left.
 
-    An edge lies between two pixels; ten on its either side count as at it.
+    An edge is between two pixels; ten pixels on either side belong to it.
     """
-    found = kind_of(example(box(55, 94, back_px=20.5, front_px=40.0)))
-    assert_array_equal(found == "occluded", (COLUMNS > 35.5) & (COLUMNS < 55))
+    result = kind_of(example(box(55, 94, back_px=20.5, front_px=40.0)))
+    assert_array_equal(result == "occluded", (COLUMNS > 35.5) & (COLUMNS < 55))
     right_of_left_edge, around_right_edge = COLUMNS - 55, np.abs(COLUMNS - 94.5)
-    assert set(found[(right_of_left_edge >= 0) & (right_of_left_edge < 9)]) == {"edge"}
-    assert set(found[around_right_edge < 9]) == {"edge"}
-    assert set(found[(right_of_left_edge >= 9) & (around_right_edge > 9)]) == {"other"}
-    assert set(found[COLUMNS < 36]) == {"other"}
+    assert set(result[(right_of_left_edge >= 0) & (right_of_left_edge < 9)]) == {"edge"}
+    assert set(result[around_right_edge < 9]) == {"edge"}
+    assert set(result[(right_of_left_edge >= 9) & (around_right_edge > 9)]) == {"other"}
+    assert set(result[COLUMNS < 36]) == {"other"}
 
 
 def test_a_plane_is_grazing_where_its_normal_is_more_than_70_degrees_off():
@@ -70,10 +70,10 @@ def test_a_plane_is_grazing_where_its_normal_is_more_than_70_degrees_off():
     ray = np.sqrt(1 + (columns**2 + rows**2) / FOCAL_PX**2)
     cosine = disparity / (np.hypot(FOCAL_PX * slope, middle) * ray)
     angle = np.degrees(np.arccos(cosine))
-    found = kind_of(example(disparity))
+    result = kind_of(example(disparity))
     assert 0.2 < (angle > 70).mean() < 0.8
     clear = np.abs(angle - 70) > 0.05  # Single precision.
-    assert_array_equal((found == "grazing")[clear], (angle > 70)[clear])
+    assert_array_equal((result == "grazing")[clear], (angle > 70)[clear])
 
 
 def test_a_patch_is_dark_below_half_the_median_of_the_infrared():
@@ -85,8 +85,8 @@ def test_a_patch_is_dark_below_half_the_median_of_the_infrared():
     assert "dark" not in kind_of(example(flat(20.0)))
 
 
-def test_a_pixel_is_of_the_first_kind_that_fits():
-    """A dark wall too near is near; a dark one far away is dark."""
+def test_a_pixel_has_the_first_kind_that_applies():
+    """A dark, too near wall is near; a dark, far wall is dark."""
     light = np.full((HEIGHT, WIDTH), 0.6, np.float32)
     light[:, :40] = 0.1
     near = kind_of(example(flat(130.0), reflectance=light))
@@ -95,7 +95,7 @@ def test_a_pixel_is_of_the_first_kind_that_fits():
     assert_array_equal(far, np.where(COLUMNS < 40, "dark", "far"))
 
 
-def test_an_unknown_reference_is_of_the_kind_of_its_nearest_neighbour():
+def test_an_unknown_pixel_has_the_kind_of_its_nearest_neighbour():
     disparity = box(0, 59, back_px=20.0, front_px=8.0)
     disparity[20:30, 5:15] = np.nan
     assert set(kind_of(example(disparity))[20:30, 5:15].ravel()) == {"far"}

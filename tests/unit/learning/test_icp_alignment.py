@@ -1,4 +1,4 @@
-"""A disturbed object finds back: conventions of OpenCV's alignment, errors of poses."""
+"""Alignment of a disturbed object: conventions of OpenCV's ICP, and pose errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def box() -> objects.Piece:
 
 
 @pytest.mark.parametrize("turn_deg", [(4, -3, 5), (-6, 2, 0)])
-def test_known_motion_is_undone(box, turn_deg):
+def test_a_known_motion_is_recovered(box, turn_deg):
     """To 1 mm and 0.3 degrees; `found` moves the model to the scene, its inverse does not."""
     draw = np.random.default_rng(0)
     reference = cloud.surface(depth(), INFO)
@@ -31,15 +31,15 @@ def test_known_motion_is_undone(box, turn_deg):
     motion = np.eye(4)
     motion[:3, :3] = rotation(turn_deg)
     motion[:3, 3] = box.centre_m - motion[:3, :3] @ box.centre_m + [0.01, -0.008, 0.012]
-    found = alignment.register(alignment.model_points(box, draw).moved(motion), scene)
-    right = alignment.pose_error(found @ motion, box.centre_m)
+    result = alignment.register(alignment.model_points(box, draw).moved(motion), scene)
+    right = alignment.pose_error(result @ motion, box.centre_m)
     assert right.position_m < 1e-3
     assert right.rotation < 1 - np.cos(np.radians(0.3) / 2)
-    wrong = alignment.pose_error(np.linalg.inv(found) @ motion, box.centre_m)
+    wrong = alignment.pose_error(np.linalg.inv(result) @ motion, box.centre_m)
     assert wrong.position_m > 0.015
 
 
-def test_scene_is_what_lies_within_reach_at_the_same_pixels(box):
+def test_scene_points_are_near_the_object_at_the_same_pixels(box):
     reference = cloud.surface(depth(), INFO)
     chosen = alignment.scene_pixels(box, reference, np.random.default_rng(1))
     np.testing.assert_array_equal(
@@ -51,7 +51,7 @@ def test_scene_is_what_lies_within_reach_at_the_same_pixels(box):
     assert chosen.sum() == pytest.approx(alignment.SCENE_POINTS, rel=0.1)
 
 
-def test_model_is_drawn_from_the_object_in_no_order(box):
+def test_model_points_are_in_random_order(box):
     model = alignment.model_points(box, np.random.default_rng(2))
     assert len(model) == alignment.MODEL_POINTS
     height = model.point_m[:, 1]
@@ -62,7 +62,7 @@ def test_model_is_drawn_from_the_object_in_no_order(box):
 
 
 @given(degrees=st.floats(0, 180), shift=st.floats(0, 0.5), seed=st.integers(0, 1000))
-def test_pose_error_is_the_angles_and_the_centres(degrees, shift, seed):
+def test_pose_error_of_angle_and_centre(degrees, shift, seed):
     axis, way = np.random.default_rng(seed).normal(size=(2, 3))
     turned = np.eye(4)
     turned[:3, :3] = rotation(tuple(degrees * axis / np.linalg.norm(axis)))
@@ -72,8 +72,8 @@ def test_pose_error_is_the_angles_and_the_centres(degrees, shift, seed):
     assert error.rotation == pytest.approx(1 - np.cos(np.radians(degrees) / 2), abs=1e-7)
 
 
-def test_disturbances_are_even_up_to_their_limits():
-    """Lengths and angles uniform, mean half the limit (1000 draws: 5 %), ways without a side."""
+def test_disturbances_are_uniform_up_to_their_limits():
+    """Lengths and angles are uniform with a mean of half the limit (1000 draws: 5 %); isotropic."""
     limits, draw = Disturbance(most_m=0.04, most_deg=20), np.random.default_rng(3)
     moved = [limits.draw(CENTRE, draw) for _ in range(1000)]
     errors = [alignment.pose_error(motion, CENTRE) for motion in moved]
@@ -91,14 +91,14 @@ def test_no_disturbance_is_no_motion():
     np.testing.assert_allclose(still, np.eye(4), atol=1e-15)
 
 
-def test_disturbances_that_cannot_be_are_refused():
+def test_invalid_disturbances_are_refused():
     with pytest.raises(InputError, match=r"most_m must be in \[0, 1\]; got -0\.1"):
         Disturbance(most_m=-0.1)
     with pytest.raises(InputError, match=r"most_deg must be in \[0, 180\]; got 181"):
         Disturbance(most_deg=181)
 
 
-def test_normals_turn_with_their_cloud():
+def test_normals_rotate_with_their_cloud():
     motion = np.eye(4)
     motion[:3, :3], motion[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], (1, 2, 3)
     along = np.array([[1.0, 0.0, 0.0]])

@@ -1,4 +1,4 @@
-"""Surfaces, the objects cut from them, and what their shape tells of their pose."""
+"""Surfaces, their segmentation into objects, and the information of a shape on its pose."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_normals_of_a_slanted_plane_are_its_own():
 
 
 def test_normals_of_a_ball_point_away_from_its_centre():
-    """Mean over the ball within 1 degree: windows see chords, not tangents."""
+    """Mean over the ball within 1 degree, because windows measure chords, not tangents."""
     on_ball = interior(ball_depth() < 5, 10)
     seen = cloud.surface(depth(), INFO).cloud(on_ball)
     outwards = (seen.point_m - BALL_CENTRE_M) / BALL_RADIUS_M
@@ -49,9 +49,9 @@ def test_normals_of_a_ball_point_away_from_its_centre():
 
 
 def test_moved_cloud_turns_its_normals():
-    one = Cloud(point_m=np.array([[1.0, 0, 0]]), normal=np.array([[0.0, 1, 0]]))
+    item = Cloud(point_m=np.array([[1.0, 0, 0]]), normal=np.array([[0.0, 1, 0]]))
     motion = np.array([[0.0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]])
-    np.testing.assert_allclose(one.moved(motion).rows(), [[5, 7, 7, -1, 0, 0]])
+    np.testing.assert_allclose(item.moved(motion).rows(), [[5, 7, 7, -1, 0, 0]])
 
 
 def grid(n: int = 21) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +87,7 @@ def test_information_of_known_shapes():
     assert objects.information(Cloud(point_m=flat[:5], normal=flat[:5])) == 0
 
 
-def test_scene_falls_apart_at_steps_and_only_there():
+def test_a_scene_is_divided_at_steps_only():
     z = depth()
     label = segments.convex_pieces(cloud.surface(z, INFO), INFO.disparity_px(z), fewest_px=300)
     box, ball = box_depth() < 5, ball_depth() < 5
@@ -95,13 +95,13 @@ def test_scene_falls_apart_at_steps_and_only_there():
     for mask in (box, ball, wall):
         inside, counts = np.unique(label[interior(mask, 9)], return_counts=True)
         assert counts.max() / counts.sum() > 0.99, (inside, counts)
-        own = inside[counts.argmax()]
-        assert own > 0
-        assert (label[mask] == own).mean() > 0.97
-        assert (label[~mask] == own).sum() < 0.02 * mask.sum()
+        original = inside[counts.argmax()]
+        assert original > 0
+        assert (label[mask] == original).mean() > 0.97
+        assert (label[~mask] == original).sum() < 0.02 * mask.sum()
 
 
-def test_concave_crease_parts_what_touches():
+def test_a_concave_crease_separates_surfaces():
     """A floor that meets a wall is two pieces, a roof's ridge is one."""
     y = rays()[..., 1]
     floor = np.where(y > 0, 0.25 / np.maximum(y, 1e-9), np.inf)
@@ -116,8 +116,8 @@ def test_concave_crease_parts_what_touches():
     assert set(parts[1]) - {0} == {1}
 
 
-def test_objects_of_a_room_are_those_whose_shape_tells_their_pose():
-    """The box, not the ball (it turns unseen) and not the wall (too large, flat)."""
+def test_objects_have_shapes_that_determine_their_pose():
+    """The box, but not the ball (its rotation is unobservable) or the wall (too large, flat)."""
     (box,) = objects.in_room(depth(), INFO, scene="s", room="r")
     seen = box_depth() < 5
     assert (box.pixels & seen).sum() > 0.97 * seen.sum()
@@ -128,7 +128,7 @@ def test_objects_of_a_room_are_those_whose_shape_tells_their_pose():
     np.testing.assert_allclose(box.centre_m, box.surface.point_m.mean(axis=0))
 
 
-def test_too_small_and_too_far_left_are_no_objects():
+def test_small_objects_and_those_in_the_left_band_are_excluded():
     z = depth()
     small = np.where(box_depth() < 5, z, np.nan).astype(np.float32) * 0.2
     assert objects.in_room(small, INFO, scene="s", room="r") == []  # 3 cm.
@@ -137,27 +137,29 @@ def test_too_small_and_too_far_left_are_no_objects():
         assert not piece.pixels[:, : objects.LEFT_BAND_PX].any()
 
 
-def test_labelled_objects_are_taken_as_they_are():
+def test_labelled_objects_are_used():
     label = np.where(box_depth() < 5, 4, np.where(ball_depth() < 5, 7, 0)).astype(np.uint8)
     (box,) = objects.by_label(depth(), label, INFO, scene="s", room="r")  # A ball has no pose.
     assert box.name == "4"
     assert (box.pixels == (label == 4)).all()
 
 
-def test_labels_that_do_not_fit_are_refused():
+def test_labels_of_another_shape_are_refused():
     label = np.zeros(INFO.shape, np.uint8)
     with pytest.raises(InputError, match=r"label must be of shape \(360, 480\); got \(3, 3\)"):
         objects.by_label(depth(), label[:3, :3], INFO, scene="s", room="r")
 
 
-def test_a_scanned_room_holds_objects(captures):
-    """One room of the laser scanner's: they are apart and tell their pose. Whether they are what
-    a person would call objects is seen in a picture alone."""
+def test_a_scanned_room_has_objects(captures):
+    """In one room of the laser scanner, objects are separate and have observable poses.
+
+    Whether a person would call them objects can be seen in a picture only.
+    """
     room = capture.open_set(captures / "d415-faro" / "0060")
     (scene,) = room.scenes
     reference = scene.truth_m()
     assert reference is not None
-    found = objects.in_room(reference, room.info, scene=scene.name, room=scene.room)
-    assert len(found) >= 10
-    assert np.sum([piece.pixels for piece in found], axis=0).max() == 1
-    assert all(piece.observable and 0.1 <= piece.side_m <= 0.6 for piece in found)
+    result = objects.in_room(reference, room.info, scene=scene.name, room=scene.room)
+    assert len(result) >= 10
+    assert np.sum([piece.pixels for piece in result], axis=0).max() == 1
+    assert all(piece.observable and 0.1 <= piece.side_m <= 0.6 for piece in result)

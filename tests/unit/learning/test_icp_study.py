@@ -1,4 +1,4 @@
-"""The case study: errors in each method's depth, and how near they come to those in real depth."""
+"""The case study: pose errors in each method's depth, and their difference from real depth."""
 
 from __future__ import annotations
 
@@ -25,39 +25,39 @@ def align(pieces: list[objects.Piece], trials: int = 2, seed: int = 0, **images:
     return study.align(pieces, depth(), images, INFO, disturbance=SMALL, trials=trials, seed=seed)
 
 
-def test_equal_depth_gives_no_difference(pieces):
-    found = align(pieces, real=depth(), same=depth().copy())
-    compared = comparison.against_real(found["same"], found["real"])
+def test_equal_depth_has_no_difference(pieces):
+    result = align(pieces, real=depth(), same=depth().copy())
+    compared = comparison.against_real(result["same"], result["real"])
     assert compared.difference == (0, 0, 0, 0)
     assert (compared.trials, compared.objects, compared.hidden, compared.shown) == (2, 1, 0, 0)
-    assert (found["real"].position_m < 1e-3).all()
+    assert (result["real"].position_m < 1e-3).all()
 
 
-def test_other_seeds_are_other_trials_and_equal_ones_the_same(pieces):
-    one, same, other = (align(pieces, seed=s, real=depth())["real"] for s in (0, 0, 1))
-    np.testing.assert_array_equal(one.position_m, same.position_m)
-    assert (one.position_m != other.position_m).all()
-    assert one.objects == ("s/1",) or one.objects[0].startswith("s/")
+def test_the_seed_determines_the_trials(pieces):
+    item, same, second = (align(pieces, seed=s, real=depth())["real"] for s in (0, 0, 1))
+    np.testing.assert_array_equal(item.position_m, same.position_m)
+    assert (item.position_m != second.position_m).all()
+    assert item.objects == ("s/1",) or item.objects[0].startswith("s/")
 
 
-def test_depth_that_is_off_is_found_off(pieces):
-    """All depth 1 % farther: the object is found 1 % of its distance away, +-20 %."""
-    found = align(pieces, real=depth(), far=(depth() * 1.01).astype(np.float32))
+def test_a_depth_error_gives_a_position_error(pieces):
+    """All depth 1 % farther: the object's error is 1 % of its distance, +-20 %."""
+    result = align(pieces, real=depth(), far=(depth() * 1.01).astype(np.float32))
     distance = np.linalg.norm(pieces[0].centre_m)
-    assert found["far"].position_m == pytest.approx(np.full((1, 2), 0.01 * distance), rel=0.2)
+    assert result["far"].position_m == pytest.approx(np.full((1, 2), 0.01 * distance), rel=0.2)
 
 
-def test_hidden_objects_are_counted_and_left_out(pieces):
+def test_hidden_objects_are_counted_and_excluded(pieces):
     hidden = np.where(pieces[0].pixels, np.nan, depth()).astype(np.float32)
-    found = align(pieces, real=depth(), hides=hidden)
-    assert not found["hides"].visible.any()
-    assert np.isnan(found["hides"].rotation).all()
-    compared = comparison.against_real(found["hides"], found["real"])
+    result = align(pieces, real=depth(), hides=hidden)
+    assert not result["hides"].visible.any()
+    assert np.isnan(result["hides"].rotation).all()
+    compared = comparison.against_real(result["hides"], result["real"])
     assert np.isnan(compared.difference).all()
     assert (compared.objects, compared.hidden, compared.trials) == (0, 1, 0)
     nothing = align(pieces, real=depth(), blind=np.full_like(depth(), np.nan))
     assert not nothing["blind"].visible.any()
-    both = study.pool([found, align(pieces, seed=1, real=depth(), hides=depth())])
+    both = study.pool([result, align(pieces, seed=1, real=depth(), hides=depth())])
     compared = comparison.against_real(both["hides"], both["real"])
     assert (compared.objects, compared.hidden, compared.shown, compared.trials) == (1, 1, 0, 2)
     assert comparison.against_real(both["real"], both["hides"]).shown == 1
@@ -68,15 +68,15 @@ def outcome(position: np.ndarray) -> Outcome:
     return Outcome(objects=names, position_m=position, rotation=position / 10)
 
 
-def test_figures_are_the_papers():
+def test_figures_are_those_of_the_paper():
     real = outcome(np.array([[1.0, 3.0], [5.0, 7.0]]))  # Mean 4, variance 5.
     method = outcome(np.array([[2.0, 2.0], [4.0, 6.0]]))  # Mean 3.5, variance 2.75.
-    found = comparison.against_real(method, real).difference
-    np.testing.assert_allclose(found, [12.5, 45.0, 12.5, 45.0])
-    assert found._fields[0] == "position_mean_pct"
+    result = comparison.against_real(method, real).difference
+    np.testing.assert_allclose(result, [12.5, 45.0, 12.5, 45.0])
+    assert result._fields[0] == "position_mean_pct"
 
 
-def test_nearer_method_is_told_with_its_interval():
+def test_the_interval_of_a_nearer_method_is_above_zero():
     draw = np.random.default_rng(0)
     errors = draw.gamma(2.0, 0.01, (60, 5))
     real, near = outcome(errors), outcome(errors * 1.05)
@@ -91,19 +91,21 @@ def test_nearer_method_is_told_with_its_interval():
     assert same.low == same.high == (0, 0, 0, 0)
 
 
-def test_interval_of_what_does_not_differ_holds_zero():
-    """Two methods of the same law, over 40 sets of 30 objects: about 95 % of the intervals hold
-    zero; fewer than 33 of 40 would be seen once in a thousand sets."""
+def test_the_interval_of_equal_methods_contains_zero():
+    """Two methods of the same distribution, over 40 sets of 30 objects.
+
+    About 95 % of the intervals contain zero; fewer than 33 of 40 have a probability of 0.001.
+    """
     held = 0
     for seed in range(40):
         draw = np.random.default_rng(seed)
-        real, one, other = (outcome(draw.gamma(4.0, 0.01, (30, 4))) for _ in range(3))
-        gain = comparison.nearer(one, other, real, seed=seed, draws=300)
+        real, item, second = (outcome(draw.gamma(4.0, 0.01, (30, 4))) for _ in range(3))
+        gain = comparison.nearer(item, second, real, seed=seed, draws=300)
         held += gain.low.position_mean_pct <= 0 <= gain.high.position_mean_pct
     assert held >= 33
 
 
-def test_what_cannot_be_studied_is_refused(pieces):
+def test_invalid_studies_are_refused(pieces):
     with pytest.raises(InputError, match=r"trials must be an integer in \[2, 1000000\]; got 1"):
         align(pieces, trials=1, real=depth())
     with pytest.raises(InputError, match="pieces must hold an object; got 0"):
@@ -114,16 +116,16 @@ def test_what_cannot_be_studied_is_refused(pieces):
         align(pieces, real=depth()[:10])
 
 
-def test_outcomes_that_do_not_belong_together_are_refused():
-    one = outcome(np.ones((2, 2)))
+def test_outcomes_of_different_objects_are_refused():
+    item = outcome(np.ones((2, 2)))
     with pytest.raises(InputError, match="scenes must not be empty; got 0"):
         study.pool([])
     with pytest.raises(InputError, match="scenes must share methods and trials; got 2"):
-        study.pool([{"real": one}, {"real": outcome(np.ones((2, 3)))}])
+        study.pool([{"real": item}, {"real": outcome(np.ones((2, 3)))}])
     with pytest.raises(InputError, match="objects must be the same in both; got 2 and 3"):
-        comparison.against_real(one, outcome(np.ones((3, 2))))
+        comparison.against_real(item, outcome(np.ones((3, 2))))
     with pytest.raises(InputError, match="draws must be an integer in"):
-        comparison.nearer(one, one, one, seed=0, draws=10)
+        comparison.nearer(item, item, item, seed=0, draws=10)
     single = outcome(np.array([[1.0, 2.0]]))
     with pytest.raises(InputError, match="objects seen in all must be two or more; got 1"):
         comparison.nearer(single, single, single, seed=0)

@@ -1,4 +1,4 @@
-"""`starling train`, `evaluate` and `compare --methods` as they are typed."""
+"""`starling train`, `evaluate` and `compare --methods` on the command line."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ def captures(tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Draw nothing: pictures take most of the time."""
+    """Skip the slow drawing of pictures."""
     monkeypatch.setattr(pictures, "curves", lambda _: b"curves")
     monkeypatch.setattr(pictures, "scenes", lambda _: b"scenes")
 
 
 @pytest.fixture
 def sensors(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, dict[str, Any]]]:
-    """Put a small sensor and made physics in place; list which sensors were asked for, and how."""
-    asked: list[tuple[str, dict[str, Any]]] = []
+    """Replace sensor and physics by synthetic ones; returns the requested sensors."""
+    requests: list[tuple[str, dict[str, Any]]] = []
 
     def load(name: str, **how: Any):
-        asked.append((name, how))
+        requests.append((name, how))
         return capture_sets.sensor()
 
     monkeypatch.setattr(resolve, "load", load)
     monkeypatch.setattr(simulated, "physics", lambda *_, **__: step_scene(0).physics)
-    return asked
+    return requests
 
 
 @pytest.mark.parametrize("verb", ["train", "evaluate", "compare"])
@@ -63,30 +63,30 @@ def test_bad_flags_exit_2(arguments, capsys):
 
 def test_train_evaluate_and_compare(captures, tmp_path, capsys):
     model, out = tmp_path / "model", tmp_path / "out"
-    code, said, _ = _run("train", "simple", captures, "--out", model, "--json", capsys=capsys)
-    trained = json.loads(said)
+    code, message, _ = _run("train", "simple", captures, "--out", model, "--json", capsys=capsys)
+    trained = json.loads(message)
     assert (code, trained["method"]) == (0, "simple")
     assert trained["scenes"] == list(capture_sets.SCENES)
     record = json.loads((model / "starling.json").read_text())
     assert record["arguments"]["draws"] == 8 and record["arguments"]["even"] is False
 
     arguments = ("evaluate", captures, "--methods", "perfect", "--models", model, "--out", out)
-    code, said, _ = _run(*arguments, "--json", capsys=capsys)
+    code, message, _ = _run(*arguments, "--json", capsys=capsys)
     assert code == 0
-    assert list(json.loads(said)["methods"]) == ["perfect", "simple"]
+    assert list(json.loads(message)["methods"]) == ["perfect", "simple"]
     assert "--force" in _refused(*arguments, capsys=capsys)
-    code, said, _ = _run(*arguments, "--force", "--rooms", "hall", capsys=capsys)
-    assert code == 0 and "simple" in said and "hall" in said and "attic" not in said
+    code, message, _ = _run(*arguments, "--force", "--rooms", "hall", capsys=capsys)
+    assert code == 0 and "simple" in message and "hall" in message and "attic" not in message
 
     picture = tmp_path / "methods.png"
     arguments = ("compare", captures, "--methods", "perfect", model, "--out", picture, "--json")
-    code, said, _ = _run(*arguments, capsys=capsys)
+    code, message, _ = _run(*arguments, capsys=capsys)
     assert code == 0
-    found = json.loads(said)
-    assert found["real"]["ndp_rate"] == pytest.approx(trained["ndp_rate"])
-    assert found["methods"]["perfect"]["ndp_rate"] == 0
-    assert found["methods"]["perfect"]["area_ks"] is None
-    assert found["methods"]["simple"]["auc"] > 0.5
+    result = json.loads(message)
+    assert result["real"]["ndp_rate"] == pytest.approx(trained["ndp_rate"])
+    assert result["methods"]["perfect"]["ndp_rate"] == 0
+    assert result["methods"]["perfect"]["area_ks"] is None
+    assert result["methods"]["simple"]["auc"] > 0.5
     drawn = picture.read_bytes()
     assert drawn.startswith(b"\x89PNG")
     assert "out must not exist" in _refused(*arguments, capsys=capsys)
@@ -94,11 +94,11 @@ def test_train_evaluate_and_compare(captures, tmp_path, capsys):
     assert code == 0 and picture.read_bytes() != drawn
 
 
-def test_flags_of_train_reach_the_work(captures, tmp_path, sensors, monkeypatch, capsys):
-    asked: list[dict[str, Any]] = []
+def test_flags_of_train_are_passed_on(captures, tmp_path, sensors, monkeypatch, capsys):
+    requests: list[dict[str, Any]] = []
 
     def work(method: str, captures: str, out: Path, **how: Any) -> dict[str, Any]:
-        asked.append({"method": method, "captures": captures, "out": out, **how})
+        requests.append({"method": method, "captures": captures, "out": out, **how})
         return {}
 
     monkeypatch.setattr(train_captures, "train_captures", work)
@@ -110,21 +110,21 @@ def test_flags_of_train_reach_the_work(captures, tmp_path, sensors, monkeypatch,
     )  # fmt: skip
     assert code == 0
     assert sensors == [("d435", {"captures": str(captures), "edits": ("imager.gain=2",)})]
-    (one,) = asked
-    simulation = one.pop("simulation")
+    (item,) = requests
+    simulation = item.pop("simulation")
     assert isinstance(simulation, Simulation)
     assert (simulation.draws, simulation.even) == (3, True)
     assert simulation.cache == tmp_path / "kept"
-    del one["tell"]
-    assert one == {
+    del item["tell"]
+    assert item == {
         "method": "hybrid", "captures": str(captures), "out": tmp_path / "out",
         "rooms": ("hall", "attic"), "steps": 5, "seed": 2, "force": True,
         "start": tmp_path / "begun",
-        "asked": {"sensor": "d435", "draws": 3, "even": True, "set": ("imager.gain=2",)},
+        "options": {"sensor": "d435", "draws": 3, "even": True, "set": ("imager.gain=2",)},
     }  # fmt: skip
 
 
-def test_the_room_held_out_takes_its_place_in_the_sensor_s_name(
+def test_the_held_out_room_is_inserted_into_the_name_of_the_sensor(
     captures, tmp_path, sensors, capsys
 ):
     code, _, err = _run(
@@ -144,16 +144,16 @@ def test_the_room_held_out_takes_its_place_in_the_sensor_s_name(
 def test_compare_physics_takes_a_sensor(captures, sensors, capsys):
     arguments = ("compare", captures, "--methods", "physics", "--json")
     assert "physics must be given" in _refused(*arguments, capsys=capsys)
-    code, said, _ = _run(*arguments, "--sensor", "d435", capsys=capsys)
+    code, message, _ = _run(*arguments, "--sensor", "d435", capsys=capsys)
     assert code == 0 and len(sensors) == 1
-    assert json.loads(said)["methods"]["physics"]["ndp_rate"] > 0
+    assert json.loads(message)["methods"]["physics"]["ndp_rate"] > 0
 
 
-@pytest.mark.parametrize("given", ["both", "neither"])
-def test_compare_takes_simulated_captures_or_methods(captures, given, capsys):
-    more = (captures, "--methods", "perfect") if given == "both" else ()
+@pytest.mark.parametrize("inputs_given", ["both", "neither"])
+def test_compare_takes_simulated_captures_or_methods(captures, inputs_given, capsys):
+    more = (captures, "--methods", "perfect") if inputs_given == "both" else ()
     assert _refused("compare", captures, *more, capsys=capsys) == (
-        f"starling: sim and methods must be one of the two; got {given}. "
+        f"starling: sim and methods must be one of the two; got {inputs_given}. "
         "Give simulated captures, or --methods.\n"
     )
 
@@ -166,13 +166,13 @@ def test_a_picture_of_methods_needs_methods(captures, tmp_path, capsys):
 
 def test_compare_still_compares_captures(captures, tmp_path, capsys):
     again = capture_sets.write(tmp_path / "again")
-    code, said, _ = _run("compare", captures, again, "--json", capsys=capsys)
+    code, message, _ = _run("compare", captures, again, "--json", capsys=capsys)
     assert code == 0
-    rate = json.loads(said)["metrics"]["ndp_rate"]
+    rate = json.loads(message)["metrics"]["ndp_rate"]
     assert rate["real"] == rate["sim"]
 
 
-def test_what_a_verb_refuses_is_one_line(captures, tmp_path, capsys):
+def test_refusals_are_one_line(captures, tmp_path, capsys):
     out = ("--out", tmp_path / "out")
     line = _refused("train", "oracle", captures, *out, capsys=capsys)
     assert "method must be a known name; got 'oracle'" in line

@@ -1,4 +1,4 @@
-"""Networks learn what there is to learn, and the hybrid leaves the physics as it is at first."""
+"""Training of networks, and the hybrid, which initially equals the physics."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from starling.learning.networks.unet import UNet
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
 
-pytestmark = pytest.mark.long  # Trainings.
+pytestmark = pytest.mark.long  # These tests train networks.
 
 LEARNT_FROM = [step_scene(number) for number in range(24)]
 UNSEEN = [step_scene(number) for number in range(100, 116)]
@@ -35,40 +35,46 @@ QUICK = Settings(steps=60, batch=4, rate=5e-3, averaging=0.9)
 
 def _area(predictor: Predictor) -> float:
     return roc(
-        pool(judge(predictor.probability(one), np.asarray(one.ndp), one.counted) for one in UNSEEN)
+        pool(
+            judge(predictor.probability(item), np.asarray(item.ndp), item.counted)
+            for item in UNSEEN
+        )
     ).area
 
 
 def test_the_network_learns_half_occlusion_from_depth(tmp_path: Path) -> None:
-    """0.997 measured. What is learnt is one law in one made-up kind of scene, nothing real."""
+    """0.997 measured, on one law in one kind of synthetic scene."""
     predictor = Network(settings=QUICK).fit(LEARNT_FROM, folder=tmp_path, seed=0)
     assert _area(predictor) > 0.97
-    told = np.concatenate([predictor.probability(one)[one.counted] for one in UNSEEN])
-    true = np.concatenate([np.asarray(one.ndp)[one.counted] for one in UNSEEN])
-    assert told.mean() == pytest.approx(true.mean(), rel=0.25)  # No class was weighted up.
+    report = np.concatenate([predictor.probability(item)[item.counted] for item in UNSEEN])
+    true = np.concatenate([np.asarray(item.ndp)[item.counted] for item in UNSEEN])
+    assert report.mean() == pytest.approx(true.mean(), rel=0.25)  # Classes are not weighted.
 
 
 def test_nothing_is_learnt_from_holes_of_other_scenes(tmp_path: Path) -> None:
-    """Shuffled pairs: what is left is the accident of 24 pillars' places."""
+    """Shuffled pairs: only the random places of 24 pillars remain."""
     shuffled = [
-        dataclasses.replace(one, ndp=LEARNT_FROM[(place + 7) % 24].ndp)
-        for place, one in enumerate(LEARNT_FROM)
+        dataclasses.replace(item, ndp=LEARNT_FROM[(place + 7) % 24].ndp)
+        for place, item in enumerate(LEARNT_FROM)
     ]
     assert _area(Network(settings=QUICK).fit(shuffled, folder=tmp_path, seed=0)) < 0.7
 
 
-def test_the_hybrid_beats_the_physics_it_builds_on(tmp_path: Path) -> None:
-    """0.998 measured, where a physics that misses the upper half of every hole has 0.87."""
+def test_the_hybrid_beats_its_physics(tmp_path: Path) -> None:
+    """0.998 measured; physics that misses the upper half of every hole has 0.87."""
     before = roc(
-        pool(judge(_told(one), np.asarray(one.ndp), one.counted) for one in map(_blind, UNSEEN))
+        pool(
+            judge(_predicted(item), np.asarray(item.ndp), item.counted)
+            for item in map(_blind, UNSEEN)
+        )
     ).area
     predictor = Hybrid(settings=QUICK).fit(
-        [_blind(one) for one in LEARNT_FROM], folder=tmp_path, seed=0
+        [_blind(item) for item in LEARNT_FROM], folder=tmp_path, seed=0
     )
     after = roc(
         pool(
-            judge(predictor.probability(_blind(one)), np.asarray(one.ndp), one.counted)
-            for one in UNSEEN
+            judge(predictor.probability(_blind(item)), np.asarray(item.ndp), item.counted)
+            for item in UNSEEN
         )
     ).area
     assert after > 0.98
@@ -82,14 +88,14 @@ def _blind(example: Example) -> Example:
     return dataclasses.replace(example, physics=dataclasses.replace(example.physics, ndp=seen))
 
 
-def _told(example: Example) -> np.ndarray:
+def _predicted(example: Example) -> np.ndarray:
     assert example.physics is not None
     return physics_probability(example.physics)
 
 
 @settings(max_examples=20)
 @given(st.integers(1, 64), st.integers(0, 2**32 - 1), st.booleans())
-def test_an_unlearnt_hybrid_is_the_physics_bit_for_bit(
+def test_an_untrained_hybrid_equals_physics_bit_for_bit(
     draws: int, seed: int, with_reflectance: bool
 ) -> None:
     share = np.random.default_rng(seed).integers(0, draws + 1, SHAPE) / draws
@@ -97,32 +103,32 @@ def test_an_unlearnt_hybrid_is_the_physics_bit_for_bit(
     assert example.physics is not None
     physics = dataclasses.replace(example.physics, ndp=share.astype(np.float32), draws=draws)
     example = dataclasses.replace(example, physics=physics)
-    network = Hybrid(with_reflectance=with_reflectance).unlearnt().eval()
+    network = Hybrid(with_reflectance=with_reflectance).untrained().eval()
     predictor = HybridPredictor(network, with_reflectance, SHAPE)
     np.testing.assert_array_equal(predictor.probability(example), physics_probability(physics))
 
 
 @given(st.floats(0, 1, width=32))
-def test_no_correction_changes_no_probability(probability: float) -> None:
+def test_a_zero_correction_changes_no_probability(probability: float) -> None:
     image = np.full((1, 1), probability, np.float32)
     np.testing.assert_array_equal(corrected(image, np.zeros((1, 1), np.float32)), image)
 
 
 def test_a_correction_is_added_to_the_logit() -> None:
-    """Against the logistic function in 64 bits, up to where 32 bits run out."""
+    """Compared with the logistic function in 64 bits, within the range of 32 bits."""
     probability = np.linspace(0.01, 0.99, 99, dtype=np.float32)[:, None]
     correction = np.linspace(-60, 60, 121, dtype=np.float32)
     p, c = np.broadcast_arrays(probability.astype(np.float64), correction.astype(np.float64))
     wanted = 1 / (1 + (1 - p) / p * np.exp(-c))
-    told = corrected(np.broadcast_to(probability, p.shape), np.broadcast_to(correction, p.shape))
-    np.testing.assert_allclose(told, wanted, rtol=2e-5)
+    report = corrected(np.broadcast_to(probability, p.shape), np.broadcast_to(correction, p.shape))
+    np.testing.assert_allclose(report, wanted, rtol=2e-5)
     extreme = corrected(np.full(2, 0.5, np.float32), np.array([-1e4, 1e4], np.float32))
     np.testing.assert_array_equal(extreme, [0, 1])
 
 
-def test_the_learnt_hybrid_is_scale_times_logit_plus_network() -> None:
-    """What training sees, the logit, and what is predicted, in odds, are the same."""
-    network = Hybrid().unlearnt().eval()
+def test_the_trained_hybrid_is_scale_times_logit_plus_network() -> None:
+    """The logit in training and the prediction in odds are equal."""
+    network = Hybrid().untrained().eval()
     torch.manual_seed(0)
     with torch.no_grad():
         network.scale.fill_(0.6)
@@ -130,11 +136,11 @@ def test_the_learnt_hybrid_is_scale_times_logit_plus_network() -> None:
     example = step_scene(5)
     seen = channels(example, with_reflectance=False, with_physics=True)
     logit = apply(network, seen)
-    share = _told(example).astype(np.float64)
+    share = _predicted(example).astype(np.float64)
     wanted = 0.6 * np.log(share / (1 - share)) + apply(network.unet, seen)
     np.testing.assert_allclose(logit, wanted, atol=1e-4)
-    told = HybridPredictor(network, False, SHAPE).probability(example)
-    np.testing.assert_allclose(told, 1 / (1 + np.exp(-wanted)), atol=1e-5)
+    report = HybridPredictor(network, False, SHAPE).probability(example)
+    np.testing.assert_allclose(report, 1 / (1 + np.exp(-wanted)), atol=1e-5)
     assert np.abs(logit).max() > 0.5
 
 
@@ -146,9 +152,9 @@ def test_inference_is_the_network(width: int) -> None:
         network.head.weight.normal_()
         image = torch.randn(1, 3, 40, width)
         wanted = network(image)[0, 0].numpy()
-    told = apply(network, image[0].numpy())
-    assert told.shape == (40, width)
-    np.testing.assert_allclose(told, wanted, atol=1e-4)
+    report = apply(network, image[0].numpy())
+    assert report.shape == (40, width)
+    np.testing.assert_allclose(report, wanted, atol=1e-4)
 
 
 @pytest.mark.parametrize("method", [Network(), Hybrid()], ids=lambda method: method.name)
@@ -159,11 +165,13 @@ def test_refuses_a_scene_of_another_size(method: Any, tmp_path: Path) -> None:
     )
     info = dataclasses.replace(INFO, width=80)
     wide = dataclasses.replace(UNSEEN[0], info=info, depth_m=np.ones((48, 80), np.float32))
-    with pytest.raises(InputError, match="size learnt from, 64x48; got 80x48 in scene100"):
+    with pytest.raises(
+        InputError, match="size of the training scenes, 64x48; got 80x48 in scene100"
+    ):
         predictor.probability(wide)
 
 
-def test_refuses_scenes_without_what_was_learnt_from(tmp_path: Path) -> None:
+def test_scenes_without_an_input_are_refused(tmp_path: Path) -> None:
     short = dataclasses.replace(QUICK, steps=1)
     bare = dataclasses.replace(UNSEEN[0], reflectance=None, physics=None)
     network = Network(settings=short, with_reflectance=True)
@@ -176,24 +184,24 @@ def test_refuses_scenes_without_what_was_learnt_from(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [Network, Hybrid])
-def test_going_on_from_weights_begins_where_they_ended(kind: Any, tmp_path: Path) -> None:
-    """A rate of next to nothing leaves what was learnt; a new network tells otherwise."""
+def test_training_starts_from_initial_weights(kind: Any, tmp_path: Path) -> None:
+    """A learning rate near zero keeps the initial weights; a new network differs."""
     first, last = tmp_path / "first", tmp_path / "last"
     learnt = kind(settings=QUICK).fit(LEARNT_FROM[:4], folder=first, seed=0)
     still = dataclasses.replace(QUICK, start=first, steps=1, rate=1e-9)
     gone_on = kind(settings=still).fit(LEARNT_FROM[4:6], folder=last, seed=1)
-    told = learnt.probability(UNSEEN[0])
-    np.testing.assert_allclose(gone_on.probability(UNSEEN[0]), told, atol=1e-5)
+    report = learnt.probability(UNSEEN[0])
+    np.testing.assert_allclose(gone_on.probability(UNSEEN[0]), report, atol=1e-5)
     anew = kind(settings=dataclasses.replace(still, start=None))
-    other = anew.fit(LEARNT_FROM[4:6], folder=tmp_path / "anew", seed=1)
-    assert np.abs(other.probability(UNSEEN[0]) - told).max() > 0.1
+    second = anew.fit(LEARNT_FROM[4:6], folder=tmp_path / "anew", seed=1)
+    assert np.abs(second.probability(UNSEEN[0]) - report).max() > 0.1
 
 
-def test_refuses_weights_learnt_from_other_channels(tmp_path: Path, monkeypatch: Any) -> None:
+def test_weights_of_other_channels_are_refused(tmp_path: Path, monkeypatch: Any) -> None:
     short = dataclasses.replace(QUICK, steps=1)
     Network(settings=short).fit(LEARNT_FROM[:2], folder=tmp_path, seed=0)
     monkeypatch.setattr(
         "starling.learning.methods.network.names", lambda **_: ("disparity", "colour")
     )
-    with pytest.raises(InputError, match="must have learnt from disparity, colour; got"):
+    with pytest.raises(InputError, match="must be trained on disparity, colour; got"):
         Network().load(tmp_path)

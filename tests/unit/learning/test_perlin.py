@@ -1,4 +1,4 @@
-"""Gradient noise: its marginal, its correlation in the image and in time, its seeds."""
+"""Gradient noise: marginal, correlation in space and time, seeds."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ def many(noise: Perlin, *, shape: tuple[int, int] = (96, 128), frame: float = 0.
 
 @pytest.mark.parametrize("octaves", [1, 3])
 def test_share_below_a_threshold_is_the_threshold(octaves):
-    """Within 8 % of p or 0.001, over 60 draws. Says nothing of a single draw, whose share varies
-    with the few independent patches an image holds."""
+    """Within 8 % of p or 0.001, over 60 draws; a single draw has few independent patches."""
     noise = Perlin(correlation_px=2.0, correlation_frames=5.0, octaves=octaves)
     draws = np.stack([perlin.uniform((96, 128), noise, seed=s) for s in range(60)])
     for p in (0.005, 0.02, 0.1, 0.3, 0.5, 0.9, 0.98):
@@ -30,9 +29,11 @@ def test_share_below_a_threshold_is_the_threshold(octaves):
     assert draws.max() < 1
 
 
-def test_lattice_shows_nowhere():
-    """Plain gradient noise is zero on its lattice: here every pixel varies alike, within the
-    scatter of a variance of 400 draws (four standard deviations: 28 %)."""
+def test_the_lattice_is_invisible():
+    """Plain gradient noise is zero on its lattice; here every pixel has the same variance.
+
+    The tolerance is the scatter of a variance of 400 draws (four standard deviations: 28 %).
+    """
     noise = Perlin(correlation_px=3.0, correlation_frames=5.0)
     draws = np.stack([perlin.standard((24, 24), noise, seed=s) for s in range(400)])
     assert draws.var(axis=0) == pytest.approx(np.ones((24, 24)), abs=0.28)
@@ -41,8 +42,8 @@ def test_lattice_shows_nowhere():
 
 @pytest.mark.parametrize("octaves", [1, 2])
 @pytest.mark.parametrize("correlation_px", [3, 8])
-def test_correlation_is_one_half_at_the_length_asked(correlation_px, octaves):
-    """In both directions, within 0.05: what the local variance changes in the closed form."""
+def test_the_correlation_is_one_half_at_the_requested_length(correlation_px, octaves):
+    """In both directions, within 0.05, the effect of the local variance on the closed form."""
     noise = Perlin(correlation_px=correlation_px, correlation_frames=5.0, octaves=octaves)
     z = many(noise)
     across = np.mean(z[:, :, :-correlation_px] * z[:, :, correlation_px:])
@@ -59,8 +60,8 @@ def test_correlation_in_time_is_normal(later):
     assert noise.correlation_in_time(later) == pytest.approx(math.exp(-((later / 4) ** 2) / 2))
 
 
-def test_frames_are_of_one_strength():
-    """Slices of noise in three dimensions would swell and fade; turning gradients do not."""
+def test_frames_have_equal_strength():
+    """Slices of noise in three dimensions would change in strength; rotating gradients do not."""
     noise = Perlin(correlation_px=2.0, correlation_frames=4.0)
     for frame in (0.0, 1.5, 2.0, 7.0):
         assert many(noise, frame=frame).var() == pytest.approx(1, abs=0.03)
@@ -75,11 +76,13 @@ def test_frames_are_of_one_strength():
 )
 def test_any_size_is_bit_identical_by_seed(height, width, seed, correlation_px):
     noise = Perlin(correlation_px=correlation_px, correlation_frames=3.0, octaves=2)
-    one = perlin.uniform((height, width), noise, seed=seed, frame=2.5)
-    np.testing.assert_array_equal(one, perlin.uniform((height, width), noise, seed=seed, frame=2.5))
-    assert one.shape == (height, width)
-    assert np.isfinite(one).all()
-    assert (one != perlin.uniform((height, width), noise, seed=seed + 1, frame=2.5)).any()
+    item = perlin.uniform((height, width), noise, seed=seed, frame=2.5)
+    np.testing.assert_array_equal(
+        item, perlin.uniform((height, width), noise, seed=seed, frame=2.5)
+    )
+    assert item.shape == (height, width)
+    assert np.isfinite(item).all()
+    assert (item != perlin.uniform((height, width), noise, seed=seed + 1, frame=2.5)).any()
 
 
 def test_nothing_repeats():
@@ -100,7 +103,7 @@ def test_nothing_repeats():
         ({"octaves": 9}, r"octaves must be an integer in \[1, 8\]; got 9"),
     ],
 )
-def test_noise_that_cannot_be_is_refused(changes, message):
+def test_invalid_noise_is_refused(changes, message):
     with pytest.raises(InputError, match=message):
         Perlin(**({"correlation_px": 2.0, "correlation_frames": 5.0} | changes))
 

@@ -1,4 +1,4 @@
-"""Simulated physics on disk: it comes back as it was, or not at all."""
+"""Cache files of simulated physics."""
 
 from __future__ import annotations
 
@@ -17,48 +17,48 @@ from tests.unit.learning.step_scenes import step_scene
 NAMES = tuple(field.name for field in dataclasses.fields(Physics))
 
 
-def made(number: int = 0) -> Physics:
+def synthetic_physics(number: int = 0) -> Physics:
     physics = step_scene(number).physics
     assert physics is not None
     return physics
 
 
-def test_physics_comes_back_bit_for_bit(tmp_path):
+def test_physics_is_read_bit_for_bit(tmp_path):
     for number in (0, 1):
-        physics_file.write(tmp_path / "kept", f"scene-{number}", made(number))
+        physics_file.write(tmp_path / "kept", f"scene-{number}", synthetic_physics(number))
     for number in (0, 1):
-        found = physics_file.read(tmp_path / "kept", f"scene-{number}")
-        assert found is not None
-        assert type(found.draws) is int and found.draws == 8
-        assert np.isnan(made(number).disparity_px).any()
+        result = physics_file.read(tmp_path / "kept", f"scene-{number}")
+        assert result is not None
+        assert type(result.draws) is int and result.draws == 8
+        assert np.isnan(synthetic_physics(number).disparity_px).any()
         for name in NAMES[:1] + NAMES[2:]:
-            image, kept = getattr(made(number), name), getattr(found, name)
-            assert_array_equal(kept, image)
-            assert kept.dtype == image.dtype
+            image, remaining = getattr(synthetic_physics(number), name), getattr(result, name)
+            assert_array_equal(remaining, image)
+            assert remaining.dtype == image.dtype
 
 
-def test_what_was_never_kept_is_none(tmp_path):
+def test_a_missing_file_is_none(tmp_path):
     assert physics_file.read(tmp_path / "nowhere", "scene") is None
-    physics_file.write(tmp_path, "scene", made())
+    physics_file.write(tmp_path, "scene", synthetic_physics())
     assert physics_file.read(tmp_path, "other") is None
 
 
-def test_a_newer_one_takes_the_older_s_place(tmp_path):
-    physics_file.write(tmp_path, "scene", made(0))
-    physics_file.write(tmp_path, "scene", made(1))
-    found = physics_file.read(tmp_path, "scene")
-    assert found is not None
-    assert_array_equal(found.ndp, made(1).ndp)
+def test_a_newer_file_replaces_an_older_one(tmp_path):
+    physics_file.write(tmp_path, "scene", synthetic_physics(0))
+    physics_file.write(tmp_path, "scene", synthetic_physics(1))
+    result = physics_file.read(tmp_path, "scene")
+    assert result is not None
+    assert_array_equal(result.ndp, synthetic_physics(1).ndp)
     assert [path.name for path in tmp_path.iterdir()] == ["scene.npz"]
 
 
 def test_damaged_or_older_files_are_refused_in_one_line(tmp_path):
-    physics_file.write(tmp_path, "scene", made())
+    physics_file.write(tmp_path, "scene", synthetic_physics())
     path = model_file.path_of(tmp_path, "scene")
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(InputError, match=r"^model must be whole; got .*scene\.npz\. It is damaged"):
         physics_file.read(tmp_path, "scene")
-    arrays = {name: np.asarray(getattr(made(), name)) for name in NAMES}
+    arrays = {name: np.asarray(getattr(synthetic_physics(), name)) for name in NAMES}
     model_file.write(tmp_path, "scene", 99, arrays)
     with pytest.raises(InputError, match="must be scene of version 3; got scene of version 99"):
         physics_file.read(tmp_path, "scene")
@@ -68,7 +68,7 @@ def test_damaged_or_older_files_are_refused_in_one_line(tmp_path):
         physics_file.read(tmp_path, "scene")
 
 
-def test_a_place_that_cannot_be_written_is_refused(tmp_path):
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(InputError, match=r"^out must be writable; got .*scene\.npz"):
-        physics_file.write(tmp_path / "file", "scene", made())
+        physics_file.write(tmp_path / "file", "scene", synthetic_physics())

@@ -1,4 +1,4 @@
-"""The simulator alone as a method: shares of draws, as they are or put right."""
+"""The simulator alone as a method: shares of draws, plain or recalibrated."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ def _loss(predictor: SimulatedPredictor, scenes: list) -> float:
     )
 
 
-def test_physics_tells_its_probability_and_learns_nothing(tmp_path):
+def test_physics_predicts_its_probability_without_training(tmp_path):
     method: Method = Simulated()
     assert method.name == "physics"
     physics = SCENES[0].physics
     assert physics is not None
     for predictor in (method.fit([], folder=tmp_path, seed=0), method.load(tmp_path)):
-        told = predictor.probability(SCENES[0])
-        assert (told.dtype, told.shape) == (np.float32, SHAPE)
-        assert_array_equal(told, physics_probability(physics))
+        report = predictor.probability(SCENES[0])
+        assert (report.dtype, report.shape) == (np.float32, SHAPE)
+        assert_array_equal(report, physics_probability(physics))
     assert not list(tmp_path.iterdir())
 
 
 def test_an_example_without_physics_is_refused(tmp_path):
     bare = dataclasses.replace(SCENES[0], physics=None)
-    line = "physics must be given to a method that builds on it; got none for scene0. Simulate the"
+    line = "physics must be given for a method that uses it; got none for scene0. Simulate the"
     with pytest.raises(InputError, match=line):
         SimulatedPredictor().probability(bare)
     with pytest.raises(InputError, match=line):
@@ -50,27 +50,29 @@ def test_an_example_without_physics_is_refused(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_recalibration_helps_on_scenes_it_was_not_fitted_on(tmp_path):
-    """Draws that miss half of the holes and see some where none are: the line puts that right.
+def test_recalibration_improves_held_out_scenes(tmp_path):
+    """Draws with half of the holes and some false ones are corrected by the line.
 
-    The scenes' draws are as wrong as those learnt from, which a real simulator's need not be.
+    The errors of held-out scenes are like those of the training scenes, unlike a real simulator's.
     """
     method: Method = Simulated(recalibrated=True)
     assert method.name == "physics_recalibrated"
     learnt = method.fit(SCENES[:4], folder=tmp_path, seed=0)
     assert isinstance(learnt, SimulatedPredictor)
     assert _loss(learnt, SCENES[4:]) < 0.8 * _loss(SimulatedPredictor(), SCENES[4:])
-    told = np.concatenate([learnt.probability(s)[known_holes(s)[1]] for s in SCENES[:4]])
+    report = np.concatenate([learnt.probability(s)[known_holes(s)[1]] for s in SCENES[:4]])
     ndp = np.concatenate([known_holes(s)[0][known_holes(s)[1]] for s in SCENES[:4]])
-    assert told.mean() == pytest.approx(ndp.mean(), abs=1e-4)  # What the likelihood's offset does.
+    assert report.mean() == pytest.approx(ndp.mean(), abs=1e-4)  # The effect of the offset.
     again = method.load(tmp_path)
     assert_array_equal(again.probability(SCENES[5]), learnt.probability(SCENES[5]))
     assert learnt.probability(SCENES[5]).dtype == np.float32
 
 
-def test_scenes_count_alike_however_many_pixels_count(tmp_path):
-    """Told the same everywhere, half of one scene is holes and a tenth of another: 0.3 is right,
-    though the first counts 48 pixels and the second 3072."""
+def test_scenes_are_weighted_equally(tmp_path):
+    """For a constant prediction, half of one scene is holes and a tenth of another.
+
+    0.3 is right, although the first counts 48 pixels and the second 3072.
+    """
     physics = SCENES[0].physics
     assert physics is not None
     physics = dataclasses.replace(physics, ndp=np.full(SHAPE, 0.5, np.float32))
@@ -97,7 +99,7 @@ def test_scenes_count_alike_however_many_pixels_count(tmp_path):
         ),
     ],
 )
-def test_what_teaches_nothing_is_refused(examples, message, tmp_path):
+def test_uninformative_examples_are_refused(examples, message, tmp_path):
     with pytest.raises(InputError, match=message):
         Simulated(recalibrated=True).fit(examples, folder=tmp_path, seed=0)
     assert not list(tmp_path.iterdir())
@@ -112,8 +114,8 @@ def test_a_model_that_is_missing_or_damaged_is_refused(tmp_path):
         method.load(tmp_path)
 
 
-def test_the_line_is_read_back_as_it_was(tmp_path):
+def test_the_recalibration_is_saved_and_loaded(tmp_path):
     arrays = {"slope": np.array(1.5), "offset": np.array(-0.25)}
     model_file.write(tmp_path, "physics_recalibrated", 1, arrays)
-    found = Simulated(recalibrated=True).load(tmp_path)
-    assert found == SimulatedPredictor(Recalibration(1.5, -0.25))
+    result = Simulated(recalibrated=True).load(tmp_path)
+    assert result == SimulatedPredictor(Recalibration(1.5, -0.25))

@@ -1,4 +1,4 @@
-"""What physics tells: the share of draws without depth, smoothed in the image."""
+"""Simulated probability: the smoothed share of draws without depth."""
 
 from __future__ import annotations
 
@@ -27,35 +27,35 @@ def _drawn(share: np.ndarray, draws: int) -> Physics:
 
 
 @given(st.integers(1, 64), st.integers(0, 1000))
-def test_it_is_the_posterior_mean_of_the_share_nearby(draws: int, seed: int) -> None:
-    """(k' + m) / (n + 1), against another library's Gaussian."""
+def test_it_is_the_posterior_mean_of_the_local_share(draws: int, seed: int) -> None:
+    """(k' + m) / (n + 1), compared with the Gaussian of another library."""
     k = np.random.default_rng(seed).integers(0, draws + 1, SHAPE)
-    told = physics_probability(_drawn(k / draws, draws))
+    report = physics_probability(_drawn(k / draws, draws))
     nearby = gaussian_filter(k.astype(np.float64), PLACE_PX, mode="nearest", truncate=4.0)
-    np.testing.assert_allclose(told, (nearby + k.mean() / draws) / (draws + 1), rtol=2e-3)
+    np.testing.assert_allclose(report, (nearby + k.mean() / draws) / (draws + 1), rtol=2e-3)
 
 
-def test_the_edge_of_a_hole_is_told_with_the_doubt_about_its_place() -> None:
-    """Half at the edge, and one deviation beside it the Gaussian's 0.16 and 0.84."""
+def test_the_edge_of_a_hole_is_smoothed_by_its_position_uncertainty() -> None:
+    """One half at the edge, and the Gaussian's 0.16 and 0.84 at one sigma from it."""
     share = np.zeros(SHAPE)
     share[:, 32:] = 1
-    told = physics_probability(_drawn(share, 10**6))
-    edge = told[:, 31:33].mean()
+    report = physics_probability(_drawn(share, 10**6))
+    edge = report[:, 31:33].mean()
     assert edge == pytest.approx(0.5, abs=0.001)
-    beside = [told[:, column - 1 : column + 1].mean() for column in (28, 36)]
-    np.testing.assert_allclose(beside, [0.1587, 0.8413], atol=0.002)
+    neighbour = [report[:, column - 1 : column + 1].mean() for column in (28, 36)]
+    np.testing.assert_allclose(neighbour, [0.1587, 0.8413], atol=0.002)
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_it_is_never_certain(share: float) -> None:
-    told = physics_probability(_drawn(np.full(SHAPE, share), 8))
-    assert ((told > 0) & (told < 1)).all()
+    report = physics_probability(_drawn(np.full(SHAPE, share), 8))
+    assert ((report > 0) & (report < 1)).all()
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_what_is_alike_everywhere_stays_as_it_is(share: float) -> None:
-    told = physics_probability(_drawn(np.full(SHAPE, share), 8))
-    np.testing.assert_allclose(told, np.clip(share, 1e-3 / 9, 1 - 1e-3 / 9), atol=1e-6)
+def test_a_constant_share_does_not_change(share: float) -> None:
+    report = physics_probability(_drawn(np.full(SHAPE, share), 8))
+    np.testing.assert_allclose(report, np.clip(share, 1e-3 / 9, 1 - 1e-3 / 9), atol=1e-6)
 
 
 def test_refuses_no_draws() -> None:
@@ -64,7 +64,7 @@ def test_refuses_no_draws() -> None:
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_what_physics_says_is_smoothed_in_its_own_type(kind: type[np.floating]) -> None:
+def test_smoothing_keeps_the_data_type(kind: type[np.floating]) -> None:
     image = np.random.default_rng(0).random(SHAPE).astype(kind)
     smoothed = as_precise_as_physics(image)
     assert smoothed.dtype == kind

@@ -1,4 +1,4 @@
-"""Methods by name: each is made as it is called, and loads what it needs alone."""
+"""Creation of methods by name, and their imports."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ NETWORKS = ("network", "network_reflectance", "hybrid", "hybrid_reflectance", "p
 
 
 @pytest.mark.parametrize("name", registry.NAMES)
-def test_every_method_is_called_what_it_is_asked_for_by(name):
+def test_every_method_has_the_name_it_is_created_by(name):
     method = registry.method(name)
     assert method.name == name
     assert callable(method.fit) and callable(method.load)
 
 
 @pytest.mark.parametrize("name", registry.NAMES)
-def test_steps_are_a_network_s_alone(name):
+def test_steps_apply_to_networks_only(name):
     plain, short = registry.method(name), registry.method(name, steps=7)
     if name not in NETWORKS:
         assert short == plain
@@ -43,7 +43,7 @@ def test_a_network_without_a_step_is_refused(name, steps):
 
 
 @pytest.mark.parametrize("name", registry.NAMES)
-def test_some_networks_go_on_from_weights(name, tmp_path):
+def test_some_networks_start_from_weights(name, tmp_path):
     if name not in registry.STARTABLE:
         with pytest.raises(InputError, match=f"start must be for one of hybrid, .*; got {name}"):
             registry.method(name, start=tmp_path)
@@ -51,11 +51,11 @@ def test_some_networks_go_on_from_weights(name, tmp_path):
     plain, going_on = registry.method(name), registry.method(name, start=tmp_path)
     assert going_on.settings.start == tmp_path  # type: ignore[attr-defined]
     assert going_on.settings.steps < plain.settings.steps  # type: ignore[attr-defined]
-    asked = registry.method(name, start=tmp_path, steps=5)
-    assert asked.settings.steps == 5  # type: ignore[attr-defined]
+    with_steps = registry.method(name, start=tmp_path, steps=5)
+    assert with_steps.settings.steps == 5  # type: ignore[attr-defined]
 
 
-def test_an_unknown_name_is_refused_and_the_nearest_named_first():
+def test_an_unknown_name_is_refused_with_the_closest_name_first():
     with pytest.raises(InputError) as caught:
         registry.method("hybird")
     line = str(caught.value)
@@ -64,16 +64,16 @@ def test_an_unknown_name_is_refused_and_the_nearest_named_first():
 
 
 @pytest.mark.parametrize("name", sorted(registry.ON_PHYSICS))
-def test_methods_on_physics_refuse_scenes_without(name, tmp_path):
+def test_methods_with_physics_refuse_scenes_without_physics(name, tmp_path):
     scene = dataclasses.replace(step_scene(0), physics=None)
-    with pytest.raises(InputError, match="physics must be given to a method that builds on it"):
+    with pytest.raises(InputError, match="physics must be given for a method that uses it"):
         method = registry.method(name, steps=1)
         method.fit([scene], folder=tmp_path, seed=0).probability(scene)
 
 
 @pytest.mark.parametrize("name, package", [("hybrid", "torch"), ("trees", "sklearn")])
-def test_what_a_method_needs_and_is_missing_is_named(name, package):
-    """In a process of its own, which has loaded none of it."""
+def test_missing_packages_are_named(name, package):
+    """In a separate process without these imports."""
     code = (
         f"import sys; sys.modules['{package}'] = None\n"
         "from starling.learning import registry; from starling.patterns.errors import InputError\n"
@@ -84,7 +84,7 @@ def test_what_a_method_needs_and_is_missing_is_named(name, package):
     assert run.stdout.startswith(f"{name} needs {package}") == (package == "torch")
 
 
-def test_a_cheap_method_loads_no_network_and_no_renderer():
+def test_simple_methods_import_no_torch_and_no_renderer():
     code = (
         "import sys; from starling.learning import registry;"
         "[registry.method(name) for name in ('perfect', 'simple', 'trees', 'physics')];"

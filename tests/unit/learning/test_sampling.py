@@ -1,4 +1,4 @@
-"""No-depth pixels drawn from probabilities: how many, which, and how they flicker."""
+"""Sampling of no-depth pixels: share, placement and flicker."""
 
 from __future__ import annotations
 
@@ -46,26 +46,26 @@ def test_certain_pixels_are_certain(seed, threshold, frame):
     assert sampling.ndp(image(1, (9, 12)), how, seed=seed, frame=frame).all()
 
 
-def test_threshold_marks_what_is_above_and_not_what_is_at_it():
-    at, above = image(0.5), image(np.nextafter(np.float32(0.5), np.float32(1)))
-    assert 0.3 < sampling.ndp(at, Sampling(noise=NOISE), seed=1).mean() < 0.7
+def test_the_threshold_is_exclusive():
+    position, above = image(0.5), image(np.nextafter(np.float32(0.5), np.float32(1)))
+    assert 0.3 < sampling.ndp(position, Sampling(noise=NOISE), seed=1).mean() < 0.7
     assert sampling.ndp(above, Sampling(noise=NOISE), seed=1).all()
     everywhere_drawn = Sampling(noise=NOISE, threshold=1.0)
     share = np.mean([sampling.ndp(image(0.8), everywhere_drawn, seed=s) for s in range(30)])
     assert share == pytest.approx(0.8, abs=0.02)
 
 
-def test_holes_hang_together():
-    """Beside a no-depth pixel there is another far more often than independent draws have it."""
+def test_holes_are_clustered():
+    """A no-depth pixel has a no-depth neighbour much more often than for independent draws."""
     holes = sampling.ndp(image(0.05, (200, 200)), Sampling(noise=NOISE), seed=2)
-    beside = (holes[:, 1:] & holes[:, :-1]).sum() / holes[:, 1:].sum()
-    assert beside > 0.5
+    neighbour = (holes[:, 1:] & holes[:, :-1]).sum() / holes[:, 1:].sum()
+    assert neighbour > 0.5
 
 
 @pytest.mark.parametrize("later", [1, 3, 10])
 @pytest.mark.parametrize("p", [0.02, 0.1, 0.4])
 def test_flicker_is_the_closed_form(p, later):
-    """Within 12 % of the orthant probability of normal values, which the noise nearly has."""
+    """Within 12 % of the orthant probability of normal values, an approximation of the noise."""
     how = Sampling(noise=NOISE)
     changed = np.mean(
         [
@@ -77,7 +77,7 @@ def test_flicker_is_the_closed_form(p, later):
     assert changed == pytest.approx(expected, rel=0.12)
 
 
-def test_what_is_certain_or_above_the_threshold_does_not_flicker():
+def test_certain_pixels_and_those_above_the_threshold_do_not_flicker():
     p = np.array([0, 0.3, 0.7, 1.0])
     rate = sampling.flicker(p, Sampling(noise=NOISE), 100)
     np.testing.assert_allclose(rate, [0, 2 * 0.3 * 0.7, 0, 0], atol=1e-6)
@@ -90,30 +90,30 @@ def simulated(number: int) -> Physics:
     return physics
 
 
-def test_what_physics_tells_is_drawn_as_its_first_draw():
+def test_the_simulated_probability_gives_the_first_simulated_draw():
     physics = simulated(0)
-    told = physics_probability(physics)
+    report = physics_probability(physics)
     everywhere_drawn = Sampling(noise=NOISE, threshold=1.0)
     for seed in range(3):
-        drawn = sampling.ndp(told, everywhere_drawn, seed=seed, physics=physics)
+        drawn = sampling.ndp(report, everywhere_drawn, seed=seed, physics=physics)
         np.testing.assert_array_equal(drawn, physics.one_draw_ndp)
 
 
 @given(seed=st.integers(0, 2**32))
-def test_holes_go_where_less_is_told_than_by_physics_and_come_where_more_is(seed):
+def test_holes_are_removed_or_added_where_the_probability_differs_from_physics(seed):
     physics = simulated(1)
-    told = physics_probability(physics)
+    report = physics_probability(physics)
     how = Sampling(noise=NOISE, threshold=1.0)
-    fewer = sampling.ndp(told / 2, how, seed=seed, physics=physics)
-    more = sampling.ndp((1 + told) / 2, how, seed=seed, physics=physics)
+    fewer = sampling.ndp(report / 2, how, seed=seed, physics=physics)
+    more = sampling.ndp((1 + report) / 2, how, seed=seed, physics=physics)
     assert not (fewer & ~physics.one_draw_ndp).any()
     assert not (physics.one_draw_ndp & ~more).any()
     assert fewer.sum() < physics.one_draw_ndp.sum() < more.sum()
 
 
 @pytest.mark.parametrize("factor", [0.3, 1.0, 2.5])
-def test_a_frame_s_holes_leave_the_expected_share_as_it_is(factor):
-    """Over 200 draws of physics that tell the same 15 % everywhere, whatever the method tells."""
+def test_simulated_holes_do_not_change_the_expected_share(factor):
+    """Over 200 draws of physics with a share of 15 % everywhere, for any predicted probability."""
     rng = np.random.default_rng(5)
     how = Sampling(noise=NOISE, threshold=1.0)
     shares = []
@@ -142,7 +142,7 @@ def test_depth_image_has_holes_and_a_simulators_errors():
     np.testing.assert_array_equal(plain, np.where(ndp, np.nan, reference))
 
 
-def test_what_is_no_probability_is_refused():
+def test_invalid_probabilities_are_refused():
     how = Sampling(noise=NOISE)
     for value in (np.nan, -0.1, 1.1):
         with pytest.raises(InputError, match=r"probability must be in \[0, 1\]; got"):

@@ -1,4 +1,4 @@
-"""Models that come with the program: they can be read, and say what they have learnt from."""
+"""Shipped models: loading, records and accuracy."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ FOLDER = Path(shipped.__file__).parent
 
 
 @pytest.mark.parametrize("name", shipped.NAMES)
-def test_a_shipped_model_is_read_by_its_name(name):
+def test_a_shipped_model_is_loaded_by_name(name):
     method, predictor = trained(Path(name))
     assert name == f"{method}-varied"
     assert predictor.shape == (360, 640)  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", shipped.NAMES)
-def test_its_record_names_no_place_and_its_card_names_it(name):
+def test_the_record_has_no_paths_and_the_readme_names_the_model(name):
     folder = FOLDER / name
     assert {path.name for path in folder.iterdir()} == {RECORD, f"{name.split('-')[0]}.pt"}
     assert "/" not in (folder / RECORD).read_text()
     assert f"`{name}`" in (FOLDER / "README.md").read_text()
 
 
-def test_the_network_that_completes_is_read_by_its_name_alone():
-    network = methods.asked("small")
+def test_the_completion_network_is_loaded_by_name():
+    network = methods.create("small")
     assert isinstance(network, Small)
     learnt = small.load(shipped.COMPLETION).network.state_dict()
     for name, value in network.network.state_dict().items():
@@ -48,8 +48,8 @@ def test_the_network_that_completes_is_read_by_its_name_alone():
     assert f"`{shipped.COMPLETION.name}`" in (FOLDER / "README.md").read_text()
 
 
-def test_it_completes_a_simulated_room_better_than_any_plain_fill():
-    """A room that is not among those it has learnt from."""
+def test_it_completes_a_simulated_room_better_than_classical_methods():
+    """A room outside the training data."""
     size = ("width=640", "height=360", "fx_px=448", "fy_px=448", "cx_px=319.5", "cy_px=179.5")
     sensor = resolve.load("d415", edits=size)
     shot = simulate.simulate(sources.load("room:2000001", sensor), sensor, seed=0)
@@ -57,7 +57,7 @@ def test_it_completes_a_simulated_room_better_than_any_plain_fill():
     holes = ~depth.valid & np.isfinite(truth_m)
     errors = {
         name: np.abs(
-            complete(methods.asked(name), shot.ir_left, depth.depth_m, depth.valid).depth_m
+            complete(methods.create(name), shot.ir_left, depth.depth_m, depth.valid).depth_m
             - truth_m
         )[holes].mean()
         for name in ("small", *methods.CLASSICAL)
@@ -65,6 +65,6 @@ def test_it_completes_a_simulated_room_better_than_any_plain_fill():
     assert min(errors, key=lambda name: errors[name]) == "small"
 
 
-def test_other_paths_stand_for_themselves(tmp_path):
+def test_other_paths_are_returned_unchanged(tmp_path):
     assert shipped.folder(tmp_path) == tmp_path
     assert shipped.folder(Path("hybrid-varied")) == FOLDER / "hybrid-varied"

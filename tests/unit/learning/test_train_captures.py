@@ -1,4 +1,4 @@
-"""`starling train`: captures in, a method that has learnt out."""
+"""`starling train`: training of a method on captures."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ def captures(tmp_path: Path) -> str:
 
 @pytest.fixture
 def simulations(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Put made physics where simulating takes time; list the seeds that were asked."""
+    """Replace the simulation by synthetic physics; returns the requested seeds."""
     seeds: list[int] = []
 
-    def made(scene: object, sensor: object, *, draws: int, seed: int):
+    def built(scene: object, sensor: object, *, draws: int, seed: int):
         seeds.append(seed)
         return step_scene(len(seeds)).physics
 
-    monkeypatch.setattr(simulated, "physics", made)
+    monkeypatch.setattr(simulated, "physics", built)
     return seeds
 
 
-def test_a_method_is_trained_and_read_back(captures, tmp_path):
+def test_a_method_is_trained_and_loaded(captures, tmp_path):
     out = tmp_path / "out"
-    found = train_captures("simple", captures, out, asked={"sensor": None})
-    assert found["method"] == "simple" and found["out"] == str(out) and found["seconds"] >= 0
-    assert found["scenes"] == list(capture_sets.SCENES)
+    result = train_captures("simple", captures, out, options={"sensor": None})
+    assert result["method"] == "simple" and result["out"] == str(out) and result["seconds"] >= 0
+    assert result["scenes"] == list(capture_sets.SCENES)
     examples = captured.examples(open_set(captures))
-    assert found["ndp_rate"] == pytest.approx(captured.ndp_rate(examples))
+    assert result["ndp_rate"] == pytest.approx(captured.ndp_rate(examples))
     assert {path.name for path in out.iterdir()} == {"simple.npz", RECORD}
     record = json.loads((out / RECORD).read_text())
     assert record["verb"] == "train"
-    assert record["figures"] == {key: found[key] for key in ("method", "scenes", "ndp_rate")}
+    assert record["figures"] == {key: result[key] for key in ("method", "scenes", "ndp_rate")}
     assert record["arguments"] == {
         "method": "simple", "captures": captures, "rooms": None, "steps": None, "seed": 0,
         "start": None, "simulated_with": None, "sensor": None,
@@ -63,17 +63,15 @@ def test_a_method_is_trained_and_read_back(captures, tmp_path):
     assert_array_equal(predictor.probability(examples[0]), alone.probability(examples[0]))
 
 
-def test_only_the_rooms_that_are_named_are_learnt_from(captures, tmp_path):
-    found = train_captures("simple", captures, tmp_path / "out", rooms=("hall", "attic"))
-    assert found["scenes"] == ["attic-view", "hall-view"]
+def test_only_the_named_rooms_are_used(captures, tmp_path):
+    result = train_captures("simple", captures, tmp_path / "out", rooms=("hall", "attic"))
+    assert result["scenes"] == ["attic-view", "hall-view"]
     with pytest.raises(InputError, match="room must be a known name; got 'loo'"):
         train_captures("simple", captures, tmp_path / "other", rooms=("loo",))
     assert not (tmp_path / "other").exists()
 
 
-def test_physics_is_simulated_for_methods_that_build_on_it_and_kept(
-    captures, tmp_path, simulations
-):
+def test_physics_is_simulated_if_needed_and_cached(captures, tmp_path, simulations):
     out = tmp_path / "out"
     train_captures("physics_recalibrated", captures, out, simulation=SIMULATION)
     assert len(simulations) == 4
@@ -86,7 +84,7 @@ def test_physics_is_simulated_for_methods_that_build_on_it_and_kept(
     assert both[0] == both[1]
 
 
-def test_other_methods_are_not_kept_waiting_for_a_simulation(captures, tmp_path, simulations):
+def test_other_methods_run_no_simulation(captures, tmp_path, simulations):
     train_captures("simple", captures, tmp_path / "out", simulation=SIMULATION)
     assert simulations == []
     assert not (tmp_path / "out" / PHYSICS).exists()
@@ -100,7 +98,7 @@ def test_other_methods_are_not_kept_waiting_for_a_simulation(captures, tmp_path,
         ("oracle", "method must be a known name; got 'oracle'. Known: "),
     ],
 )
-def test_what_cannot_be_trained_leaves_no_folder(captures, tmp_path, method, line):
+def test_refused_training_writes_no_folder(captures, tmp_path, method, line):
     with pytest.raises(InputError) as caught:
         train_captures(method, captures, tmp_path / "out")
     assert str(caught.value).startswith(line)
@@ -109,12 +107,12 @@ def test_what_cannot_be_trained_leaves_no_folder(captures, tmp_path, method, lin
 
 def test_the_captures_are_never_written_to(captures, tmp_path):
     for out in (Path(captures), Path(captures) / "attic-view" / "model", tmp_path):
-        with pytest.raises(InputError, match="out must lie apart from what it is made from"):
+        with pytest.raises(InputError, match="out must lie outside its input"):
             train_captures("simple", captures, out, force=True)
     assert open_set(captures).scenes[0].truth_m() is not None
 
 
-def test_training_that_was_cut_short_goes_on(captures, tmp_path, simulations, monkeypatch):
+def test_interrupted_training_continues(captures, tmp_path, simulations, monkeypatch):
     out, real = tmp_path / "out", Simple.fit
 
     def cut_short(self, examples, *, folder, **how):
@@ -154,7 +152,7 @@ def test_finished_training_needs_force(captures, tmp_path):
 @pytest.mark.parametrize(
     "record", [None, "", "[]", '{"verb": "simulate", "arguments": {"seed": 0}}', '{"arguments": 3}']
 )
-def test_a_folder_that_holds_no_trained_model_is_refused(tmp_path, record):
+def test_a_folder_without_trained_model_is_refused(tmp_path, record):
     if record is not None:
         (tmp_path / RECORD).write_text(record)
     with pytest.raises(InputError) as caught:
@@ -181,7 +179,7 @@ def test_a_method_without_files_is_trained_too(captures, tmp_path):
     assert not np.any(predictor.probability(step_scene(0)))
 
 
-def test_a_model_of_another_method_is_no_start(captures, tmp_path):
+def test_initial_weights_of_another_method_are_refused(captures, tmp_path):
     train_captures("simple", captures, tmp_path / "model")
     with pytest.raises(InputError) as caught:
         train_captures("network", captures, tmp_path / "out", start=tmp_path / "model")

@@ -1,4 +1,4 @@
-"""The loop all networks are trained in: restarts, refusals, the loss curve."""
+"""The training loop: restarts, refusals, the loss curve."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from starling.learning.networks.training.settings import Settings
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import step_scene
 
-pytestmark = pytest.mark.long  # Trainings.
+pytestmark = pytest.mark.long  # These tests train networks.
 
 SCENES = [step_scene(number) for number in range(6)]
 SHORT = Settings(steps=9, batch=2, crop_px=(32, 32), save_every=2, rate=5e-3)
@@ -40,7 +40,7 @@ class _Killed(Exception):
 
 
 class _Kill:
-    """A progress bar that kills the training after some steps, and counts those taken."""
+    """A progress bar that interrupts the training after some steps and counts them."""
 
     def __init__(self, after: int) -> None:
         self.after = after
@@ -56,8 +56,8 @@ class _Kill:
 
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
-def test_killed_training_goes_on_to_the_same_bits(method: Any, tmp_path: Path) -> None:
-    """On one machine with one number of threads; elsewhere sums may round differently."""
+def test_resumed_training_is_bit_identical(method: Any, tmp_path: Path) -> None:
+    """On one machine with one thread count; otherwise sums can round differently."""
     whole = method.fit(SCENES, folder=tmp_path / "whole", seed=3)
     kill = _Kill(after=5)
     with pytest.raises(_Killed):
@@ -76,9 +76,7 @@ def test_killed_training_goes_on_to_the_same_bits(method: Any, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
-def test_finished_training_is_not_done_again_and_loads_the_same(
-    method: Any, tmp_path: Path
-) -> None:
+def test_finished_training_is_not_repeated(method: Any, tmp_path: Path) -> None:
     first = method.fit(SCENES, folder=tmp_path, seed=0).probability(SCENES[1])
     again = method.fit(SCENES, folder=tmp_path, seed=0, track=_Kill(after=0))
     np.testing.assert_array_equal(again.probability(SCENES[1]), first)
@@ -87,7 +85,7 @@ def test_finished_training_is_not_done_again_and_loads_the_same(
     assert ((first >= 0) & (first <= 1)).all()
 
 
-def test_another_seed_learns_something_else(tmp_path: Path) -> None:
+def test_the_seed_changes_the_result(tmp_path: Path) -> None:
     answers = [
         METHODS[0].fit(SCENES, folder=tmp_path / str(seed), seed=seed).probability(SCENES[0])
         for seed in (0, 1)
@@ -104,16 +102,16 @@ def _other_truth() -> list[Example]:
 @pytest.mark.parametrize(
     ("scenes", "seed", "rate"), [(SCENES, 1, 5e-3), (SCENES, 0, 1e-3), (_other_truth(), 0, 5e-3)]
 )
-def test_refuses_to_go_on_with_another_training(
+def test_a_checkpoint_of_another_training_is_refused(
     scenes: list[Example], seed: int, rate: float, tmp_path: Path
 ) -> None:
     Network(settings=SHORT).fit(SCENES, folder=tmp_path, seed=0)
     method = Network(settings=dataclasses.replace(SHORT, rate=rate))
-    with pytest.raises(InputError, match=r"checkpoint must be of this training.*empty folder"):
+    with pytest.raises(InputError, match=r"checkpoint must belong to this training.*empty folder"):
         method.fit(scenes, folder=tmp_path, seed=seed)
 
 
-def test_refuses_to_go_on_with_another_method(tmp_path: Path) -> None:
+def test_a_checkpoint_of_another_method_is_refused(tmp_path: Path) -> None:
     Pix2Pix(settings=SHORT).fit(SCENES, folder=tmp_path, seed=0)
     with pytest.raises(InputError, match="must be of 'network training'; got 'pix2pix training'"):
         Network(settings=SHORT).fit(SCENES, folder=tmp_path, seed=0)
@@ -123,12 +121,12 @@ def test_refuses_a_truncated_checkpoint(tmp_path: Path) -> None:
     Network(settings=SHORT).fit(SCENES, folder=tmp_path, seed=0)
     path = tmp_path / loop.CHECKPOINT
     path.write_bytes(path.read_bytes()[:-1000])
-    with pytest.raises(InputError, match="checkpoint must be a whole file"):
+    with pytest.raises(InputError, match="checkpoint must be a complete file"):
         Network(settings=SHORT).fit(SCENES, folder=tmp_path, seed=0)
 
 
-def test_stops_at_the_batch_whose_loss_is_no_number(tmp_path: Path) -> None:
-    """A rate so high that the first step throws the weights out of all bounds."""
+def test_a_loss_that_is_not_finite_stops_at_its_batch(tmp_path: Path) -> None:
+    """The learning rate is so high that the first step makes the weights diverge."""
     wild = Network(settings=dataclasses.replace(SHORT, rate=1e30))
     with pytest.raises(InputError) as refused:
         wild.fit(SCENES[:1], folder=tmp_path, seed=0)

@@ -1,4 +1,4 @@
-"""pix2pix and CycleGAN: depth in, depth with holes out, and what that says of a pixel."""
+"""pix2pix and CycleGAN: prediction of depth with holes, and its probability."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from starling.learning.evaluation.figures.judged import judge, pool
 from starling.learning.evaluation.figures.roc import roc
 from starling.learning.methods.cyclegan import CycleGan, CycleGanLearner
-from starling.learning.methods.pix2pix import SETTINGS, SIGHT, Keeper, Pix2Pix, Pix2PixLearner
+from starling.learning.methods.pix2pix import INPUTS, SETTINGS, Keeper, Pix2Pix, Pix2PixLearner
 from starling.learning.networks.training.settings import Settings
 from starling.learning.networks.training.translation import (
     DEPTH,
@@ -24,20 +24,20 @@ from starling.learning.networks.training.translation import (
     TranslationPredictor,
     Translator,
     depth_image,
-    judged,
+    least_squares_loss,
     linear_decay,
 )
 from starling.learning.networks.unet import parameter_count
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import SHAPE, step_scene
 
-pytestmark = pytest.mark.long  # Trainings.
+pytestmark = pytest.mark.long  # These tests train networks.
 
 LEARNT_FROM = [step_scene(number) for number in range(24)]
 UNSEEN = [step_scene(number) for number in range(100, 116)]
 
 
-def test_both_stay_small() -> None:
+def test_both_networks_are_small() -> None:
     build, settings = PatchDiscriminator, Settings()
     pix2pix = Pix2PixLearner(Keeper(), build(2), settings)
     cyclegan = CycleGanLearner([Translator(), Translator()], [build(1), build(1)], settings)
@@ -53,10 +53,10 @@ def test_the_discriminator_judges_patches_of_46_pixels() -> None:
     assert int(rows.max() - rows.min()) + 1 == 46
 
 
-def test_verdicts_are_squared_distances() -> None:
+def test_the_loss_is_a_squared_distance() -> None:
     logit = torch.tensor([0.0, 1.0, 3.0])
-    assert judged(logit, True).item() == pytest.approx((1 + 0 + 4) / 3)
-    assert judged(logit, False).item() == pytest.approx((0 + 1 + 9) / 3)
+    assert least_squares_loss(logit, True).item() == pytest.approx((1 + 0 + 4) / 3)
+    assert least_squares_loss(logit, False).item() == pytest.approx((0 + 1 + 9) / 3)
 
 
 class _Times(nn.Module):
@@ -71,10 +71,10 @@ class _Times(nn.Module):
 @pytest.mark.parametrize(
     ("factor", "probability"), [(1.0, 0.0), (1.3, 0.0), (0.75, 0.25), (0.0, 1.0), (-0.1, 1.0)]
 )
-def test_a_depth_gone_to_zero_is_no_depth(factor: float, probability: float) -> None:
+def test_a_predicted_depth_of_zero_is_no_depth(factor: float, probability: float) -> None:
     predictor = TranslationPredictor(_Times(factor), SHAPE, DEPTH)
-    told = predictor.probability(UNSEEN[0])
-    np.testing.assert_allclose(told, probability, atol=1e-6)
+    report = predictor.probability(UNSEEN[0])
+    np.testing.assert_allclose(report, probability, atol=1e-6)
     drawn = predictor.depth_m(UNSEEN[0])
     np.testing.assert_allclose(drawn, UNSEEN[0].depth_m * factor, rtol=1e-6)
 
@@ -86,19 +86,19 @@ def test_unknown_and_far_reference() -> None:
     predictor = TranslationPredictor(_Times(1.0), SHAPE, DEPTH)
     assert (predictor.depth_m(example)[:10] == 0).all()
     assert (predictor.depth_m(example)[10:20] == FARTHEST_M).all()
-    told = predictor.probability(example)
-    assert (told[:10] == 1).all()
-    assert (told[10:] == 0).all()
+    report = predictor.probability(example)
+    assert (report[:10] == 1).all()
+    assert (report[10:] == 0).all()
 
 
-def test_before_learning_nothing_is_changed() -> None:
+def test_untrained_networks_are_the_identity() -> None:
     predictor = TranslationPredictor(Translator().eval(), SHAPE, DEPTH)
     np.testing.assert_array_equal(predictor.depth_m(UNSEEN[0]) / 4, depth_image(UNSEEN[0])[0])
-    keeper = TranslationPredictor(Keeper().eval(), SHAPE, SIGHT)
+    keeper = TranslationPredictor(Keeper().eval(), SHAPE, INPUTS)
     assert (keeper.probability(UNSEEN[0]) < 0.02).all()
 
 
-def test_the_rate_is_even_and_then_falls() -> None:
+def test_the_learning_rate_is_constant_and_then_decreases() -> None:
     settings = Settings(steps=100, rate=1e-3)
     assert {linear_decay(step, settings) for step in range(51)} == {1e-3}
     assert linear_decay(75, settings) == pytest.approx(0.5e-3)
@@ -112,7 +112,7 @@ def test_the_rate_is_even_and_then_falls() -> None:
         ({"depth_m": np.ones((8, 9), np.float32)}, "depth_m must be 64x48"),
     ],
 )
-def test_refuses_references_that_say_nothing(changes: Any, message: str) -> None:
+def test_unknown_references_are_refused(changes: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         depth_image(dataclasses.replace(UNSEEN[0], **changes))
 
@@ -120,15 +120,15 @@ def test_refuses_references_that_say_nothing(changes: Any, message: str) -> None
 def test_refuses_another_size_and_another_method(tmp_path: Path) -> None:
     method = Pix2Pix(settings=Settings(steps=1, batch=1))
     predictor = method.fit(LEARNT_FROM[:2], folder=tmp_path, seed=0)
-    with pytest.raises(InputError, match="size learnt from, 64x40"):
+    with pytest.raises(InputError, match="size of the training scenes, 64x40"):
         dataclasses.replace(predictor, shape=(40, 64)).probability(UNSEEN[0])
     (tmp_path / "pix2pix.pt").rename(tmp_path / "cyclegan.pt")
     with pytest.raises(InputError, match="must be of 'cyclegan'; got 'pix2pix'"):
         CycleGan().load(tmp_path)
 
 
-def test_a_step_moves_every_network() -> None:
-    """All four learn: a generator or a discriminator left out would stay as it was."""
+def test_a_step_changes_every_network() -> None:
+    """A generator or a discriminator that is not trained would not change."""
     settings = Settings(steps=10, rate=1e-2)
     torch.manual_seed(0)
     build = partial(PatchDiscriminator, 1)
@@ -144,7 +144,7 @@ def test_a_step_moves_every_network() -> None:
         return Batch(image, image * ~holes, torch.ones_like(image))
 
     losses = learner.update(draw, 0)
-    assert losses["cycle"] == 0  # Both generators still give back what they get.
+    assert losses["cycle"] == 0  # Both generators are still the identity.
     after = learner.networks.state_dict()
     for network in learner.networks:
         names = [name for name in before if name.startswith(network)]
@@ -153,14 +153,14 @@ def test_a_step_moves_every_network() -> None:
 
 @pytest.mark.slow
 def test_pix2pix_learns_half_occlusion(tmp_path: Path) -> None:
-    """0.992 measured after 200 steps, 0.988 from another seed.
+    """0.992 measured after 200 steps, 0.988 with another seed.
 
-    CycleGAN's heaps are not paired: nothing is promised.
+    CycleGAN is not tested, because its images are unpaired.
     """
     settings = dataclasses.replace(SETTINGS, steps=200, averaging=0.9)
     predictor = Pix2Pix(settings=settings).fit(LEARNT_FROM, folder=tmp_path, seed=0)
-    told = pool(
-        judge(predictor.probability(one), np.asarray(one.ndp), one.counted) for one in UNSEEN
+    report = pool(
+        judge(predictor.probability(item), np.asarray(item.ndp), item.counted) for item in UNSEEN
     )
-    assert roc(told).area > 0.97
-    assert (told.probability >= 0.5).mean() < 0.5
+    assert roc(report).area > 0.97
+    assert (report.probability >= 0.5).mean() < 0.5

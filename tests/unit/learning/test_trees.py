@@ -1,4 +1,4 @@
-"""Trees: what they learn, that they are read as scikit-learn reads them, and how they are kept."""
+"""Trees: training, agreement with scikit-learn, and model files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SMALL = Trees(
 
 
 def occluded_scene(seed: int, *, shuffled: bool = False):
-    """A box somewhere before a wall; most of what the right imager misses has no depth."""
+    """A box before a wall; most half-occluded pixels have no depth."""
     rng = np.random.default_rng(seed)
     first = int(rng.integers(40, 80))
     disparity = box(first, first + 25, front_px=float(rng.uniform(12, 25)))
@@ -44,45 +44,45 @@ def occluded_scene(seed: int, *, shuffled: bool = False):
 
 
 def judged(predictor, scenes):
-    return pool(judge(predictor.probability(one), one.ndp, one.counted) for one in scenes)
+    return pool(judge(predictor.probability(scene), scene.ndp, scene.counted) for scene in scenes)
 
 
 TRAIN, TEST = [occluded_scene(seed) for seed in range(8)], [occluded_scene(9), occluded_scene(10)]
 
 
-def test_trees_learn_occlusion_and_tell_true_probabilities(tmp_path):
-    """Best possible: 0.9 inside, 0.02 outside. The AUC of that rule is the ceiling."""
-    found = classification(judged(SMALL.fit(TRAIN, folder=tmp_path, seed=0), TEST))
-    rule = [np.where(seen_from(5 / one.depth_m, 1.0).hidden, 0.9, 0.02) for one in TEST]
+def test_trees_learn_occlusion_with_calibrated_probabilities(tmp_path):
+    """Best possible: 0.9 inside, 0.02 outside. The AUC of that rule is the upper bound."""
+    result = classification(judged(SMALL.fit(TRAIN, folder=tmp_path, seed=0), TEST))
+    rule = [np.where(seen_from(5 / item.depth_m, 1.0).hidden, 0.9, 0.02) for item in TEST]
     best = classification(
-        pool(judge(told, one.ndp, one.counted) for told, one in zip(rule, TEST, strict=True))
+        pool(judge(report, item.ndp, item.counted) for report, item in zip(rule, TEST, strict=True))
     )
-    assert found.auc > best.auc - 0.03
-    assert found.brier_skill > best.brier_skill - 0.05
-    assert found.ece < 0.02
+    assert result.auc > best.auc - 0.03
+    assert result.brier_skill > best.brier_skill - 0.05
+    assert result.ece < 0.02
 
 
-def test_shuffled_holes_teach_nothing(tmp_path):
+def test_shuffled_holes_are_not_learnt(tmp_path):
     control = [occluded_scene(seed, shuffled=True) for seed in range(8)]
-    found = classification(judged(SMALL.fit(control, folder=tmp_path, seed=0), TEST))
-    assert abs(found.auc - 0.5) < 0.1
-    assert found.brier_skill < 0.02
+    result = classification(judged(SMALL.fit(control, folder=tmp_path, seed=0), TEST))
+    assert abs(result.auc - 0.5) < 0.1
+    assert result.brier_skill < 0.02
 
 
 def test_equal_seeds_give_equal_trees_and_files(tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
-    one = SMALL.fit(TRAIN[:1], folder=first, seed=4).probability(TEST[0])
-    other = SMALL.fit(TRAIN[:1], folder=second, seed=4).probability(TEST[0])
-    assert_array_equal(one, other)
+    item = SMALL.fit(TRAIN[:1], folder=first, seed=4).probability(TEST[0])
+    different = SMALL.fit(TRAIN[:1], folder=second, seed=4).probability(TEST[0])
+    assert_array_equal(item, different)
     assert (first / "trees.npz").read_bytes() == (second / "trees.npz").read_bytes()
     third = SMALL.fit(TRAIN[:1], folder=second, seed=5).probability(TEST[0])
-    assert (one != third).any()
+    assert (item != third).any()
 
 
-def test_what_is_read_back_answers_alike(tmp_path):
+def test_loaded_trees_predict_the_same(tmp_path):
     settings = dataclasses.replace(SMALL, with_reflectance=True, projector_x_m=0.01)
     grey = np.full(COUNTED.shape, 0.3, np.float32)
-    seen = [dataclasses.replace(one, reflectance=grey) for one in TRAIN[:2]]
+    seen = [dataclasses.replace(item, reflectance=grey) for item in TRAIN[:2]]
     learnt = settings.fit(seen, folder=tmp_path, seed=0)
     again = settings.load(tmp_path)
     assert again.projector_x_m == 0.01
@@ -93,7 +93,7 @@ def test_what_is_read_back_answers_alike(tmp_path):
 
 
 def simulated(scene, seed: int):
-    """A simulator that knows, four times out of five, of holes that geometry knows nothing of."""
+    """A simulator that predicts four of five holes that do not depend on geometry."""
     rng = np.random.default_rng(seed)
     ndp = cv2.dilate((rng.random(COUNTED.shape) < 0.005).astype(np.uint8), np.ones((9, 9))) > 0
     right = np.where(rng.random(ndp.shape) < 0.8, ndp, rng.random(ndp.shape) < ndp.mean())
@@ -111,8 +111,8 @@ def simulated(scene, seed: int):
     return dataclasses.replace(scene, ndp=ndp, physics=physics)
 
 
-def test_trees_that_see_what_is_simulated_know_more(tmp_path):
-    seen = [simulated(one, seed) for seed, one in enumerate([*TRAIN, *TEST])]
+def test_trees_improve_with_the_simulation(tmp_path):
+    seen = [simulated(item, seed) for seed, item in enumerate([*TRAIN, *TEST])]
     hybrid = dataclasses.replace(SMALL, with_physics=True)
     assert hybrid.name == "hybrid_trees"
     learnt = hybrid.fit(seen[:8], folder=tmp_path, seed=0)
@@ -121,25 +121,25 @@ def test_trees_that_see_what_is_simulated_know_more(tmp_path):
     assert classification(judged(alone, seen[8:])).auc < 0.65
     again = hybrid.load(tmp_path)
     assert_array_equal(again.probability(seen[9]), learnt.probability(seen[9]))
-    with pytest.raises(InputError, match="physics must be given to a method that builds on it"):
+    with pytest.raises(InputError, match="physics must be given for a method that uses it"):
         again.probability(TRAIN[0])
 
 
-def test_one_room_is_learnt_from_without_the_others(tmp_path):
-    room = [one for one in TRAIN if one.room == "room 0"]
+def test_training_on_one_room(tmp_path):
+    room = [item for item in TRAIN if item.room == "room 0"]
     learnt = SMALL.fit(room, folder=tmp_path, seed=0)
     assert len(learnt.forest.root) == 25
     assert (learnt.recalibration.slope, learnt.recalibration.offset) == (1, 0)
     assert classification(judged(learnt, TEST)).auc > 0.85
 
 
-def test_of_two_rooms_one_without_holes_is_as_one_room(tmp_path):
+def test_a_second_room_without_holes_is_like_one_room(tmp_path):
     none = example(flat(), scene="none", room="z", ndp=~COUNTED, counted=COUNTED)
     learnt = SMALL.fit([TRAIN[0], none], folder=tmp_path, seed=0)
     assert len(learnt.forest.root) == 25
 
 
-def test_the_forest_answers_as_scikit_learn_does():
+def test_the_forest_predicts_like_scikit_learn():
     from scipy.special import logit
     from sklearn.ensemble import HistGradientBoostingClassifier
 
@@ -152,13 +152,14 @@ def test_the_forest_answers_as_scikit_learn_does():
     assert_allclose(ours, model.decision_function(values), atol=1e-12)
 
 
-def test_trees_grown_on_bins_answer_alike_in_units():
+def test_trees_on_bins_and_on_values_predict_the_same():
     from sklearn.ensemble import HistGradientBoostingClassifier
 
     rng = np.random.default_rng(0)
     values = rng.normal(size=(5000, 3)).astype(np.float32)
-    values[:, 1] = np.maximum(values[:, 1], 1)  # Most share one value, as behind no edge.
-    values[:, 2] = 7  # And one tells nothing.
+    # Most pixels share a value, as pixels without an edge.
+    values[:, 1] = np.maximum(values[:, 1], 1)
+    values[:, 2] = 7  # A constant feature.
     bins = equal_count_bins(values[:4000])
     numbers = bins.numbers(values)
     assert len(np.unique(numbers[:, 0])) == 255
@@ -170,14 +171,14 @@ def test_trees_grown_on_bins_answer_alike_in_units():
     assert np.ptp(coded) > 1
 
 
-def test_bins_hold_equally_many_and_keep_order():
+def test_bins_have_equal_counts_and_keep_the_order():
     values = np.random.default_rng(0).random((2550, 1)).astype(np.float32)
     numbers = equal_count_bins(values).numbers(values)[:, 0]
-    assert set(np.bincount(numbers)) <= {9, 10, 11}  # Ranks round.
+    assert set(np.bincount(numbers)) <= {9, 10, 11}  # Ranks are rounded.
     assert (np.diff(numbers[np.argsort(values[:, 0])].astype(int)) >= 0).all()
 
 
-def test_a_forest_is_cut_after_its_first_trees_and_leads_nowhere_else(tmp_path):
+def test_the_first_trees_of_a_forest(tmp_path):
     learnt = SMALL.fit(TRAIN[:1], folder=tmp_path, seed=0)
     forest, values = learnt.forest, features(TRAIN[0]).values.reshape(-1, len(GEOMETRY))
     assert (forest.first(0).logit(values) == forest.start).all()
@@ -192,7 +193,7 @@ def test_a_forest_is_cut_after_its_first_trees_and_leads_nowhere_else(tmp_path):
     assert not dataclasses.replace(forest, value=forest.value[:-1]).is_sound(len(GEOMETRY))
 
 
-def test_a_file_whose_trees_go_round_in_circles_is_refused(tmp_path):
+def test_a_file_with_cyclic_trees_is_refused(tmp_path):
     SMALL.fit(TRAIN[:1], folder=tmp_path, seed=0)
     arrays = model_file.read(tmp_path, "trees", 1)
     model_file.write(tmp_path, "trees", 1, {**arrays, "left": arrays["left"] * 0})
@@ -202,8 +203,8 @@ def test_a_file_whose_trees_go_round_in_circles_is_refused(tmp_path):
 
 @pytest.mark.parametrize("holes", [3, 400, 6000, 7197])
 @pytest.mark.parametrize("most", [2, 1000, 5000, 100_000])
-def test_drawn_pixels_stand_for_all(holes, most):
-    """Whatever is drawn: the weighted share is the scene's, within its budget, each pixel once."""
+def test_drawn_pixels_are_unbiased(holes, most):
+    """For any draw, the weighted share is the scene's, within the budget, with each pixel once."""
     rng = np.random.default_rng(0)
     ndp = rng.permutation(np.arange(COUNTED.size) < holes).reshape(COUNTED.shape)
     values = np.arange(COUNTED.size, dtype=np.float32).reshape(*COUNTED.shape, 1)
@@ -216,7 +217,7 @@ def test_drawn_pixels_stand_for_all(holes, most):
     assert drawn.weight.sum() == pytest.approx(len(pixels))
 
 
-def test_scenes_count_alike_and_only_counted_pixels_are_drawn():
+def test_scenes_are_weighted_equally_and_only_counted_pixels_drawn():
     rng = np.random.default_rng(0)
     values = np.arange(COUNTED.size, dtype=np.float32).reshape(*COUNTED.shape, 1)
     few = np.zeros_like(COUNTED)
@@ -245,6 +246,6 @@ def test_scenes_count_alike_and_only_counted_pixels_are_drawn():
         {"pixels_per_leaf": 0},
     ],
 )
-def test_settings_that_cannot_be_are_refused(setting):
+def test_invalid_settings_are_refused(setting):
     with pytest.raises(InputError, match=f"{next(iter(setting))} must be in"):
         Trees(**setting)

@@ -1,4 +1,4 @@
-"""The U-Net: its size, what it gives before it has learnt, and how far it sees."""
+"""The U-Net: size, output before training, and receptive field."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from starling.learning.networks.training.channels import names
 from starling.learning.networks.unet import UNet, parameter_count
 
 
-def _awake(inputs: int = 1) -> UNet:
-    """A network whose layers that start at zero no longer are: every path is open."""
+def _randomised(inputs: int = 1) -> UNet:
+    """A network whose zero-initialised layers are random, so that every path is active."""
     torch.manual_seed(0)
     network = UNet(inputs)
     with torch.no_grad():
@@ -32,12 +32,12 @@ def test_has_about_a_hundred_thousand_parameters(with_physics: bool, with_reflec
 @given(st.integers(1, 70), st.integers(1, 70), st.integers(1, 3))
 def test_takes_any_size(height: int, width: int, batch: int) -> None:
     with torch.no_grad():
-        given_back = _awake(2)(torch.randn(batch, 2, height, width))
+        given_back = _randomised(2)(torch.randn(batch, 2, height, width))
     assert given_back.shape == (batch, 1, height, width)
     assert torch.isfinite(given_back).all()
 
 
-def test_is_exactly_zero_before_it_has_learnt() -> None:
+def test_is_exactly_zero_before_training() -> None:
     assert not UNet(3)(torch.randn(2, 3, 40, 56)).any()
 
 
@@ -48,27 +48,27 @@ def test_starts_at_a_value() -> None:
 
 
 @pytest.mark.parametrize("step", [(0, 100), (0, -100), (100, 0), (-100, 0)])
-def test_sees_a_hundred_pixels_far(step: tuple[int, int]) -> None:
-    """What lies 100 pixels off moves the answer: it says nothing on whether that is made use of."""
+def test_the_receptive_field_is_a_hundred_pixels(step: tuple[int, int]) -> None:
+    """Pixels at a distance of 100 have an effect; whether training uses it is not tested."""
     image = torch.zeros(1, 1, 320, 320, requires_grad=True)
     middle = 150
-    _awake()(image)[0, 0, middle, middle].backward()
+    _randomised()(image)[0, 0, middle, middle].backward()
     assert image.grad is not None
     assert image.grad[0, 0, middle + step[0], middle + step[1]] != 0
 
 
-def test_each_pixel_has_its_own_answer() -> None:
-    """Working at half resolution must not make blocks of 2x2."""
-    answer = _awake()(torch.zeros(1, 1, 64, 64))[0, 0, 20:40, 20:40]
+def test_each_pixel_has_its_own_output() -> None:
+    """Working at half resolution must not give blocks of 2x2."""
+    answer = _randomised()(torch.zeros(1, 1, 64, 64))[0, 0, 20:40, 20:40]
     assert (answer[::2] != answer[1::2]).all()
     assert (answer[:, ::2] != answer[:, 1::2]).all()
 
 
-def test_a_crop_far_from_its_cuts_answers_as_the_whole() -> None:
-    """Nothing is normalised over the image, so a crop sees the same where its cuts are far."""
+def test_a_crop_equals_the_whole_far_from_its_cuts() -> None:
+    """Nothing is normalised over the image, so crops are equal far from their cuts."""
     torch.manual_seed(1)
     image = torch.randn(1, 1, 640, 640)
-    network = _awake()
+    network = _randomised()
     with torch.no_grad():
         whole, crop = network(image)[..., 300:340, 300:340], network(image[..., 64:576, 64:576])
     torch.testing.assert_close(crop[..., 236:276, 236:276], whole, rtol=0, atol=1e-5)

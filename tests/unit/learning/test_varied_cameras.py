@@ -1,4 +1,4 @@
-"""Cameras that are not what they are believed to be: what is drawn, and what is written."""
+"""Cameras that differ from their assumed parameters: drawn departures and written captures."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SCENE = scenes.clutter(1)
 SEEDS = range(40)
 
 
-def test_a_camera_departs_in_so_many_rows_and_a_seed_says_in_which():
+def test_the_number_of_departures_and_the_seed():
     drawn = [varied_cameras.departures(BELIEVED, SCENE, seed) for seed in SEEDS]
     assert drawn[3] == varied_cameras.departures(BELIEVED, SCENE, 3) != drawn[4]
     late = ("matcher", "post")
@@ -45,18 +45,18 @@ def test_a_camera_departs_in_so_many_rows_and_a_seed_says_in_which():
     assert not {"motion", "model_shift", "baseline_error", "decimation"} & names
 
 
-def test_departures_go_at_most_half_the_way():
-    """On the range's own scale: of a strength from nothing, of a factor, of a length."""
-    found: dict[str, list[float]] = {}
+def test_departures_are_at_most_half_of_the_range():
+    """On the scale of the range: a strength from zero, a factor, and a length."""
+    result: dict[str, list[float]] = {}
     for seed in range(300):
         for name, value in varied_cameras.departures(BELIEVED, SCENE, seed).items():
-            found.setdefault(name, []).append(value)  # type: ignore[arg-type]
+            result.setdefault(name, []).append(value)  # type: ignore[arg-type]
     for name, base, low, high in (
         ("crosstalk", 0.0, 0.01, 0.3),
         ("nir_reflectance", 1.0, 0.1, 10.0),
         ("vertical_offset", 0.0, -1.5, 1.5),
     ):
-        values = np.array(found[name])
+        values = np.array(result[name])
         assert len(values) > 10
         if base == 0 and low > 0:
             assert low <= values.min() and values.max() <= np.sqrt(low * high)
@@ -97,16 +97,16 @@ def test_a_set_has_one_scene_for_each_camera(tmp_path, shot, monkeypatch):
     monkeypatch.setattr(varied_cameras, "ATTEMPTS", 3)
     rates = varied_cameras.write(tmp_path / "set", ["clutter:1", "clutter:2"], BELIEVED, seed=5)
     assert rates == {"clutter-1": 1.0, "clutter-2": 1.0}
-    assert len(seen) == 6  # All are blind, so others are tried as often as may be.
+    assert len(seen) == 6  # All cameras are blind, so that all attempts are used.
     opened = capture.open_set(tmp_path / "set")
     assert [scene.room for scene in opened.scenes] == ["clutter-1", "clutter-2"]
     assert opened.info.source == "varied camera"
-    assert all(one != other for one, other in itertools.combinations([*seen, BELIEVED], 2))
-    assert all(dataclasses.replace(one, name=BELIEVED.name) == one for one in seen)
+    assert all(item != second for item, second in itertools.combinations([*seen, BELIEVED], 2))
+    assert all(dataclasses.replace(item, name=BELIEVED.name) == item for item in seen)
 
 
 @pytest.mark.parametrize("names", [[], ["wall:1", "wall:1"]])
-def test_scenes_must_be_there_once(tmp_path, names):
+def test_scenes_must_be_unique(tmp_path, names):
     with pytest.raises(InputError, match="scenes must be at least one, each once; got"):
         simulated_captures.write(
             tmp_path / "set", names, BELIEVED, _never, verb="x", seed=0, arguments={}

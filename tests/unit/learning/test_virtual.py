@@ -1,4 +1,4 @@
-"""The virtual camera: what is drawn for a capture, and what it sees."""
+"""The virtual camera: drawn conditions and captures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from starling.sim.scene.builtin import scenes
 SEEDS = range(60)
 
 
-def test_conditions_are_a_seeds_own() -> None:
+def test_the_seed_determines_the_conditions() -> None:
     believed = scenes.clutter(3)
     sensor, scene = unit.conditions(believed, 4)
     assert unit.conditions(believed, 4)[0] == sensor
@@ -21,7 +21,7 @@ def test_conditions_are_a_seeds_own() -> None:
     assert scene.ambient.irradiance_w_m2 > 0 and scene.interreflection == 1
 
 
-def test_what_varies_stays_within_what_is_written() -> None:
+def test_variations_stay_within_their_range() -> None:
     believed = scenes.clutter(0)
     drawn = [unit.conditions(believed, seed) for seed in SEEDS]
     levels = [sensor.left.auto_exposure_level for sensor, _ in drawn]
@@ -30,28 +30,28 @@ def test_what_varies_stays_within_what_is_written() -> None:
     assert 0.02 <= light.min() < 0.03 and 0.06 < light.max() <= 0.092
 
 
-def test_temperature_moves_what_belongs_together() -> None:
+def test_temperature_changes_its_group() -> None:
     drawn = [unit.conditions(scenes.wall(), seed)[0] for seed in SEEDS]
     scales = [sensor.projector.pattern_scale for sensor in drawn]
     waves = [sensor.projector.wavelength_nm for sensor in drawn]
     assert np.corrcoef(scales, waves)[0, 1] == pytest.approx(1.0, abs=1e-3)
 
 
-def test_dyes_are_of_things_and_not_of_metal() -> None:
+def test_only_matt_objects_are_dyed() -> None:
     believed = scenes.clutter(0)
     for seed in SEEDS:
         true = unit.conditions(believed, seed)[1]
-        for told, there in zip(believed.bodies, true.bodies, strict=True):
-            ratio = there.material.reflectance / told.material.reflectance
-            if told.material.kind not in ("diffuse", "glossy"):
+        for report, present in zip(believed.bodies, true.bodies, strict=True):
+            ratio = present.material.reflectance / report.material.reflectance
+            if report.material.kind not in ("diffuse", "glossy"):
                 assert ratio == 1
-            elif told.name in ("wall", "table", "floor", "back"):
-                assert 0.45 <= ratio <= 1.6 or there.material.reflectance in (0.02, 0.9)
-            assert 0.02 <= there.material.reflectance <= 0.9 or ratio == 1
+            elif report.name in ("wall", "table", "floor", "back"):
+                assert 0.45 <= ratio <= 1.6 or present.material.reflectance in (0.02, 0.9)
+            assert 0.02 <= present.material.reflectance <= 0.9 or ratio == 1
 
 
 @pytest.mark.slow
-def test_it_sees_with_holes_where_a_clean_camera_has_none() -> None:
+def test_it_has_holes_where_a_clean_camera_has_none() -> None:
     shot = unit.capture(scenes.clutter(3), 2, samples=4)
     assert 0.02 < np.mean(~shot.depth.valid) < 0.15
     assert 0.1 < shot.ir_left.mean() / 255 < 0.35

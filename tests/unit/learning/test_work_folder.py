@@ -1,4 +1,4 @@
-"""A folder for long work: gone on with, kept from other work, never somebody's own."""
+"""The output folder of long work: continuation, and protection of other files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _refused(folder: Path, arguments: dict, *, force: bool) -> str:
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_a_new_or_empty_folder_is_begun(tmp_path, force):
+def test_work_starts_in_a_new_or_empty_folder(tmp_path, force):
     (tmp_path / "empty").mkdir()
     for folder in (tmp_path / "new" / "deep", tmp_path / "empty"):
         work_folder.begin(folder, ARGUMENTS, force=force)
@@ -36,14 +36,14 @@ def test_a_new_or_empty_folder_is_begun(tmp_path, force):
     assert marker == {"method": "trees", "rooms": ["a", "b"], "seed": 0, "captures": "set"}
 
 
-def test_the_same_work_goes_on_with_what_lies_there(tmp_path):
+def test_the_same_work_continues(tmp_path):
     work_folder.begin(tmp_path, ARGUMENTS, force=False)
     (tmp_path / "model.npz").write_text("half")
     work_folder.begin(tmp_path, dict(ARGUMENTS), force=False)
     assert (tmp_path / "model.npz").read_text() == "half"
 
 
-def test_other_work_needs_force_and_then_starts_anew(tmp_path):
+def test_other_work_needs_force_and_starts_again(tmp_path):
     work_folder.begin(tmp_path / "out", ARGUMENTS, force=False)
     (tmp_path / "out" / "model.npz").write_text("half")
     line = _refused(tmp_path / "out", OTHERS, force=False)
@@ -56,14 +56,14 @@ def test_other_work_needs_force_and_then_starts_anew(tmp_path):
     assert json.loads((tmp_path / "out" / work_folder.UNFINISHED).read_text())["seed"] == 1
 
 
-def test_force_drops_the_same_unfinished_work_too(tmp_path):
+def test_force_also_deletes_the_same_unfinished_work(tmp_path):
     work_folder.begin(tmp_path / "out", ARGUMENTS, force=False)
     (tmp_path / "out" / "model.npz").write_text("half")
     work_folder.begin(tmp_path / "out", ARGUMENTS, force=True)
     assert [path.name for path in (tmp_path / "out").iterdir()] == [work_folder.UNFINISHED]
 
 
-def test_the_end_leaves_a_record_in_the_mark_s_place(tmp_path):
+def test_the_record_replaces_the_marker(tmp_path):
     work_folder.begin(tmp_path, ARGUMENTS, force=False)
     work_folder.end(tmp_path, "train", ARGUMENTS, {"ndp_rate": np.float32(0.25), "auc": np.nan})
     assert [path.name for path in tmp_path.iterdir()] == [RECORD]
@@ -89,7 +89,7 @@ def test_finished_work_needs_force(tmp_path):
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_somebody_s_own_files_are_never_removed(tmp_path, force):
+def test_files_of_others_are_never_removed(tmp_path, force):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.txt").write_text("years of work")
     line = _refused(tmp_path, ARGUMENTS, force=force)
@@ -97,7 +97,7 @@ def test_somebody_s_own_files_are_never_removed(tmp_path, force):
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_a_file_is_no_folder(tmp_path, force):
+def test_a_file_is_refused(tmp_path, force):
     (tmp_path / "out").write_text("a letter")
     with pytest.raises(InputError) as caught:
         work_folder.begin(tmp_path / "out", ARGUMENTS, force=force)

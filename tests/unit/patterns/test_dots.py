@@ -1,4 +1,4 @@
-"""Drawing dots: position, width, energy."""
+"""Drawing of dots: position, width, power."""
 
 import math
 
@@ -52,7 +52,7 @@ def test_drawing_is_linear_in_the_dots():
 
 @pytest.mark.parametrize("angle_deg", [0.0, 20.0, 38.0])
 def test_a_spot_grows_on_the_plane_as_its_cosines_project(angle_deg):
-    """Second moments: 1/cos^3 along the radius, 1/cos across, sigma = FWHM / 2.355."""
+    """Widths grow by 1/cos^3 radially and 1/cos tangentially, with sigma = FWHM / 2.355."""
     field = Field(90.0, 30.0)
     shape = field.shape(1600)
     focal = field.focal_px(shape)[0]
@@ -72,9 +72,9 @@ def test_a_spot_off_both_axes_keeps_its_width_in_cosines():
     field = Field(90.0, 80.0)
     shape = field.shape(900)
     dot = np.array([[820.0, 690.0, 1.0]])
-    found = measure(draw(dot, shape, field, 9.0), fov_x_deg=90.0, fov_y_deg=80.0)
-    assert found.dots == 1
-    assert found.fwhm_mrad == pytest.approx(9.0, rel=0.01)
+    measured = measure(draw(dot, shape, field, 9.0), fov_x_deg=90.0, fov_y_deg=80.0)
+    assert measured.dots == 1
+    assert measured.fwhm_mrad == pytest.approx(9.0, rel=0.01)
 
 
 @pytest.mark.parametrize(

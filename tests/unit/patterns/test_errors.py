@@ -1,4 +1,4 @@
-"""The checks that raise the one refusal."""
+"""The checks that raise InputError."""
 
 import pytest
 
@@ -6,18 +6,18 @@ from starling.patterns import InputError, errors
 
 
 @pytest.mark.parametrize("bad", [10**400, -(10**400), float("nan"), float("inf"), "1", True, None])
-def test_intervals_refuse_what_is_no_number_inside(bad):
+def test_in_interval_refuses_non_numbers(bad):
     with pytest.raises(InputError, match=r"^size must be in \[0, 5\]; got"):
         errors.in_interval("size", bad, 0.0, 5.0)
 
 
 @pytest.mark.parametrize("bad", [10**400, 0, -1.0, float("nan"), float("inf"), "1", False])
-def test_positive_refuses_what_is_not_above_zero(bad):
+def test_positive_refuses_values_up_to_zero(bad):
     with pytest.raises(InputError, match=r"^size must be > 0; got"):
         errors.positive("size", bad)
 
 
-def test_what_is_inside_passes():
+def test_values_inside_the_interval_pass():
     errors.in_interval("size", 5, 0.0, 5.0)
     errors.positive("size", 1e-300)
     errors.one_of("name", "b", ("a", "b"))

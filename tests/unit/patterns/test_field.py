@@ -28,12 +28,12 @@ def test_a_small_field_is_the_product_of_its_angles():
 )
 def test_pixels_and_tangents_invert_each_other(fov_x, fov_y, x, y):
     field = Field(fov_x, fov_y)
-    there = field.pixels(np.array([x]), np.array([y]), (300, 400))
-    back = field.tangents(*there, (300, 400))
+    pixels = field.pixels(np.array([x]), np.array([y]), (300, 400))
+    back = field.tangents(*pixels, (300, 400))
     np.testing.assert_allclose(np.ravel(back), [x, y], atol=1e-9)
 
 
-def test_the_axis_meets_the_middle_and_the_edge_lies_half_a_pixel_out():
+def test_the_axis_is_central_and_the_edge_half_a_pixel_outside():
     field = Field(60.0, 40.0)
     x, y = field.pixels(np.array([0.0, field.half_x]), np.array([0.0, field.half_y]), (100, 200))
     np.testing.assert_allclose(x, [99.5, 199.5])
@@ -49,7 +49,7 @@ def test_pixels_are_square():
 
 
 def test_uniform_directions_fill_equal_solid_angles_equally():
-    """Inner field of half the angles against its share of the solid angle, within 4 sigma."""
+    """The share of directions in a field of half the angles equals its solid angle, to 4 sigma."""
     field, inner = Field(90.0, 63.0), Field(45.0, 31.5)
     n = 40_000
     x, y = field.uniform_directions(n, np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""What each generator promises: determinism, its geometry, its refusals."""
+"""Generators: determinism, geometry and input checks."""
 
 import math
 
@@ -85,12 +85,12 @@ def test_a_unit_is_a_square_grid_in_direction_cosines(rotation, pitch, seed):
 
 @settings(deadline=None, max_examples=10)
 @given(seed=st.integers(0, 2**63 - 1), stream=st.integers(1, 15))
-def test_streams_of_a_seed_are_draws_of_their_own(seed, stream):
-    """Offsets from the axis differ, beyond rounding; one stream of one seed is one draw."""
+def test_streams_of_a_seed_are_independent(seed, stream):
+    """Offsets differ between streams; one stream of one seed is deterministic."""
 
     def offset(stream):
-        made = GENERATORS["lattice"](units=1, rotation_deg=0.0, seed=seed, stream=stream)
-        turns = np.exp(2j * np.pi * np.stack(cosines(made)) / 20e-3)
+        grid_pattern = GENERATORS["lattice"](units=1, rotation_deg=0.0, seed=seed, stream=stream)
+        turns = np.exp(2j * np.pi * np.stack(cosines(grid_pattern)) / 20e-3)
         return turns.mean(axis=1)
 
     assert np.array_equal(offset(stream), offset(stream))
@@ -99,12 +99,12 @@ def test_streams_of_a_seed_are_draws_of_their_own(seed, stream):
 
 
 def test_clusters_multiply_the_dots_and_jitter_moves_them():
-    one = GENERATORS["lattice"](units=1, pitch_mrad=30.0)
+    grid = GENERATORS["lattice"](units=1, pitch_mrad=30.0)
     five = GENERATORS["lattice"](units=1, pitch_mrad=30.0, emitters=5, cluster_mrad=24.0)
-    assert len(five.dots) == pytest.approx(5 * len(one.dots), rel=0.05)
+    assert len(five.dots) == pytest.approx(5 * len(grid.dots), rel=0.05)
     loose = GENERATORS["lattice"](units=1, rotation_deg=0.0, pitch_mrad=30.0, jitter_mrad=3.0)
     phase = np.exp(2j * np.pi * cosines(loose)[0] / 30e-3)
-    # A normal jitter of s pitches damps the comb to exp(-2 pi^2 s^2).
+    # Gaussian jitter of s pitches reduces the comb to exp(-2 pi^2 s^2).
     assert abs(phase.mean()) == pytest.approx(math.exp(-2 * math.pi**2 * 0.1**2), abs=0.06)
 
 
@@ -195,6 +195,6 @@ def test_common_refusals(make, changes, message):
         ("tiled", {"tile_spread": 2.0}, r"tile_spread must be in \[0, 1\]; got 2\.0\."),
     ],
 )
-def test_own_refusals(name, changes, message):
+def test_input_checks(name, changes, message):
     with pytest.raises(InputError, match=message):
         GENERATORS[name](**changes)

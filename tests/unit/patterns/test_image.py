@@ -1,4 +1,4 @@
-"""Patterns from files: what is read, and every file that is refused."""
+"""Patterns from files: valid files, and all refusals."""
 
 import zlib
 
@@ -28,7 +28,7 @@ def made_png(data, *, width=64, height=48, colour=0, bits=8, interlaced=0, extra
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_values_are_kept_up_to_scale(tmp_path, dtype):
+def test_values_are_preserved_up_to_scale(tmp_path, dtype):
     image = np.random.default_rng(0).integers(0, np.iinfo(dtype).max, (48, 64)).astype(dtype)
     (tmp_path / "grey.png").write_bytes(png(image))
     pattern = load(tmp_path / "grey.png", **FOV)
@@ -41,9 +41,9 @@ def test_a_generated_pattern_survives_the_file(tmp_path):
     pattern = quasirandom(**FOV, width_px=480)
     scaled = np.rint(pattern.image / pattern.image.max() * 65535).astype(np.uint16)
     (tmp_path / "dots.png").write_bytes(png(scaled))
-    found = measure(load(str(tmp_path / "dots.png"), **FOV).image, **FOV)
-    assert found.dots == pytest.approx(len(pattern.dots), rel=0.02)
-    assert found.fwhm_mrad == pytest.approx(pattern.fwhm_mrad, rel=0.03)
+    measured = measure(load(str(tmp_path / "dots.png"), **FOV).image, **FOV)
+    assert measured.dots == pytest.approx(len(pattern.dots), rel=0.02)
+    assert measured.fwhm_mrad == pytest.approx(pattern.fwhm_mrad, rel=0.03)
 
 
 GREY = np.full((48, 64), 9, np.uint8)

@@ -1,4 +1,4 @@
-"""The pattern itself: what it holds and promises."""
+"""The pattern: its invariants and input checks."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def small(seed=0):
 
 
 def test_an_image_is_normalised_and_frozen():
-    pattern = Pattern.of_image(np.arange(64 * 48).reshape(48, 64), **FOV, name="ramp")
+    pattern = Pattern.from_image(np.arange(64 * 48).reshape(48, 64), **FOV, name="ramp")
     assert pattern.image.dtype == np.float32
     assert pattern.image.mean(dtype=np.float64) == pytest.approx(1, abs=1e-6)
     with pytest.raises(ValueError, match="read-only"):
@@ -28,7 +28,7 @@ def test_it_keeps_its_own_copy():
 
 
 def test_all_the_power_lands_in_the_field():
-    """Rationale: irradiance times pixel area, summed, is the projector's power at any depth."""
+    """Irradiance times pixel area sums to the projector's power at any depth."""
     pattern = small()
     for depth_m in (0.5, 1.0, 3.0):
         focal_x, focal_y = pattern.field.focal_px(pattern.shape)
@@ -64,7 +64,7 @@ def of_dots(**changes):
         "background": 0.1,
         "name": "one",
     }
-    return Pattern.of_dots(**(arguments | changes))
+    return Pattern.from_dots(**(arguments | changes))
 
 
 @pytest.mark.parametrize(
@@ -73,23 +73,29 @@ def of_dots(**changes):
         (lambda: Pattern(image=grey(2), **FOV, name=""), r"image must be float32 with mean 1; got"),
         (
             lambda: Pattern(image=grey(1, np.float64), **FOV, name=""),
-            r"image must be float32 .* got float64, mean 1\. Use Pattern\.of_image",
+            r"image must be float32 .* got float64, mean 1\. Use Pattern\.from_image",
         ),
         (
             lambda: Pattern(image=grey(1), **FOV, name="", dots=np.ones((1, 3))),
             r"fwhm_mrad and background must come with dots; got None, None\.",
         ),
         (
-            lambda: Pattern.of_image(np.ones((48, 64, 3)), **FOV, name=""),
+            lambda: Pattern.from_image(np.ones((48, 64, 3)), **FOV, name=""),
             r"image must be \(h, w\) with both sides >= 32; got \(48, 64, 3\)\.",
         ),
-        (lambda: Pattern.of_image(np.ones((8, 64)), **FOV, name=""), r"got \(8, 64\)\. Give one"),
-        (lambda: Pattern.of_image(grey(0), **FOV, name=""), r"image must be finite, >= 0 and not"),
-        (lambda: Pattern.of_image(grey(-1), **FOV, name=""), r"values in \[-1, -1\]\."),
-        (lambda: Pattern.of_image(grey(np.nan), **FOV, name=""), r"values in \[nan, nan\]\."),
-        (lambda: Pattern.of_image(grey(1j, complex), **FOV, name=""), r"image must hold real num"),
+        (lambda: Pattern.from_image(np.ones((8, 64)), **FOV, name=""), r"got \(8, 64\)\. Give one"),
         (
-            lambda: Pattern.of_image(grey(1), fov_x_deg=0.0, fov_y_deg=40.0, name=""),
+            lambda: Pattern.from_image(grey(0), **FOV, name=""),
+            r"image must be finite, >= 0 and not",
+        ),
+        (lambda: Pattern.from_image(grey(-1), **FOV, name=""), r"values in \[-1, -1\]\."),
+        (lambda: Pattern.from_image(grey(np.nan), **FOV, name=""), r"values in \[nan, nan\]\."),
+        (
+            lambda: Pattern.from_image(grey(1j, complex), **FOV, name=""),
+            r"image must hold real num",
+        ),
+        (
+            lambda: Pattern.from_image(grey(1), fov_x_deg=0.0, fov_y_deg=40.0, name=""),
             r"fov_x_deg must be in",
         ),
         (lambda: of_dots(background=1.0), r"background must be in \[0, 0\.99\]; got 1\.0\."),

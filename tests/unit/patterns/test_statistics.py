@@ -1,4 +1,4 @@
-"""Stated statistics hold on the image, and uniqueness ranks the patterns."""
+"""Statistics from dots agree with the image, and uniqueness ranks the patterns."""
 
 import dataclasses
 
@@ -14,13 +14,13 @@ from starling.patterns import (
     lattice,
     measure,
     quasirandom,
-    state,
+    stated_statistics,
     tiled,
     uniform,
     unique_share,
 )
 
-# Focal lengths [px] at 1280 px width; the D455 is taken as the D435.
+# Focal lengths [px] at 1280 px width; the D455 is assumed to equal the D435.
 DEFAULTS = {
     "D415": (lattice, 896.0),
     "D435": (quasirandom, 640.0),
@@ -30,7 +30,7 @@ DEFAULTS = {
 
 
 def hold(stated, measured):
-    """The promise: count within 3 %, neighbours 5 %, width 5 %, shares 0.01."""
+    """Tolerances: count 3 %, neighbour distance 5 %, width 5 %, shares 0.01."""
     assert measured.dots == pytest.approx(stated.dots, rel=0.03)
     assert measured.dots_per_deg2 == pytest.approx(stated.dots_per_deg2, rel=0.03)
     assert measured.neighbour_mrad == pytest.approx(stated.neighbour_mrad, rel=0.05)
@@ -41,9 +41,9 @@ def hold(stated, measured):
 
 def both(pattern, focal_px):
     angles = {"fov_x_deg": pattern.fov_x_deg, "fov_y_deg": pattern.fov_y_deg}
-    # Another scale: measuring must not rest on the normalisation.
+    # Another scale: `measure` must not depend on the normalisation.
     return (
-        state(pattern, focal_px=focal_px),
+        stated_statistics(pattern, focal_px=focal_px),
         measure(pattern.image * np.float32(37), **angles, focal_px=focal_px),
     )
 
@@ -62,7 +62,7 @@ def test_defaults_are_what_they_state(name):
     spread=st.floats(0.0, 0.4),
     background=st.floats(0.0, 0.6),
 )
-def test_quasi_random_is_what_it_states(seed, density, fwhm, spread, background):
+def test_quasi_random_matches_its_statistics(seed, density, fwhm, spread, background):
     pattern = quasirandom(
         width_px=900,
         dots_per_deg2=density,
@@ -75,7 +75,7 @@ def test_quasi_random_is_what_it_states(seed, density, fwhm, spread, background)
 
 
 def test_the_documented_numbers():
-    """docs/decisions/0004-patterns.md quotes these: seed 0, the defaults."""
+    """docs/design/patterns.md quotes these numbers (defaults, seed 0)."""
     documented = {
         "D415": (8458, 3.31, 5.9, 3.4, 0.646),
         "D435": (2733, 0.55, 18.2, 8.3, 0.273),
@@ -84,18 +84,18 @@ def test_the_documented_numbers():
     }
     for name, (dots, density, neighbour, fwhm, unique) in documented.items():
         generator, focal_px = DEFAULTS[name]
-        found = state(generator(), focal_px=focal_px)
-        assert found.dots == dots
-        assert found.dots_per_deg2 == pytest.approx(density, rel=0.005)
-        assert found.neighbour_mrad == pytest.approx(neighbour, rel=0.005)
-        assert found.fwhm_mrad == fwhm
-        assert found.fwhm_deg == pytest.approx(np.degrees(fwhm * 1e-3))
-        assert found.unique_share == pytest.approx(unique, abs=0.002)
-        assert found.focal_px == focal_px
+        statistics = stated_statistics(generator(), focal_px=focal_px)
+        assert statistics.dots == dots
+        assert statistics.dots_per_deg2 == pytest.approx(density, rel=0.005)
+        assert statistics.neighbour_mrad == pytest.approx(neighbour, rel=0.005)
+        assert statistics.fwhm_mrad == fwhm
+        assert statistics.fwhm_deg == pytest.approx(np.degrees(fwhm * 1e-3))
+        assert statistics.unique_share == pytest.approx(unique, abs=0.002)
+        assert statistics.focal_px == focal_px
 
 
 def test_uniqueness_ranks_patterns_of_one_density():
-    """One unit's grid repeats; two units beat; random dots hardly repeat at all."""
+    """One unit's grid repeats, two units form a moire, random dots hardly repeat."""
     same = {"fov_x_deg": 67.0, "fov_y_deg": 41.0, "fwhm_mrad": 3.4}
     density = 3.74
     patterns = [
@@ -132,52 +132,54 @@ def test_noise_is_unique_and_darkness_is_not():
 
 
 def slow_unique_share(image, window, search, threshold):
-    """The definition, window by window: the oracle for the fast path."""
+    """Reference implementation, window by window, of `unique_share`."""
     image = image - image.mean()
     floor = 0.05**2 * image.var()
-    found = []
+    unique = []
     height, width = image.shape
     tops = np.unique(np.linspace(0, height - window, 48).astype(int))
     for top in tops:
         for left in range(width - window + 1 - search):
-            here = image[top : top + window, left : left + window]
-            alike = []
+            patch = image[top : top + window, left : left + window]
+            similarity = []
             for shift in range(window // 2 + 1, search + 1):
-                there = image[top : top + window, left + shift : left + shift + window]
-                covariance = ((here - here.mean()) * (there - there.mean())).mean()
-                alike.append(covariance / np.sqrt((here.var() + floor) * (there.var() + floor)))
-            found.append(max(alike) < threshold and here.var() > floor)
-    return np.mean(found)
+                candidate = image[top : top + window, left + shift : left + shift + window]
+                covariance = ((patch - patch.mean()) * (candidate - candidate.mean())).mean()
+                similarity.append(
+                    covariance / np.sqrt((patch.var() + floor) * (candidate.var() + floor))
+                )
+            unique.append(max(similarity) < threshold and patch.var() > floor)
+    return np.mean(unique)
 
 
-def test_the_fast_path_is_the_definition():
+def test_the_fast_path_equals_the_definition():
     pattern = quasirandom(fov_x_deg=30.0, fov_y_deg=13.0, width_px=80, fwhm_mrad=12.0)
     fast = unique_share(pattern.image, pattern.field, window_px=5, search_px=16)
     image = pattern.image.astype(np.float64)
     assert fast == pytest.approx(slow_unique_share(image, 5, 16, 0.8), abs=1e-9)
 
 
-def test_lone_spots_are_measured_exactly():
-    """A lone Gaussian's logarithm is a parabola, so the fit is exact up to its projection."""
+def test_isolated_spots_are_measured_exactly():
+    """The logarithm of an isolated Gaussian is a parabola, so the fit is exact up to projection."""
     pattern = quasirandom(fov_x_deg=40.0, fov_y_deg=30.0, width_px=600, min_distance=0.75)
     assert pattern.dots is not None
-    found = measure(pattern.image, fov_x_deg=40.0, fov_y_deg=30.0)
-    assert found.dots == len(pattern.dots)
-    assert found.fwhm_mrad == pytest.approx(8.3, rel=0.002)
+    statistics = measure(pattern.image, fov_x_deg=40.0, fov_y_deg=30.0)
+    assert statistics.dots == len(pattern.dots)
+    assert statistics.fwhm_mrad == pytest.approx(8.3, rel=0.002)
 
 
 def test_a_plateau_is_one_spot():
     image = np.zeros((64, 200))
     image[30:33, 40:44] = 1
-    found = measure(image, fov_x_deg=60.0, fov_y_deg=20.0)
-    assert found.dots == 1
-    assert np.isnan(found.neighbour_mrad)
+    statistics = measure(image, fov_x_deg=60.0, fov_y_deg=20.0)
+    assert statistics.dots == 1
+    assert np.isnan(statistics.neighbour_mrad)
 
 
 def test_statistics_are_frozen():
-    found = state(uniform(width_px=640), focal_px=400.0)
+    statistics = stated_statistics(uniform(width_px=640), focal_px=400.0)
     with pytest.raises(dataclasses.FrozenInstanceError):
-        found.dots = 1  # type: ignore[misc]
+        statistics.dots = 1  # type: ignore[misc]
 
 
 FLAT = Pattern(image=np.ones((60, 320), np.float32), fov_x_deg=60.0, fov_y_deg=12.0, name="flat")
@@ -186,7 +188,10 @@ FLAT = Pattern(image=np.ones((60, 320), np.float32), fov_x_deg=60.0, fov_y_deg=1
 @pytest.mark.parametrize(
     ("act", "message"),
     [
-        (lambda: state(FLAT), r"pattern must carry its dots; got flat\. Use measure on its image"),
+        (
+            lambda: stated_statistics(FLAT),
+            r"pattern must carry its dots; got flat\. Use measure on its image",
+        ),
         (
             lambda: measure(FLAT.image, fov_x_deg=60.0, fov_y_deg=12.0),
             r"image must hold a spot; got none\.",

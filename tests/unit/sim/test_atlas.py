@@ -1,4 +1,4 @@
-"""The atlas in the documentation is that of the table, and its text says what the table says."""
+"""The atlas in the documentation agrees with the effect table."""
 
 from __future__ import annotations
 
@@ -36,22 +36,22 @@ ROW = Effect(
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
-def test_every_row_has_its_picture_and_the_page_that_the_table_gives(row: Effect) -> None:
-    """The figures below the text are those of the drawing; whether they are old it cannot see."""
+def test_every_row_has_a_picture_and_the_generated_page(row: Effect) -> None:
+    """The figures below the text come from the drawing. The test cannot detect outdated figures."""
     page = FOLDER / f"{row.name}.md"
     assert page.is_file() and page.read_text().startswith(atlas_page.text(row)), RENEW
     picture = FOLDER / f"{row.name}.jpg"
     assert picture.is_file() and picture.read_bytes().startswith(b"\xff\xd8\xff"), RENEW
 
 
-def test_the_index_lists_all_and_nothing_else_is_there() -> None:
+def test_index_lists_all_pages_and_no_others_exist() -> None:
     assert (FOLDER / "index.md").read_text() == atlas_page.index(ROWS), RENEW
     pages = {path.stem for path in FOLDER.glob("*.md")} - {"index"}
     pictures = {path.stem for path in FOLDER.glob("*.jpg")}
     assert pages == pictures == {row.name for row in ROWS}, RENEW
 
 
-def test_text_says_all_that_the_table_says() -> None:
+def test_text_contains_all_entries_of_the_row() -> None:
     text = atlas_page.text(ROW)
     assert text.startswith("# Soft focus\n\nA lens.\n\n![") and text.endswith("|\n")
     assert "(soft_focus.jpg)" in text
@@ -70,24 +70,24 @@ def test_page_is_the_text_and_the_figures() -> None:
     assert page.endswith("| no depth [%] | 1 | 12.3 |\n")
 
 
-def test_index_goes_by_stage_and_leaves_empty_ones_out() -> None:
+def test_index_is_sorted_by_stage_without_empty_stages() -> None:
     index = atlas_page.index([ROW])
     assert "## Optics" in index and "## Imager" not in index
     assert "| [soft focus](soft_focus.md) | focus | A lens. |" in index
 
 
-def test_every_row_is_drawn_away_from_where_it_stands() -> None:
-    given = (presets.load("d435"), scenes.tabletop())
-    ideal = setting.ideal(*given)
+def test_every_row_is_drawn_with_another_value() -> None:
+    base = (presets.load("d435"), scenes.tabletop())
+    ideal = setting.ideal(*base)
     for row in ROWS:
-        drawing = atlas._drawing(row, ideal, given)
+        drawing = atlas._drawing(row, ideal, base)
         stands = setting.value(row.parameters[0], *drawing.without)
         assert drawing.affected and stands not in drawing.affected, row.name
 
 
-def test_a_sensor_that_lacks_what_a_row_moves_is_refused() -> None:
-    given = (presets.load("d435"), scenes.tabletop())
-    quick = (dataclasses.replace(given[0], matcher=matcher.named("fast")), given[1])
+def test_sensor_without_the_row_s_field_is_refused() -> None:
+    base = (presets.load("d435"), scenes.tabletop())
+    quick = (dataclasses.replace(base[0], matcher=matcher.named("fast")), base[1])
     row = effects.named("small_penalty")  # Another engine's, in whole numbers; then one that lacks.
     assert list(atlas._drawing(row, quick, quick).affected) == [row.parameters[0].low]
     for name in ("census_window", "presmooth"):
@@ -95,7 +95,7 @@ def test_a_sensor_that_lacks_what_a_row_moves_is_refused() -> None:
             atlas._drawing(effects.named(name), quick, quick)
 
 
-def test_the_infrared_is_cut_in_its_own_proportions() -> None:
+def test_infrared_crop_has_the_image_s_proportions() -> None:
     image = np.arange(100 * 200, dtype=np.uint16).reshape(100, 200)
     cut = atlas._cropped(image)
     assert cut.shape == (36, 72)

@@ -1,4 +1,4 @@
-"""The choice of Mitsuba's variant and of the LLVM library."""
+"""Selection of Mitsuba's variant and of the LLVM library."""
 
 import os
 import subprocess
@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[3]
 
 
 def answer(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run code in a fresh process: the variant is chosen once a process."""
+    """Run code in a new process, since the variant is chosen once per process."""
     return subprocess.run(
         [sys.executable, "-c", code],
         cwd=ROOT,
@@ -30,59 +30,60 @@ def library(folder: Path, name: str) -> str:
     return str(folder / name)
 
 
-def test_the_newest_llvm_that_works_is_taken(tmp_path, monkeypatch):
+def test_the_newest_supported_llvm_is_selected(tmp_path, monkeypatch):
     for name in ("libLLVM-15.so.1", "libLLVM-17.so.1", "libLLVM.so.19.1", "libLLVM-14.so"):
         library(tmp_path, name)
-    monkeypatch.setattr(backend, "_PLACES", (str(tmp_path / "libLLVM*.so*"),))
+    monkeypatch.setattr(backend, "_PATTERNS", (str(tmp_path / "libLLVM*.so*"),))
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
     assert list(backend.llvm_libraries().values()) == [19, 17, 15, 14]
     assert backend.llvm_library() == str(tmp_path / "libLLVM.so.19.1")
 
 
-def test_old_llvm_is_not_taken_and_the_users_choice_is(tmp_path, monkeypatch):
+def test_old_llvm_is_skipped_unless_chosen_by_the_user(tmp_path, monkeypatch):
     library(tmp_path, "libLLVM-15.so.1")
-    monkeypatch.setattr(backend, "_PLACES", (str(tmp_path / "libLLVM*.so*"),))
+    monkeypatch.setattr(backend, "_PATTERNS", (str(tmp_path / "libLLVM*.so*"),))
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
     assert backend.llvm_library() is None
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/own/libLLVM.so")
     assert backend.llvm_library() == "/own/libLLVM.so"
 
 
-def test_without_llvm_it_says_so_and_goes_on():
-    told = answer(
-        "from starling.sim.render import backend; backend._PLACES = (); print(backend.mitsuba().variant())",
+def test_without_llvm_a_warning_precedes_scalar_rendering():
+    process = answer(
+        "from starling.sim.render import backend; backend._PATTERNS = ();"
+        "print(backend.mitsuba().variant())",
         DRJIT_LIBLLVM_PATH="",
     )
-    assert told.returncode == 0
-    if "cuda" not in told.stdout:
-        assert told.stdout.strip() == "scalar_rgb"
-        assert "no libLLVM >= 16 was found" in told.stderr
+    assert process.returncode == 0
+    if "cuda" not in process.stdout:
+        assert process.stdout.strip() == "scalar_rgb"
+        assert "no libLLVM >= 16 was found" in process.stderr
 
 
 def test_an_unknown_variant_is_refused():
-    told = answer(
+    process = answer(
         "from starling.sim.render import backend; backend.mitsuba()", STARLING_VARIANT="llvm_rgb"
     )
-    assert "STARLING_VARIANT must be a known name; got 'llvm_rgb'" in told.stderr
+    assert "STARLING_VARIANT must be a known name; got 'llvm_rgb'" in process.stderr
 
 
 def test_a_variant_that_cannot_run_is_refused():
-    code = "from starling.sim.render import backend; backend._PLACES = (); backend.mitsuba()"
-    told = answer(code, STARLING_VARIANT="llvm_ad_mono", DRJIT_LIBLLVM_PATH="")
-    assert "BackendError: STARLING_VARIANT must name a variant that runs here" in told.stderr
+    code = "from starling.sim.render import backend; backend._PATTERNS = (); backend.mitsuba()"
+    process = answer(code, STARLING_VARIANT="llvm_ad_mono", DRJIT_LIBLLVM_PATH="")
+    assert "BackendError: STARLING_VARIANT must name a variant that runs here" in process.stderr
 
 
 def test_the_refusal_of_a_variant_reaches_the_user_as_one_line():
     command = [sys.executable, "-m", "starling", "doctor"]
     environment = {**os.environ, "STARLING_VARIANT": "nonsense"}
-    told = subprocess.run(
+    process = subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
     )
-    assert told.returncode == 1
-    assert len(told.stderr.strip().splitlines()) == 1
+    assert process.returncode == 1
+    assert len(process.stderr.strip().splitlines()) == 1
 
 
-def test_report_names_what_matters():
+def test_report_contains_the_relevant_facts():
     report = backend.report()
     assert report["variant"] in backend.VARIANTS
     assert {"llvm", "gpu", "cores", "python", "versions"} <= report.keys()
@@ -99,7 +100,7 @@ def test_only_jit_variants_compile(monkeypatch):
     assert not backend.is_jit()
 
 
-def test_renderer_tells_the_version_of_llvm_and_no_path(
+def test_renderer_reports_the_llvm_version_without_path(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "libLLVM-19.so").write_bytes(b"")

@@ -1,4 +1,4 @@
-"""The bench tells its rounds; what it measures is tested in tests/system."""
+"""Progress of the bench; its measurements are tested in tests/system."""
 
 from __future__ import annotations
 
@@ -11,11 +11,20 @@ import pytest
 from starling.sim.commands import bench
 
 
-def test_every_round_is_told_and_the_first_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_covers_all_rounds_and_the_first_is_not_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     clock = iter([0.0, 100.0] * 10 + [0.0, 1.0] * 20)  # 100 s to compile, then 1 s each.
     shot = SimpleNamespace(layers=None, ir_left=None, ir_right=None)
     monkeypatch.setattr(bench, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
-    for name in ("backend", "direct", "simulate", "Stage", "scenes", "_with_interreflection"):
+    for name in (
+        "backend",
+        "direct",
+        "simulate",
+        "MitsubaScene",
+        "scenes",
+        "_with_interreflection",
+    ):
         monkeypatch.setattr(bench, name, _Anything(shot))
     monkeypatch.setattr(bench, "_floor", lambda *_: lambda *_: None)
     monkeypatch.setattr(bench, "_all_on", lambda scene, sensor: (scene, sensor))

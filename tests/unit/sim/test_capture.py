@@ -1,4 +1,4 @@
-"""Capture sets: what is read, what is refused and with which words, what is written."""
+"""Capture sets: reading, error messages and writing."""
 
 from __future__ import annotations
 
@@ -225,7 +225,7 @@ def test_wrong_frames_are_refused(small_set: Path) -> None:
         scene.frame(0)
 
 
-def test_geometry_goes_into_a_sensor(small_set: Path) -> None:
+def test_sensor_takes_the_captures_geometry(small_set: Path) -> None:
     from starling.sim.sensor import presets as sensors
 
     info = capture.open_set(small_set).info
@@ -233,7 +233,7 @@ def test_geometry_goes_into_a_sensor(small_set: Path) -> None:
     assert (sensor.width, sensor.fx_px, sensor.baseline_m) == (160, 90.0, 0.05)
 
 
-def test_of_frames_the_fullest_is_the_first_with_a_pair_and_depth(small_set: Path) -> None:
+def test_fullest_frame_is_the_first_with_a_pair_and_depth(small_set: Path) -> None:
     scene = small_set / "a"
     for number in "123":
         shutil.copytree(scene / "0", scene / number)
@@ -258,16 +258,16 @@ def test_of_frames_the_fullest_is_the_first_with_a_pair_and_depth(small_set: Pat
     assert fullest() == 0
 
 
-def test_a_scene_may_have_a_camera_of_its_own(small_set: Path) -> None:
+def test_scene_can_have_its_own_camera(small_set: Path) -> None:
     captures = capture.open_set(small_set)
     captures.refuse_mixed()
     scene = captures.scenes[0]
-    other = dataclasses.replace(captures.info, fx_px=captures.info.fx_px * 1.1, sensor="another")
-    (scene.path / "camera.toml").write_text(capture_info.dumps(other))
+    second = dataclasses.replace(captures.info, fx_px=captures.info.fx_px * 1.1, sensor="another")
+    (scene.path / "camera.toml").write_text(capture_info.dumps(second))
     mixed = capture.open_set(small_set)
-    assert mixed.scenes[0].info == other and mixed.info == captures.info
+    assert mixed.scenes[0].info == second and mixed.info == captures.info
     alone = capture.open_set(scene.path)
-    assert alone.info == other
+    assert alone.info == second
     alone.refuse_mixed()
     with pytest.raises(InputError, match=r"captures must be of one camera here; got .*camera.toml"):
         mixed.refuse_mixed()

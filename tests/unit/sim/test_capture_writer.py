@@ -1,4 +1,4 @@
-"""What a colour camera adds to a capture set: its picture, registered depth, its geometry."""
+"""Files of a colour camera in a capture set: picture, registered depth, geometry."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _depth() -> DepthMap:
     )
 
 
-def test_colour_and_registered_depth_are_files_of_their_own(tmp_path: Path) -> None:
+def test_colour_and_registered_depth_have_separate_files(tmp_path: Path) -> None:
     colour = np.random.default_rng(0).integers(0, 256, (5, 7, 3)).astype(np.uint8)
     registered = np.full((5, 7), np.nan, np.float32)
     registered[2, 3] = 1.25
@@ -45,13 +45,13 @@ def test_colour_and_registered_depth_are_files_of_their_own(tmp_path: Path) -> N
     assert {path.name for path in frame.iterdir()} == {
         *("ir_left.png", "depth.png", "depth_colour.png", "rgb.png", "frame.json"),
     }
-    found = cv2.imread(str(frame / "rgb.png"), cv2.IMREAD_UNCHANGED)
-    assert found is not None and np.array_equal(found[..., ::-1], colour)
+    result = cv2.imread(str(frame / "rgb.png"), cv2.IMREAD_UNCHANGED)
+    assert result is not None and np.array_equal(result[..., ::-1], colour)
     codes = png.read(frame / "depth_colour.png", "depth_colour")
     assert codes[2, 3] == 1250 and np.count_nonzero(codes) == 1
 
 
-def test_info_says_where_the_colour_camera_is() -> None:
+def test_info_holds_the_colour_camera_s_pose() -> None:
     posed = dataclasses.replace(CAMERA, position_m=(-0.015, 0.01, 0.002), rotation_deg=(0, 2, 0))
     sensor = dataclasses.replace(presets.load("d435"), colour=posed)
     info = writer.info_of(sensor, source="s", licence="l", notes="")
@@ -62,7 +62,7 @@ def test_info_says_where_the_colour_camera_is() -> None:
     assert "[colour]" in capture_info.dumps(info)
 
 
-def test_info_of_a_sensor_without_one_says_nothing() -> None:
+def test_info_without_colour_camera_has_no_pose() -> None:
     sensor = dataclasses.replace(presets.load("d435"), colour=None)
     info = writer.info_of(sensor, source="s", licence="l", notes="")
     assert info.colour is None and "colour" not in capture_info.dumps(info)

@@ -1,4 +1,4 @@
-"""The colour camera's picture: colours, place, exposure, and what it does not see."""
+"""The colour camera's picture: colours, position, exposure, and invisible lights."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_exposure_meets_its_level() -> None:
         assert seen.mean() / 255 == pytest.approx(level, abs=0.04)
 
 
-def test_projectors_do_not_light_it() -> None:
+def test_projectors_do_not_light_the_picture() -> None:
     scene = _wall(Material(name="plain", rgb=RGB))
     lit = dataclasses.replace(scene, other_projector=Projector(power_w=1.0))
     strong = dataclasses.replace(
@@ -76,8 +76,8 @@ def test_a_texture_is_tinted() -> None:
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.2])
-def test_it_sees_from_its_own_place(scale: float) -> None:
-    """A patch straight ahead of the left imager lies f t / z beside the colour camera's centre."""
+def test_colour_camera_has_its_own_position(scale: float) -> None:
+    """A patch on the left imager's axis is f t / z off the centre of the colour image."""
     patch = solids.body(
         "patch",
         solids.plane(0.1, 0.1),

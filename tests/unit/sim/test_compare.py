@@ -1,4 +1,4 @@
-"""The gap figures: zero for a set against itself, right for changes of known size."""
+"""Gap figures: zero for a set against itself, correct for known changes."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def test_a_set_against_itself_has_no_gap(small_set: Path) -> None:
 
 
 def test_known_changes_are_measured(small_set: Path, write_set: Callable, tmp_path: Path) -> None:
-    other = write_set(tmp_path / "sim", scenes=("a", "c"))
-    frame = other / "a" / "0"
+    second = write_set(tmp_path / "sim", scenes=("a", "c"))
+    frame = second / "a" / "0"
     _change(frame / "ir_left.png", lambda image: image + np.uint8(5))
 
     def move_hole(depth: np.ndarray) -> np.ndarray:
@@ -44,7 +44,7 @@ def test_known_changes_are_measured(small_set: Path, write_set: Callable, tmp_pa
         return depth
 
     _change(frame / "depth.png", move_hole)
-    result = compare(capture.open_set(small_set), capture.open_set(other))
+    result = compare(capture.open_set(small_set), capture.open_set(second))
     assert result["only_real"] == ["b"] and result["only_sim"] == ["c"]
     figures = result["scenes"]["a"]
     assert figures["mean_dn"]["gap"] == pytest.approx(5)
@@ -53,7 +53,7 @@ def test_known_changes_are_measured(small_set: Path, write_set: Callable, tmp_pa
     assert figures["dot_contrast"]["gap"] < 0
 
 
-def test_what_is_missing_is_nan(small_set: Path) -> None:
+def test_missing_figures_are_nan(small_set: Path) -> None:
     for scene in ("a", "b"):
         for name in ("ir_left.png", "ir_right.png"):
             (small_set / scene / "0" / name).unlink()
@@ -73,19 +73,19 @@ def test_depth_may_be_missing_and_truth_unknown(small_set: Path) -> None:
     assert np.isnan(scenes["b"]["nmad_px"]["sim"]) and np.isnan(scenes["b"]["ndp_rate"]["sim"])
 
 
-def test_two_single_scenes_are_paired_whatever_their_names(small_set: Path) -> None:
+def test_two_single_scenes_are_paired_regardless_of_names(small_set: Path) -> None:
     first, second = capture.open_set(small_set / "a"), capture.open_set(small_set / "b")
     assert [(a.name, b.name) for a, b in pair_scenes(first, second)] == [("a", "b")]
 
 
 def test_sets_that_cannot_be_compared(small_set: Path, write_set: Callable, tmp_path: Path) -> None:
-    other = write_set(tmp_path / "sim", scenes=("c", "d"))
+    second = write_set(tmp_path / "sim", scenes=("c", "d"))
     with pytest.raises(InputError, match="must have a scene in common; got a, b and c, d"):
-        compare(capture.open_set(small_set), capture.open_set(other))
-    info = other / "capture.toml"
+        compare(capture.open_set(small_set), capture.open_set(second))
+    info = second / "capture.toml"
     info.write_text(info.read_text().replace("width = 160", "width = 152"))
     with pytest.raises(InputError, match="must have one image size"):
-        compare(capture.open_set(small_set / "a"), capture.open_set(other / "c"))
+        compare(capture.open_set(small_set / "a"), capture.open_set(second / "c"))
 
 
 def test_dot_contrast_of_a_checkerboard() -> None:

@@ -14,8 +14,8 @@ from starling.sim.stereo.measurement import measure
 
 @given(st.floats(0.01, 500.0), st.floats(100, 2000), st.floats(0.01, 0.2))
 def test_depth_and_disparity_are_inverse(disparity, focal_px, baseline_m):
-    there = depth_from_disparity(np.array([disparity]), focal_px=focal_px, baseline_m=baseline_m)
-    back = disparity_from_depth(there, focal_px=focal_px, baseline_m=baseline_m)
+    known = depth_from_disparity(np.array([disparity]), focal_px=focal_px, baseline_m=baseline_m)
+    back = disparity_from_depth(known, focal_px=focal_px, baseline_m=baseline_m)
     assert back[0] == pytest.approx(disparity, rel=1e-5)
 
 
@@ -43,7 +43,7 @@ def test_code_round_trip(code, unit):
     assert to_code(from_code(codes, unit), unit)[0] == code
 
 
-def test_what_the_code_cannot_hold_is_no_depth():
+def test_depth_beyond_the_code_is_missing():
     depth = np.array([np.nan, 70.0, -1.0, 0.0004, 1.0])
     assert to_code(depth, 1e-3).tolist() == [0, 0, 0, 0, 1000]
 
@@ -54,9 +54,9 @@ def test_first_cause_wins_and_valid_stays_valid():
         Reason.SPECKLE: np.array([True, True, False, False]),
         Reason.OCCLUDED: np.array([True, True, True, False]),
     }
-    found = first_cause(valid, causes)
-    assert found.tolist() == [0, Reason.OCCLUDED, Reason.OCCLUDED, Reason.UNKNOWN]
-    assert found.dtype == np.uint32
+    result = first_cause(valid, causes)
+    assert result.tolist() == [0, Reason.OCCLUDED, Reason.OCCLUDED, Reason.UNKNOWN]
+    assert result.dtype == np.uint32
 
 
 def test_every_reason_has_a_label():

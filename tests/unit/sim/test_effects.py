@@ -1,4 +1,4 @@
-"""The effect table as a whole: every row is settable, neutral where it says so, and documented."""
+"""The effect table: every row can be set, has its stated neutral value, and is documented."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NUMBERS = [(row, parameter) for row in ROWS for parameter in row.parameters]
 
 
 def _sensor() -> Sensor:
-    """A sensor that has every part, so that every row has something to move."""
+    """A sensor with every component, so that every row has a field to set."""
     colour = Colour(width=64, height=48, fx_px=60, fy_px=60, cx_px=32, cy_px=24)
     return dataclasses.replace(presets.load("d435"), colour=colour)
 
@@ -33,7 +33,7 @@ def _name(case: Any) -> str:
     return case.name if isinstance(case, Effect | Parameter) else str(case)
 
 
-def test_the_table_is_wide_enough() -> None:
+def test_table_has_enough_rows() -> None:
     assert len(ROWS) >= 35
     assert len({row.family for row in ROWS}) >= 20
     assert {row.stage for row in ROWS} == set(Stage)
@@ -48,11 +48,11 @@ def test_names_are_unique_and_the_order_is_the_chain() -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=_name)
-def test_every_row_says_what_it_is(row: Effect) -> None:
+def test_every_row_has_descriptions(row: Effect) -> None:
     assert row.family
-    for said in (row.imitates, row.law, row.shows, row.source):
-        assert len(said) > 5
-    known = {other.name for other in ROWS} - {row.name}
+    for text in (row.imitates, row.law, row.shows, row.source):
+        assert len(text) > 5
+    known = {effect.name for effect in ROWS} - {row.name}
     assert set(row.confused_with) <= known
     parameters = [parameter.name for parameter in row.parameters]
     assert parameters and len(parameters) == len(set(parameters))
@@ -78,7 +78,7 @@ def test_every_value_of_the_range_is_admitted(row: Effect, parameter: Parameter)
 
 @pytest.mark.parametrize(("row", "parameter"), NUMBERS, ids=_name)
 def test_a_unit_that_is_off_by_a_thousand_is_refused(row: Effect, parameter: Parameter) -> None:
-    """Metres given in mm, watts in mW; a focus may lie at some km, which is as good as infinity."""
+    """Metres given in mm, watts in mW. A focus at several km is accepted as infinity."""
     if parameter.choices or parameter.high is None or parameter.name == "focus_m":
         return
     with pytest.raises(InputError, match=rf"^effect {row.name}\.{parameter.name}: .*must "):
@@ -88,13 +88,13 @@ def test_a_unit_that_is_off_by_a_thousand_is_refused(row: Effect, parameter: Par
 
 
 @pytest.mark.parametrize(("row", "parameter"), NUMBERS, ids=_name)
-def test_a_row_moves_something(row: Effect, parameter: Parameter) -> None:
+def test_every_row_changes_a_field(row: Effect, parameter: Parameter) -> None:
     sensor, scene = setting.ideal(_sensor(), scenes.wall())
     base = setting.value(parameter, sensor, scene)
     ends = parameter.choices or (parameter.low, parameter.high)
-    other = next(value for value in ends if value != base)
-    assert other is not None
-    moved = setting.apply(sensor, scene, {f"{row.name}.{parameter.name}": other})
+    changed = next(value for value in ends if value != base)
+    assert changed is not None
+    moved = setting.apply(sensor, scene, {f"{row.name}.{parameter.name}": changed})
     assert setting.value(parameter, *moved) != base
     assert (moved[0] != sensor) != (moved[1] is not scene)
 
@@ -116,8 +116,8 @@ def test_neutral_is_the_ideal_sensor(chosen: set[tuple[Effect, Parameter]]) -> N
 
 
 def test_settings_reach_both_imagers_one_component_and_the_scene() -> None:
-    asked = {"lens_blur": 0.9, "motion.x": 0.2, "vertical_offset": 0.5}
-    sensor, scene = setting.apply(presets.load("d435"), scenes.wall(), asked)
+    requested = {"lens_blur": 0.9, "motion.x": 0.2, "vertical_offset": 0.5}
+    sensor, scene = setting.apply(presets.load("d435"), scenes.wall(), requested)
     assert sensor.left.lens.blur_px == sensor.right.lens.blur_px == 0.9
     assert (sensor.left.alignment.offset_y_px, sensor.right.alignment.offset_y_px) == (0, 0.5)
     assert scene.motion.velocity_m_s == (0.2, 0.0, 0.0)
@@ -178,7 +178,7 @@ def test_a_text_may_not_repeat() -> None:
     }
 
 
-def test_the_listing_has_the_keys_that_others_script_against() -> None:
+def test_listing_has_the_documented_keys() -> None:
     rows = json.loads(json.dumps(listing.rows(presets.load("d435"))))
     assert [row["name"] for row in rows] == [row.name for row in ROWS]
     for row in rows:

@@ -1,4 +1,4 @@
-"""frame.exr: comes back bit for bit, is understood by the OpenEXR library, refuses damage."""
+"""frame.exr: lossless round trip, readable by the OpenEXR library, damage is refused."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from hypothesis import strategies as st
 from starling.patterns.errors import InputError
 from starling.sim.captures import exr, exr_structure
 from starling.sim.console.output import OutputFolder
-from starling.sim.render.layers import Layers, Truth, View
+from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.stereo.depth import DepthMap
 
 
 def _frame(shape: tuple[int, int] = (37, 20), seed: int = 0) -> tuple[Layers, DepthMap]:
     rng = np.random.default_rng(seed)
 
-    def view() -> View:
+    def view() -> ViewLayers:
         names = ("projector_direct", "projector_indirect", "ambient", "other", "depth_m")
         body = rng.integers(0, 9, shape, np.uint32)
-        return View(**{name: rng.random(shape, np.float32) for name in names}, body=body)
+        return ViewLayers(**{name: rng.random(shape, np.float32) for name in names}, body=body)
 
     reason = rng.integers(0, 14, shape).astype(np.uint32)
     depth_m = np.where(reason == 0, rng.random(shape, np.float32), np.float32(np.nan))
@@ -53,7 +53,7 @@ def test_round_trip_is_bit_identical(tmp_path: Path) -> None:
     exr.write(tmp_path / "f.exr", layers, depth)
     back, depth_back = exr.read(tmp_path / "f.exr")
     for side in ("left", "right"):
-        for name in (field.name for field in dataclasses.fields(View)):
+        for name in (field.name for field in dataclasses.fields(ViewLayers)):
             assert _same(getattr(getattr(layers, side), name), getattr(getattr(back, side), name))
     for name in ("depth_m", "normal", "material", "right_sees", "lit"):
         assert _same(getattr(layers.truth, name), getattr(back.truth, name))
@@ -84,7 +84,7 @@ def _whole(tmp_path: Path) -> bytes:
     return (tmp_path / "whole.exr").read_bytes()
 
 
-def test_cut_short_anywhere_is_refused(tmp_path: Path) -> None:
+def test_truncated_files_are_refused(tmp_path: Path) -> None:
     data, path = _whole(tmp_path), tmp_path / "cut.exr"
     for length in [*range(0, len(data), 997), len(data) - 1]:
         path.write_bytes(data[:length])
@@ -96,18 +96,18 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "f.exr"
     with pytest.raises(InputError, match=r"EXR file must be readable; .*No such file"):
         exr.read(path)
-    for data, what in {b"": "an empty file", b"PNG": "no OpenEXR file"}.items():
+    for data, defect in {b"": "an empty file", b"PNG": "no OpenEXR file"}.items():
         path.write_bytes(data)
-        with pytest.raises(InputError, match=what):
+        with pytest.raises(InputError, match=defect):
             exr.read(path)
     image = np.zeros((4, 4), np.float32)
-    for compression, parts, what in (
+    for compression, parts, defect in (
         (OpenEXR.ZIP_COMPRESSION, 1, "a file of a single part"),
         (OpenEXR.PIZ_COMPRESSION, 2, "another kind than ZIP scan lines"),
         (OpenEXR.ZIP_COMPRESSION, 2, "must have the parts left, right, truth, depth; .*without"),
     ):
         _write_parts(path, [(f"p{n}", {"x": image}) for n in range(parts)], compression)
-        with pytest.raises(InputError, match=what):
+        with pytest.raises(InputError, match=defect):
             exr.read(path)
 
 
@@ -119,12 +119,12 @@ def _write_parts(path: Path, parts: list, compression: object = OpenEXR.ZIP_COMP
 
 def _patched(data: bytes, name: bytes, offset: int, value: int) -> bytes:
     """Overwrite a 32-bit number at an offset behind the first occurrence of a name."""
-    at = data.index(name) + len(name) + offset
-    return data[:at] + value.to_bytes(4, "little", signed=True) + data[at + 4 :]
+    position = data.index(name) + len(name) + offset
+    return data[:position] + value.to_bytes(4, "little", signed=True) + data[position + 4 :]
 
 
 @pytest.mark.parametrize(
-    ("name", "offset", "value", "what"),
+    ("name", "offset", "value", "defect"),
     [
         (b"dataWindow\0box2i\0", 4 + 8, 99_999, "a size of 100000x37"),
         (b"dataWindow\0box2i\0", 4 + 8, -9, "a size of -8x37"),
@@ -134,10 +134,10 @@ def _patched(data: bytes, name: bytes, offset: int, value: int) -> bytes:
     ],
 )
 def test_damaged_headers_are_refused(
-    tmp_path: Path, name: bytes, offset: int, value: int, what: str
+    tmp_path: Path, name: bytes, offset: int, value: int, defect: str
 ) -> None:
     (tmp_path / "f.exr").write_bytes(_patched(_whole(tmp_path), name, offset, value))
-    with pytest.raises(InputError, match=what):
+    with pytest.raises(InputError, match=defect):
         exr.read(tmp_path / "f.exr")
 
 
@@ -150,15 +150,15 @@ def test_damaged_chunks_are_refused(tmp_path: Path) -> None:
     (last,) = struct.unpack_from("<Q", data, first - 8)
     (packed,) = struct.unpack_from("<i", data, last + 8)
     short = zlib.compress(b"")
-    for at, change, what in (
+    for position, change, defect in (
         (first, struct.pack("<i", 3), "a chunk that is out of place"),
         (first + 8, struct.pack("<i", 10_000), "a chunk that is too long"),
         (first + 8, struct.pack("<i", 10**8), "cut short"),
         (last + 12, b"no zlib", "damaged pixel data"),
         (last + 12, short, "too little pixel data"),
     ):
-        path.write_bytes(data[:at] + change + data[at + len(change) :])
-        with pytest.raises(InputError, match=what):
+        path.write_bytes(data[:position] + change + data[position + len(change) :])
+        with pytest.raises(InputError, match=defect):
             exr.read(path)
     assert packed > len(short)
 
@@ -179,9 +179,7 @@ def test_missing_channel_and_unequal_parts_are_refused(tmp_path: Path) -> None:
         exr.read(path)
 
 
-def test_what_the_library_cannot_read_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_library_errors_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("some new compression")
 
@@ -206,7 +204,9 @@ def test_full_disk_is_an_error(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_silently_cut_file_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_silently_truncated_file_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def cut(data: bytes, *, pixels: bool) -> None:
         raise exr_structure.DamagedError("cut short")
 

@@ -1,4 +1,4 @@
-"""Whatever is wrong with a sensor file or a capture folder: one line, never a traceback."""
+"""Any defect of a sensor file or capture folder gives a one-line error, never a traceback."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _mutate(text: str, edits: list[tuple[str, str, str]]) -> str:
 
 
 def _quiet(function: Callable[[], object]) -> None:
-    """Run what may be refused: the refusal is one line, nothing else is raised."""
+    """Call a function that may raise only `InputError`, with a one-line message."""
     try:
         function()
     except InputError as error:
@@ -83,7 +83,7 @@ def _quiet(function: Callable[[], object]) -> None:
 
 
 def _command(*arguments: str) -> None:
-    """Run a command: it goes well, or prints one line and nothing else."""
+    """Run a command that succeeds or prints exactly one line."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = command_line.main(arguments)
@@ -102,13 +102,13 @@ def test_sensor_files(tmp_path_factory: pytest.TempPathFactory, edits: list) -> 
 
 
 @settings(max_examples=100)
-@given(data=st.binary(max_size=60), at=st.integers(0, len(PRESET)))
+@given(data=st.binary(max_size=60), position=st.integers(0, len(PRESET)))
 def test_sensor_files_with_any_bytes(
-    tmp_path_factory: pytest.TempPathFactory, data: bytes, at: int
+    tmp_path_factory: pytest.TempPathFactory, data: bytes, position: int
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "fuzz.toml"
     text = PRESET.encode()
-    path.write_bytes(text[:at] + data + text[at + len(data) :])
+    path.write_bytes(text[:position] + data + text[position + len(data) :])
     _quiet(lambda: sensors.load(str(path)))
 
 
@@ -168,14 +168,14 @@ def _damaged(data: bytes, folder: Path, how: str, values: list) -> bytes:
     if how == "replace":
         return values[0]
     if how == "copy":
-        other = folder / values[0]
-        return other.read_bytes() if other.is_file() else data
-    at = int(values[0] * len(data))
+        second = folder / values[0]
+        return second.read_bytes() if second.is_file() else data
+    position = int(values[0] * len(data))
     if how == "cut":
-        return data[:at]
+        return data[:position]
     if how == "insert":
-        return data[:at] + values[1] + data[at:]
-    return data[:at] + bytes([values[1]]) + data[at + 1 :]  # Change a byte, or add one.
+        return data[:position] + values[1] + data[position:]
+    return data[:position] + bytes([values[1]]) + data[position + 1 :]  # Change a byte, or add one.
 
 
 def _read_all(folder: Path) -> None:

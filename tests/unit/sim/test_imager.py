@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from starling.patterns import InputError
 from starling.sim.imaging import imager
 from starling.sim.imaging.imager import charge, converter, noise, smoothing, well
-from starling.sim.imaging.imager.exposure import Exposure, recorded
+from starling.sim.imaging.imager.exposure import Exposure, read_exposure
 from starling.sim.imaging.imager.fixed_pattern import Die
 from starling.sim.imaging.optics import blur
 from starling.sim.sensor.sensor import Imager
@@ -26,8 +26,8 @@ def flat(electrons: float) -> np.ndarray:
 
 
 def read(part: Imager, electrons: np.ndarray, **changed: Any) -> np.ndarray:
-    """Read out with what does not matter to a test filled in."""
-    given: dict[str, Any] = {
+    """Call `read_out` with defaults for arguments that do not matter to a test."""
+    arguments: dict[str, Any] = {
         "exposure_s": 0.01,
         "unit": 0,
         "side": "left",
@@ -35,7 +35,7 @@ def read(part: Imager, electrons: np.ndarray, **changed: Any) -> np.ndarray:
         "frame": 0,
         **changed,
     }
-    return imager.read_out(part, electrons, **given).delivered
+    return imager.read_out(part, electrons, **arguments).delivered
 
 
 @given(
@@ -43,25 +43,25 @@ def read(part: Imager, electrons: np.ndarray, **changed: Any) -> np.ndarray:
     dropped=st.integers(0, 8),
     share=st.floats(0, 1),
 )
-def test_the_matcher_reads_the_bits_that_the_image_has_not(bits, dropped, share):
+def test_matcher_reads_bits_that_the_image_lacks(bits, dropped, share):
     part = Imager(full_well_e=9000.0, bit_depth=bits, dropped_bits=dropped)
     level = np.full((2, 3), share * part.ceiling_dn, np.float32)
     finest = 2.0 ** -(part.matched_bits - bits)
-    codes = imager.finest(part, level)
+    codes = imager.quantise_matched(part, level)
     assert part.matched_bits == min(bits + dropped, 16)
     assert codes.max() < 2**part.matched_bits
     # float32 carries 24 bits: of 16-bit codes it leaves 1/256 DN.
     assert np.abs(codes * finest - level).max() <= finest / 2 + part.ceiling_dn * 2.0**-23
     plain = dataclasses.replace(part, dropped_bits=0)
-    assert np.array_equal(imager.digital(part, level), imager.digital(plain, level))
+    assert np.array_equal(imager.quantise(part, level), imager.quantise(plain, level))
 
 
-def test_what_leaves_the_device_does_not_know_of_dropped_bits():
+def test_dropped_bits_do_not_change_the_output_image():
     part = Imager(full_well_e=9000.0, bit_depth=8, read_noise_e=30.0, shot_noise=1.0)
     light = np.linspace(0, 9000, 60, dtype=np.float32).reshape(6, 10)
-    given = {"exposure_s": 0.01, "unit": 0, "side": "left", "seed": 3, "frame": 0}
-    plain = imager.read_out(part, light, **given)
-    fine = imager.read_out(dataclasses.replace(part, dropped_bits=2), light, **given)
+    arguments = {"exposure_s": 0.01, "unit": 0, "side": "left", "seed": 3, "frame": 0}
+    plain = imager.read_out(part, light, **arguments)
+    fine = imager.read_out(dataclasses.replace(part, dropped_bits=2), light, **arguments)
     assert plain.matched is plain.delivered
     assert np.array_equal(fine.delivered, plain.delivered)
     assert fine.matched.dtype == np.uint16
@@ -107,7 +107,7 @@ def test_electrons_by_hand():
 def test_auto_exposure_meets_its_level_or_its_limit(radiance):
     part = dataclasses.replace(REAL, auto_exposure_level=0.25)
     image = np.full((8, 8), radiance, np.float32)
-    chosen = imager.control(part, image, 850.0)
+    chosen = imager.choose_exposure(part, image, 850.0)
     electrons = imager.mean_electrons(part, image, 850.0, chosen)
     level = float(electrons.mean()) * part.dn_per_electron + part.black_level_dn
     at_limit = chosen.exposure_s == part.auto_exposure_max_s
@@ -116,15 +116,15 @@ def test_auto_exposure_meets_its_level_or_its_limit(radiance):
 
 
 @pytest.mark.parametrize("gain", [0, -1.0, float("nan"), float("inf"), True, "1", None])
-def test_of_what_a_frame_tells_only_an_exposure_that_can_be_is_one(gain):
-    assert recorded({"exposure_s": 0.01, "gain": gain}) is None
-    assert recorded({"exposure_s": gain, "gain": 2}) is None
-    assert recorded({"gain": 2}) is None
-    assert recorded({"exposure_s": 0.01, "gain": 2}) == Exposure(exposure_s=0.01, gain=2.0)
+def test_only_valid_exposures_are_read_from_a_record(gain):
+    assert read_exposure({"exposure_s": 0.01, "gain": gain}) is None
+    assert read_exposure({"exposure_s": gain, "gain": 2}) is None
+    assert read_exposure({"gain": 2}) is None
+    assert read_exposure({"exposure_s": 0.01, "gain": 2}) == Exposure(exposure_s=0.01, gain=2.0)
 
 
 def test_fixed_exposure_is_fixed():
-    chosen = imager.control(REAL, flat(1.0), 850.0)
+    chosen = imager.choose_exposure(REAL, flat(1.0), 850.0)
     assert (chosen.exposure_s, chosen.gain) == (REAL.exposure_s, REAL.gain)
 
 
@@ -164,7 +164,7 @@ NEUTRAL: dict[str, Any] = {  # Of what an ideal imager has not.
 
 
 def scene() -> np.ndarray:
-    """Dots on a dim ground, some above the full well."""
+    """Dots on a dim background, some above the full well."""
     image = np.random.default_rng(5).uniform(0, 900, (90, 120)).astype(np.float32)
     image[10::20, 5::11] = 24000.0
     return image
@@ -177,34 +177,34 @@ def test_equal_arguments_give_equal_bits_and_each_of_them_counts():
         assert not np.array_equal(first, read(FULL, scene(), **changed))
 
 
-def test_the_light_given_is_left_as_it_was():
-    given = scene()
-    given.setflags(write=False)
-    read(FULL, given)
-    assert np.array_equal(given, scene())
+def test_input_light_is_not_modified():
+    light = scene()
+    light.setflags(write=False)
+    read(FULL, light)
+    assert np.array_equal(light, scene())
 
 
-def test_a_field_at_neutral_hands_its_input_on():
-    """Not a copy, and not equal to rounding: the very object."""
-    ideal, given, die = Imager(), scene(), Die(0, "left")
-    assert charge.collected(ideal, given, 1.0, die) is given
-    assert noise.shot_and_read(ideal, given, die=die, seed=0, frame=0) is given
-    assert noise.offsets(ideal, given, die=die, seed=0, frame=0) is given
-    assert well.hot(ideal, given, die) is given
-    assert smoothing.smoothed(given, 0.0) is given
-    assert converter.bent(given, 1.0, 255) is given
+def test_neutral_fields_return_the_input_array():
+    """The result is the input object itself, not a copy."""
+    ideal, light, die = Imager(), scene(), Die(0, "left")
+    assert charge.collect(ideal, light, 1.0, die) is light
+    assert noise.shot_and_read(ideal, light, die=die, seed=0, frame=0) is light
+    assert noise.offsets(ideal, light, die=die, seed=0, frame=0) is light
+    assert well.fill_hot_pixels(ideal, light, die) is light
+    assert smoothing.smooth(light, 0.0) is light
+    assert converter.apply_gamma(light, 1.0, 255) is light
 
 
 @given(st.sets(st.sampled_from(sorted(NEUTRAL))))
 def test_fields_set_to_neutral_are_the_identity(chosen: set[str]):
-    """Any of them, on an ideal imager: bit for bit."""
+    """Holds for any subset of fields on an ideal imager, bit for bit."""
     moved = dataclasses.replace(Imager(), **{name: NEUTRAL[name] for name in chosen})
     assert np.array_equal(read(moved, scene()), read(Imager(), scene()))
 
 
 @given(st.sets(st.sampled_from(sorted(NEUTRAL)), min_size=1))
-def test_what_is_neutral_does_not_touch_the_rest(chosen: set[str]):
-    """With some fields neutral the others act as if those were not there: no draw moves."""
+def test_neutral_fields_do_not_change_other_fields(chosen: set[str]):
+    """Neutral fields do not change the effect of other fields: no random draw moves."""
     rest = {name: value for name, value in NEUTRAL.items() if name not in chosen}
     away = {name: getattr(FULL, name) for name in rest}
     built_up = dataclasses.replace(Imager(gain=2.0), **away)
@@ -215,7 +215,7 @@ def test_what_is_neutral_does_not_touch_the_rest(chosen: set[str]):
 
 @pytest.mark.parametrize("field", sorted(NEUTRAL))
 def test_every_field_moves_the_image(field: str):
-    """Alone, beside an imager that is otherwise ideal."""
+    """Each field changes the image of an otherwise ideal imager."""
     moved = dataclasses.replace(Imager(), **{field: getattr(FULL, field)})
     assert not np.array_equal(read(moved, scene()), read(Imager(), scene()))
 
@@ -232,8 +232,8 @@ def test_every_field_moves_the_image(field: str):
         ("prnu", "read_noise_e", 6.0),
     ],
 )
-def test_a_noise_added_leaves_the_draw_of_another(base: str, field: str, value: float):
-    """What the added noise brings alone, taken off again, leaves the first noise's image."""
+def test_additional_noise_keeps_the_other_draws(base: str, field: str, value: float):
+    """Subtracting the added noise's own contribution restores the image of the first noise."""
     fine = Imager(black_level_dn=20000.0)
     alone = dataclasses.replace(fine, **{base: 0.02 if base == "prnu" else 6.0})
     both = dataclasses.replace(alone, **{field: value})
@@ -245,10 +245,10 @@ def test_a_noise_added_leaves_the_draw_of_another(base: str, field: str, value: 
     assert seen > 0.99
 
 
-def test_no_two_noises_share_numbers():
-    """The first rows' and columns' worth of each noise, alone, side by side: none follows another.
+def test_noises_are_independent():
+    """The first rows and columns of each noise alone are pairwise uncorrelated.
 
-    Noises of one generator under one name would agree number by number.
+    Noises with the same generator and name would be identical.
     """
     fine, light = Imager(black_level_dn=20000.0, full_well_e=1e4), flat(2000.0)
     plain = read(fine, light).astype(np.float64)
@@ -270,7 +270,7 @@ def test_no_two_noises_share_numbers():
 
 @pytest.mark.parametrize("sigma", [0.0, 0.5, 1.2])
 def test_noise_e_is_the_deviation_seen(sigma: float):
-    """Of a grey field and of darkness, all noise on, PRNU left out as stated."""
+    """For a grey field and for darkness, with all noise except PRNU."""
     part = dataclasses.replace(
         FULL,
         prnu=0.0,
@@ -282,7 +282,7 @@ def test_noise_e_is_the_deviation_seen(sigma: float):
         black_level_dn=3000.0,
     )
     for electrons in (0.0, 30.0, 2000.0):
-        light, told = flat(electrons), float(imager.noise_e(part, flat(electrons), 0.05)[0, 0])
+        light, predicted = flat(electrons), float(imager.noise_e(part, flat(electrons), 0.05)[0, 0])
         mean = (electrons + 25.0) * part.dn_per_electron + 3000.0
         variance = np.mean(
             [
@@ -290,11 +290,11 @@ def test_noise_e_is_the_deviation_seen(sigma: float):
                 for n in range(24)  # Rows and columns are few in one image.
             ]
         )
-        assert np.sqrt(variance) / part.dn_per_electron == pytest.approx(told, rel=0.02)
+        assert np.sqrt(variance) / part.dn_per_electron == pytest.approx(predicted, rel=0.02)
 
 
 def test_more_read_noise_does_not_reshuffle():
-    """The same draw, scaled: what is above the mean stays above it."""
+    """The draw is scaled: pixels above the mean stay above it."""
     quiet = read(REAL, flat(500)).astype(int)
     loud = dataclasses.replace(REAL, read_noise_e=30.0)
     louder = read(loud, flat(500)).astype(int)
@@ -341,12 +341,12 @@ def test_refusals(field, value):
 
 
 def drawn(*, side: str = "left", frame: int = 0, **noise: float) -> np.ndarray:
-    """Codes of even light by an imager with one noise alone."""
+    """Codes of uniform light, from an imager with a single kind of noise."""
     part = Imager(bit_depth=16, full_well_e=10000.0, shot_noise=0.0, read_noise_e=0.0)
     part = dataclasses.replace(part, **noise)
     light = np.full((64, 80), 3000, np.float32)
-    told: Any = {"exposure_s": 0.01, "unit": 1, "side": side, "seed": 3, "frame": frame}
-    return imager.read_out(part, light, **told).delivered.astype(float).ravel()
+    arguments: Any = {"exposure_s": 0.01, "unit": 1, "side": side, "seed": 3, "frame": frame}
+    return imager.read_out(part, light, **arguments).delivered.astype(float).ravel()
 
 
 @pytest.mark.parametrize(
@@ -361,18 +361,18 @@ def drawn(*, side: str = "left", frame: int = 0, **noise: float) -> np.ndarray:
     ],
 )
 def test_the_imagers_of_a_pair_share_no_noise(noise: dict[str, float]) -> None:
-    """What both had a matcher would take for texture at no disparity."""
-    one, other = (drawn(side=side, **noise) for side in ("left", "right"))
-    assert one.std() > 0 and abs(np.corrcoef(one, other)[0, 1]) < 0.5
+    """Common noise would look like texture at zero disparity to a matcher."""
+    first, second = (drawn(side=side, **noise) for side in ("left", "right"))
+    assert first.std() > 0 and abs(np.corrcoef(first, second)[0, 1]) < 0.5
 
 
-def test_rows_are_drawn_anew_each_frame() -> None:
-    one, other = (drawn(frame=frame, row_noise_e=30.0) for frame in (0, 1))
-    assert abs(np.corrcoef(one, other)[0, 1]) < 0.5
+def test_row_noise_is_drawn_for_each_frame() -> None:
+    first, second = (drawn(frame=frame, row_noise_e=30.0) for frame in (0, 1))
+    assert abs(np.corrcoef(first, second)[0, 1]) < 0.5
 
 
-def test_averaging_of_a_bent_curve_is_cut_at_the_ceiling() -> None:
-    """What is above it before averaging is no more than it: its root is left above black."""
+def test_averaging_with_gamma_is_clipped_at_the_ceiling() -> None:
+    """Signals are clipped to the ceiling before averaging."""
     part = Imager(
         bit_depth=16,
         gain=1.0,
@@ -383,7 +383,7 @@ def test_averaging_of_a_bent_curve_is_cut_at_the_ceiling() -> None:
     )
     dot = np.zeros((31, 31), np.float32)
     dot[15, 15] = 65535.0
-    share = smoothing.smoothed((dot > 0).astype(np.float32), 1.0)[15, 15]
+    share = smoothing.smooth((dot > 0).astype(np.float32), 1.0)[15, 15]
     most = 65535 * 0.75**2
     expected = 65535 * np.sqrt(most * share / 65535) + 16384
-    assert converter.converted(part, dot).delivered[15, 15] == pytest.approx(expected, rel=2e-3)
+    assert converter.convert(part, dot).delivered[15, 15] == pytest.approx(expected, rel=2e-3)

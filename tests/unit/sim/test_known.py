@@ -1,4 +1,4 @@
-"""Captures of known geometry: simulated sets say what was seen, and it is found and seen again."""
+"""Captures of known geometry: a simulated set's geometry is stored, loaded and rendered again."""
 
 from __future__ import annotations
 
@@ -44,21 +44,21 @@ def _simulated(
 
 
 def _depth_m(scene: CapturedScene, left_from_true: Pose | None = None) -> np.ndarray:
-    """Depth of the known geometry as the set's own sensor sees it, from another place if given."""
+    """Depth of the known geometry for the set's sensor, optionally from another pose."""
     sensor = presets.load(str(scene.path.parent / "sensor.toml"))
     loaded = known_geometry.load(scene, sensor)
     assert loaded is not None
     pose = loaded.world_from_left @ (np.eye(4) if left_from_true is None else left_from_true)
     moved = dataclasses.replace(loaded, world_from_left=pose)
-    return direct.layers(mitsuba_scene.Stage(moved), sensor).truth.depth_m
+    return direct.layers(mitsuba_scene.MitsubaScene(moved), sensor).truth.depth_m
 
 
 def _assert_seen_again(scene: CapturedScene, left_from_true: Pose | None = None) -> None:
-    """Equal up to the code's step: half of it for rounding, the rest for the pose's last digits."""
+    """Equal up to one code step: half for rounding, the remainder for the pose's digits."""
     truth_m = scene.truth_m()
     assert truth_m is not None and np.isfinite(truth_m).mean() > 0.1
     again_m = _depth_m(scene, left_from_true)
-    again_m[again_m > 65535 * scene.info.depth_unit_m] = np.nan  # No code reaches them.
+    again_m[again_m > 65535 * scene.info.depth_unit_m] = np.nan  # Depth beyond the largest code.
     np.testing.assert_array_equal(np.isfinite(again_m), np.isfinite(truth_m))
     assert np.nanmax(np.abs(again_m - truth_m)) <= scene.info.depth_unit_m
 
@@ -82,8 +82,8 @@ def test_a_builtin_scene_is_seen_again(tmp_path: Path) -> None:
     _assert_seen_again(scene)
 
 
-def test_another_pose_is_seen_otherwise(tmp_path: Path) -> None:
-    """What the test above finds equal is not equal whatever the file says."""
+def test_another_pose_gives_another_image(tmp_path: Path) -> None:
+    """The comparison above fails for a wrong pose."""
     scene = _simulated("tabletop:3", tmp_path / "out")
     text = (scene.path / "scene.toml").read_text()
     before = _depth_m(scene)
@@ -94,7 +94,7 @@ def test_another_pose_is_seen_otherwise(tmp_path: Path) -> None:
     assert np.nanmax(np.abs(_depth_m(scene) - before)) > 0.05
 
 
-def test_a_mesh_is_found_where_set_and_mesh_lie_together(tmp_path: Path) -> None:
+def test_mesh_paths_are_relative_within_a_common_folder(tmp_path: Path) -> None:
     mesh = _box(tmp_path / "project" / "meshes" / "box.ply")
     scene = _simulated(mesh, tmp_path / "project" / "sets" / "out")
     file = scene.known()
@@ -113,7 +113,7 @@ def test_an_xml_is_seen_again(tmp_path: Path) -> None:
     _assert_seen_again(scene)
 
 
-def test_a_mirrored_view_is_no_pose(tmp_path: Path) -> None:
+def test_a_mirrored_view_has_no_pose(tmp_path: Path) -> None:
     (tmp_path / "ball.xml").write_text(XML.format('<scale x="-1"/>'))
     assert _simulated(tmp_path / "ball.xml", tmp_path / "out").known() is None
     sheared = np.eye(4)
@@ -121,7 +121,7 @@ def test_a_mirrored_view_is_no_pose(tmp_path: Path) -> None:
     assert known_geometry.describe("wall", sheared, tmp_path) is None
 
 
-def test_poses_in_single_precision_become_rigid(tmp_path: Path) -> None:
+def test_single_precision_poses_become_rigid(tmp_path: Path) -> None:
     pose = frames.pose((0.3, -0.2, 1.5), (20, -30, 40))
     pose[:3, :3] += np.random.default_rng(0).uniform(-3e-6, 3e-6, (3, 3))
     file = known_geometry.describe("wall", pose, tmp_path)
@@ -129,8 +129,8 @@ def test_poses_in_single_precision_become_rigid(tmp_path: Path) -> None:
     np.testing.assert_allclose(file.world_from_left, pose, atol=6e-6)
 
 
-def test_what_users_do_not_know_is_not_written(tmp_path: Path) -> None:
-    """A model's error shows in the truth alone: the file is that of the model."""
+def test_effects_are_not_written(tmp_path: Path) -> None:
+    """A model error changes only the truth; the file describes the model."""
     effects = {"model_shift.z": 0.01, "nir_reflectance": 0.5, "motion": 0.1}
     moved = _simulated("tabletop:3", tmp_path / "moved", effects=effects)
     model = scenes.tabletop(3).world_from_left
@@ -140,7 +140,7 @@ def test_what_users_do_not_know_is_not_written(tmp_path: Path) -> None:
         _assert_seen_again(moved)
 
 
-def test_captures_are_no_known_geometry(small_set: Path, tmp_path: Path) -> None:
+def test_captures_are_not_a_known_geometry(small_set: Path, tmp_path: Path) -> None:
     info = capture.open_set(small_set).info
     sensor = info.geometry_into(SMALL)
     simulate_captures.simulate_captures(str(small_set / "a"), sensor, tmp_path / "out")
@@ -148,7 +148,7 @@ def test_captures_are_no_known_geometry(small_set: Path, tmp_path: Path) -> None
     assert scene.known() is None and known_geometry.load(scene, sensor) is None
 
 
-def test_paths_are_absolute_where_nothing_is_shared(
+def test_paths_are_absolute_without_a_common_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mesh = _box(tmp_path / "box.ply")
@@ -160,7 +160,7 @@ def test_paths_are_absolute_where_nothing_is_shared(
 
 
 def test_links_are_followed_on_the_way_to_a_mesh(tmp_path: Path) -> None:
-    """`..` leaves the folder that a link leads to; the mesh's own name, a link or not, stays."""
+    """Links in the path are resolved because of `..`; the mesh's name is kept."""
     blob = _box(tmp_path / "store" / "deep" / "1a2b.ply").rename(tmp_path / "store" / "deep" / "1a")
     (tmp_path / "store" / "deep" / "box.ply").symlink_to(blob)
     (tmp_path / "meshes").symlink_to(tmp_path / "store" / "deep")
@@ -190,8 +190,8 @@ def test_a_users_own_mesh_is_posed(small_set: Path) -> None:
     np.testing.assert_allclose(loaded.world_from_left @ pose, np.eye(4), atol=1e-12)
 
 
-def test_matching_carries_what_is_known(small_set: Path, tmp_path: Path) -> None:
-    """The same geometry, pose and materials from another folder; a scene without stays without."""
+def test_matching_copies_the_known_geometry(small_set: Path, tmp_path: Path) -> None:
+    """The copy names the same geometry, pose and materials; a scene without a file has none."""
     _box(small_set / "a" / "box.ply")
     pose = frames.pose((0.1, -0.2, -1.0), (3.0, -5.0, 7.0))
     materials = '[[materials]]\nbody = "*"\nreflectance = 0.2\n'
@@ -201,28 +201,28 @@ def test_matching_carries_what_is_known(small_set: Path, tmp_path: Path) -> None
     match_captures.match_captures(str(small_set), _sensor(scene), out=out)
     carried, without = capture.open_set(out).scenes
     assert without.known() is None
-    here, there = scene.known(), carried.known()
-    assert here is not None and there is not None
-    assert there == dataclasses.replace(here, scene="../../../set/a/box.ply")
+    source, copy = scene.known(), carried.known()
+    assert source is not None and copy is not None
+    assert copy == dataclasses.replace(source, scene="../../../set/a/box.ply")
     loaded = known_geometry.load(carried, _sensor(carried))
     assert loaded is not None and loaded.bodies[0].material.reflectance == 0.2
 
 
-def test_matching_carries_a_builtin_name(small_set: Path, tmp_path: Path) -> None:
+def test_matching_copies_a_builtin_name(small_set: Path, tmp_path: Path) -> None:
     scene = _with_file(small_set, 'scene = "tabletop:3"')
-    assert known_geometry.carried(scene, tmp_path / "x" / "y") == scene.known()
+    assert known_geometry.for_folder(scene, tmp_path / "x" / "y") == scene.known()
 
 
-def test_materials_go_to_the_bodies_they_name(small_set: Path) -> None:
+def test_materials_apply_to_matching_bodies(small_set: Path) -> None:
     materials = '[[materials]]\nbody = "*"\nreflectance = 0.2\n'
     materials += '[[materials]]\nbody = "ball *"\nreflectance = 0.7\n'
     scene = _with_file(small_set, f'scene = "tabletop"\n{materials}')
     loaded = known_geometry.load(scene, _sensor(scene))
     assert loaded is not None
-    found = {body.name: body.material for body in loaded.bodies}
-    assert found.pop("ball 1").reflectance == 0.7
-    assert {material.reflectance for material in found.values()} == {0.2}
-    assert {material.kind for material in found.values()} > {"diffuse", "metal"}
+    by_name = {body.name: body.material for body in loaded.bodies}
+    assert by_name.pop("ball 1").reflectance == 0.7
+    assert {material.reflectance for material in by_name.values()} == {0.2}
+    assert {material.kind for material in by_name.values()} > {"diffuse", "metal"}
 
 
 @pytest.mark.parametrize(
@@ -239,7 +239,7 @@ def test_materials_go_to_the_bodies_they_name(small_set: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be_loaded_is_refused(small_set: Path, text: str, message: str) -> None:
+def test_unloadable_geometry_is_refused(small_set: Path, text: str, message: str) -> None:
     scene = _with_file(small_set, text)
     with pytest.raises(InputError, match=message) as caught:
         known_geometry.load(scene, _sensor(scene))

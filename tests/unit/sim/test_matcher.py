@@ -36,7 +36,7 @@ def test_unknown_name_is_refused_with_the_known_ones():
 
 
 @pytest.mark.parametrize(
-    ("build", "said"),
+    ("build", "message"),
     [
         (lambda: SemiGlobalBlock(mode="4way"), "mode must be a known name"),  # type: ignore[arg-type]
         (lambda: SemiGlobalBlock(block_px=4), "block_px must be odd"),
@@ -78,10 +78,10 @@ def test_unknown_name_is_refused_with_the_known_ones():
         (lambda: Matcher(search_px=512), "search_px must be in"),
     ],
 )
-def test_nonsense_is_refused(build, said):
+def test_nonsense_is_refused(build, message):
     with pytest.raises(InputError) as refusal:
         build()
-    assert said in str(refusal.value)
+    assert message in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
@@ -91,6 +91,9 @@ def test_settings_are_frozen():
 
 
 def test_settings_load_no_compiler_and_no_opencv():
-    code = "import sys, starling.sim.sensor.matcher; print(sorted({'cv2', 'numba', 'scipy'} & set(sys.modules)))"
+    code = (
+        "import sys, starling.sim.sensor.matcher; "
+        "print(sorted({'cv2', 'numba', 'scipy'} & set(sys.modules)))"
+    )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"

@@ -1,4 +1,4 @@
-"""The matcher's rows of the effect table: their ranges are admitted, and every parameter acts."""
+"""Matcher rows of the effect table: ranges are accepted, and every parameter has an effect."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def sensor() -> Sensor:
 
 @pytest.fixture(scope="module")
 def scene() -> tuple[np.ndarray, np.ndarray]:
-    """A near slope before a far wall, dim in one corner, with a small thing; noisy, 8 bits."""
+    """A near slope before a far wall, dim in one corner, with a small object; noisy, 8 bits."""
     rng = np.random.default_rng(5)
     h, w = 96, 320
     y, x = np.mgrid[:h, :w]

@@ -1,4 +1,4 @@
-"""Laws of the sub-pixel effects: the pull to whole pixels, its steps, and what stands out."""
+"""Laws of the sub-pixel effects: pixel locking, quantisation, uniqueness."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_locking_has_the_set_amplitude_and_the_period_of_a_pixel(amplitude, star
     Does not prove that a real fit's error is a pure sine; only that ours is.
     """
     true_px = (start + np.arange(0, 6, 1 / 64)).astype(np.float32)[None]
-    error = subpixel.locked(true_px, amplitude) - true_px
+    error = subpixel.apply_pixel_locking(true_px, amplitude) - true_px
     expected = -amplitude * np.sin(2 * np.pi * true_px.astype(float))
     np.testing.assert_allclose(error, expected, atol=3e-5)
     np.testing.assert_allclose(error[:, 64:], error[:, :-64], atol=3e-5)
@@ -55,30 +55,31 @@ def test_locking_has_the_set_amplitude_and_the_period_of_a_pixel(amplitude, star
 @given(amplitude=st.floats(-0.15, 0.15))
 def test_locking_keeps_the_order_of_disparities(amplitude):
     true_px = np.arange(0, 4, 1 / 256, dtype=np.float32)[None]
-    assert (np.diff(subpixel.locked(true_px, amplitude)) > 0).all()
+    assert (np.diff(subpixel.apply_pixel_locking(true_px, amplitude)) > 0).all()
 
 
 def test_neutral_values_return_the_array_itself():
     values = np.array([[1.3, np.nan]], np.float32)
-    assert subpixel.locked(values, 0.0) is values
+    assert subpixel.apply_pixel_locking(values, 0.0) is values
     assert subpixel.quantise(values, 0.0) is values
     assert subpixel.refine(values, Refinement()) is values
 
 
-def test_locking_stands_in_the_matcher_s_result_in_full(slanted):
+def test_locking_has_its_full_amplitude_in_the_result(slanted):
     """On matched images: with and without differ by -a sin(2 pi d) at every valid pixel.
 
-    Does not prove that the matcher's own, unset non-linearity is small: `benchmarks/matcher/physics.py`.
+    Does not prove that the matcher's intrinsic non-linearity is small; see
+    `benchmarks/matcher/physics.py`.
     """
     plain = match(slanted[0], slanted[1], FINE)
     pulled = match(
         slanted[0], slanted[1], replace(FINE, refinement=replace(FINE.refinement, locking_px=0.1))
     )
     np.testing.assert_array_equal(plain.valid, pulled.valid)
-    found = plain.disparity_px[plain.valid].astype(float)
-    assert found.size > 10_000 and np.ptp(found) > 2.5
-    error = pulled.disparity_px[plain.valid] - found
-    np.testing.assert_allclose(error, -0.1 * np.sin(2 * np.pi * found), atol=1e-5)
+    result = plain.disparity_px[plain.valid].astype(float)
+    assert result.size > 10_000 and np.ptp(result) > 2.5
+    error = pulled.disparity_px[plain.valid] - result
+    np.testing.assert_allclose(error, -0.1 * np.sin(2 * np.pi * result), atol=1e-5)
 
 
 @pytest.mark.parametrize("quantum", [1 / 32, 1 / 8, 0.5])
@@ -99,13 +100,13 @@ def test_disparities_come_in_steps_and_move_by_half_a_step_at_most(slanted, quan
 
 
 @pytest.mark.parametrize("field", ["second_peak", "neighbour_peak"])
-def test_winners_must_stand_out_by_bits(slanted, field):
-    """A higher threshold refuses a superset, as AMBIGUOUS, and 0 refuses nothing by itself."""
+def test_winners_are_rejected_by_margin_in_bits(slanted, field):
+    """A higher threshold rejects a superset, as AMBIGUOUS; 0 rejects no pixel."""
     refused = []
     for bits in (0.0, 20.0, 60.0, 1000.0):
         setting = replace(FINE, engine=structure.edit(CensusSemiGlobal(), field, bits))
-        found = match(slanted[0], slanted[1], setting)
-        refused.append(found.reason == Reason.AMBIGUOUS)
+        result = match(slanted[0], slanted[1], setting)
+        refused.append(result.reason == Reason.AMBIGUOUS)
     shares = [mask[:, 40:].mean() for mask in refused]
     assert shares[0] < 0.01 and shares[3] > 0.99
     assert shares == sorted(shares) and shares[2] > shares[0]
@@ -113,16 +114,16 @@ def test_winners_must_stand_out_by_bits(slanted, field):
         assert not (less & ~more).any()
 
 
-def test_opencv_s_engine_is_pulled_and_stepped_too(slanted):
+def test_opencv_disparities_are_locked_and_quantised(slanted):
     fast: Matcher = replace(FAST, search_px=32)
     plain = match(slanted[0], slanted[1], fast)
     pulled = match(slanted[0], slanted[1], replace(fast, refinement=Refinement(locking_px=0.1)))
-    found = plain.disparity_px[plain.valid].astype(float)
-    error = pulled.disparity_px[plain.valid] - found
-    np.testing.assert_allclose(error, -0.1 * np.sin(2 * np.pi * found), atol=1e-5)
+    result = plain.disparity_px[plain.valid].astype(float)
+    error = pulled.disparity_px[plain.valid] - result
+    np.testing.assert_allclose(error, -0.1 * np.sin(2 * np.pi * result), atol=1e-5)
 
 
-def test_a_lone_disparity_outlives_the_median() -> None:
+def test_isolated_disparity_survives_the_median() -> None:
     alone = np.full((9, 9), np.nan, np.float32)
     alone[4, 4] = 12.0
     out = subpixel.refine(alone, Refinement(median_px=3, smooth_px=1))

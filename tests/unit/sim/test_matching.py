@@ -1,4 +1,4 @@
-"""The matcher's properties, its own engine against a slow twin, its checks and its refusals."""
+"""The matcher: properties, CensusSemiGlobal against a slow reference, checks, error messages."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ENGINES = {
 
 
 def dots(shape: tuple[int, int], seed: int = 0) -> np.ndarray:
-    """Random dots of about 3 px on a dim ground, 8 bits."""
+    """Random dots of about 3 px on a dim background, 8 bits."""
     rng = np.random.default_rng(seed)
     field = np.zeros((shape[0] + 4, shape[1] + 4))
     lit = rng.random(shape) < 0.06
@@ -57,8 +57,8 @@ def shifted_pair(shift: int, shape=(48, 220), seed: int = 0) -> tuple[np.ndarray
 @settings(max_examples=6)
 def test_a_shift_of_k_is_a_disparity_of_k(name, shift, seed):
     left, right = shifted_pair(shift, seed=seed)
-    found = match(left, right, replace(ENGINES[name], search_px=64))
-    inside = found.disparity_px[8:-8, 90:-12]
+    result = match(left, right, replace(ENGINES[name], search_px=64))
+    inside = result.disparity_px[8:-8, 90:-12]
     assert np.isfinite(inside).mean() > 0.97
     assert np.abs(np.nanmedian(inside) - shift) < 0.04
     assert np.nanmax(np.abs(inside - shift)) < 0.5
@@ -84,17 +84,17 @@ def test_the_smallest_disparity_only_moves_the_search():
 @pytest.mark.parametrize("name", ENGINES)
 def test_missing_is_nan_with_a_reason_and_the_left_band_is_outside(name):
     left, right = shifted_pair(40)
-    found = match(left, right, ENGINES[name])
-    np.testing.assert_array_equal(np.isfinite(found.disparity_px), found.valid)
-    np.testing.assert_array_equal(found.reason == Reason.VALID, found.valid)
-    assert found.disparity_px.dtype == np.float32
-    assert found.reason.dtype == np.uint32
+    result = match(left, right, ENGINES[name])
+    np.testing.assert_array_equal(np.isfinite(result.disparity_px), result.valid)
+    np.testing.assert_array_equal(result.reason == Reason.VALID, result.valid)
+    assert result.disparity_px.dtype == np.float32
+    assert result.reason.dtype == np.uint32
     # Left of the disparity nothing was imaged twice: that, and not a search band, is empty.
     # (OpenCV's engines find a few false matches there.)
-    band = found.reason[8:-8, :36]
+    band = result.reason[8:-8, :36]
     assert (band[band != Reason.VALID] == Reason.OUTSIDE_OVERLAP).mean() > 0.9
     assert (band == Reason.VALID).mean() < (0.01 if name == "d4xx" else 0.6)
-    assert found.valid[8:-8, 56:-12].mean() > 0.97
+    assert result.valid[8:-8, 56:-12].mean() > 0.97
 
 
 @given(border=st.floats(0.0, 40.0))
@@ -109,14 +109,14 @@ def test_a_border_of_the_right_image_widens_the_left_band_by_as_much(name):
     left, right = shifted_pair(40)
     bare = match(left, right, ENGINES[name])
     checked = replace(ENGINES[name].checks, border_px=7)
-    found = match(left, right, replace(ENGINES[name], checks=checked))
-    assert not found.valid[:, :47].any() and found.valid[8:-8, 56:-12].mean() > 0.97
-    assert (found.reason[8:-8, 36:47] == Reason.OUTSIDE_OVERLAP).mean() > 0.9
-    kept = found.valid
-    np.testing.assert_array_equal(found.disparity_px[kept], bare.disparity_px[kept])
+    result = match(left, right, replace(ENGINES[name], checks=checked))
+    assert not result.valid[:, :47].any() and result.valid[8:-8, 56:-12].mean() > 0.97
+    assert (result.reason[8:-8, 36:47] == Reason.OUTSIDE_OVERLAP).mean() > 0.9
+    remaining = result.valid
+    np.testing.assert_array_equal(result.disparity_px[remaining], bare.disparity_px[remaining])
 
 
-def test_every_own_reason_is_reached():
+def test_every_matcher_reason_occurs():
     left, right = shifted_pair(30, shape=(96, 260))
     right[30:60, 120:170] = dots((30, 50), seed=9)  # Another scene there: nothing matches.
     left[70:, 180:], right[70:, 150:] = 20, 20  # No texture.
@@ -124,14 +124,14 @@ def test_every_own_reason_is_reached():
         D4XX, search_px=64, checks=replace(D4XX.checks, uniqueness=3.0, speckle_count=400)
     )
     reasons = set(np.unique(match(left, right, setting).reason))
-    own = {"OUTSIDE_OVERLAP", "AMBIGUOUS", "LEFT_RIGHT", "SUPPORT"}
-    assert {Reason[name] for name in own} <= reasons
+    expected = {"OUTSIDE_OVERLAP", "AMBIGUOUS", "LEFT_RIGHT", "SUPPORT"}
+    assert {Reason[name] for name in expected} <= reasons
 
 
 def test_the_search_ends_are_no_match():
     left, right = shifted_pair(31)
-    found = match(left, right, replace(D4XX, search_px=32))
-    assert (found.reason[8:-8, 60:-12] == Reason.AMBIGUOUS).mean() > 0.97
+    result = match(left, right, replace(D4XX, search_px=32))
+    assert (result.reason[8:-8, 60:-12] == Reason.AMBIGUOUS).mean() > 0.97
 
 
 @given(gain=st.floats(1.0, 4.0), offset=st.integers(0, 200), seed=st.integers(0, 9))
@@ -142,7 +142,7 @@ def test_census_ignores_rising_changes_of_brightness(gain, offset, seed):
     np.testing.assert_array_equal(before, census.census(changed, census_px=9, tolerance=0))
 
 
-def test_census_tolerance_swallows_noise_below_it():
+def test_census_tolerance_suppresses_smaller_noise():
     level = np.random.default_rng(0).integers(500, 520, (20, 30)).astype(np.uint16)
     assert not census.census(level, census_px=9, tolerance=20).any()
 
@@ -152,20 +152,20 @@ def test_left_right_check_is_symmetric_under_swap_and_mirror(seed, apart):
     """A pair of pixels that point at each other passes in both views or in neither."""
     rng = np.random.default_rng(seed)
     left, right = rng.integers(0, 8, (2, 6, 40)).astype(np.int16)
-    refused = checks.left_right(left, right, apart_px=apart)
+    refused = checks.left_right(left, right, tolerance_px=apart)
     # Mirrored and swapped, the right view is the left one; disparities keep their sign.
-    other = checks.left_right(right[:, ::-1], left[:, ::-1], apart_px=apart)[:, ::-1]
+    second = checks.left_right(right[:, ::-1], left[:, ::-1], tolerance_px=apart)[:, ::-1]
     y, x = np.nonzero(np.arange(40) - left >= 0)
     target = x - left[y, x]
     mutual = right[y, target] == left[y, x]
     assert not refused[y[mutual], x[mutual]].any()
-    assert not other[y[mutual], target[mutual]].any()
+    assert not second[y[mutual], target[mutual]].any()
     far = np.abs(right[y, target].astype(int) - left[y, x]) > apart
     np.testing.assert_array_equal(refused[y, x], far)
 
 
 def _twin(cost: np.ndarray, p1: int, p2: int) -> np.ndarray:
-    """The five paths, written as the recurrence stands in the paper."""
+    """The five paths, by the recurrence of the paper."""
     h, w, search = cost.shape
     total = np.zeros(cost.shape, np.int64)
     for dy, dx in ((0, 1), (0, -1), (1, 1), (1, 0), (1, -1)):
@@ -184,15 +184,15 @@ def _twin(cost: np.ndarray, p1: int, p2: int) -> np.ndarray:
     return total
 
 
-def _vertex(below: int, at: int, above: int) -> float:
+def _vertex(below: int, position: int, above: int) -> float:
     """Vertex of the parabola through three costs, from the middle."""
-    bend = below + above - 2 * at
+    bend = below + above - 2 * position
     return float(np.clip((below - above) / (2 * bend), -1, 1)) if bend > 0 else 0.0
 
 
 @given(seed=st.integers(0, 20), shift=st.integers(0, 3))
 @settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_selection_matches_the_slow_twin(monkeypatch, seed, shift):
+def test_selection_matches_the_slow_reference(monkeypatch, seed, shift):
     rng = np.random.default_rng(seed)
     h, w, search = 7, 23, 16
     cost = rng.integers(0, 2000, (h, w, search)).astype(np.uint16)
@@ -201,27 +201,27 @@ def test_selection_matches_the_slow_twin(monkeypatch, seed, shift):
     def fill(start: int, out: np.ndarray) -> None:
         out[:] = cost[start : start + len(out)]
 
-    found = semiglobal.select(fill, cost.shape, p1=150, p2=900, shift=shift)
+    result = semiglobal.select(fill, cost.shape, p1=150, p2=900, shift=shift)
     total = _twin(cost, 150, 900)
-    np.testing.assert_array_equal(found.best, total.argmin(2))
+    np.testing.assert_array_equal(result.best, total.argmin(2))
     for y in range(h):
         for x in range(w):
-            here = [(total[y, x + shift + d, d], d) for d in range(search) if x + shift + d < w]
-            right = min(here)[1] if here else -1
-            assert found.right_best[y, x] == right
+            current = [(total[y, x + shift + d, d], d) for d in range(search) if x + shift + d < w]
+            right = min(current)[1] if current else -1
+            assert result.right_best[y, x] == right
             seen = x + shift + right
             if 0 < right < search - 1 and seen < w - 1:
                 three = [int(cost[y, seen + k, right + k]) for k in (-1, 0, 1)]
-                assert found.right_offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)
-            best = int(found.best[y, x])
+                assert result.right_offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)
+            best = int(result.best[y, x])
             others = np.delete(
                 total[y, x], [k for k in (best - 1, best, best + 1) if 0 <= k < search]
             )
             margin = 100 * (others.min() / total[y, x, best] - 1)
-            assert found.margin_pct[y, x] == pytest.approx(margin, abs=0.01)
+            assert result.margin_pct[y, x] == pytest.approx(margin, abs=0.01)
             if 0 < best < search - 1:
                 three = cost[y, x, best - 1 : best + 2].astype(int)
-                assert found.offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)
+                assert result.offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)
 
 
 def _slow_cost(left, right, engine: CensusSemiGlobal, shift: int, search: int) -> np.ndarray:
@@ -231,14 +231,14 @@ def _slow_cost(left, right, engine: CensusSemiGlobal, shift: int, search: int) -
     half = engine.census_px // 2
     h, w = left.shape
     bits, dn = [], []
-    for one in level:
-        padded = np.pad(one.astype(int), half, mode="edge")
+    for item in level:
+        padded = np.pad(item.astype(int), half, mode="edge")
         taps = [
-            padded[half + y : half + y + h, half + x : half + x + w] + tolerance < one
+            padded[half + y : half + y + h, half + x : half + x + w] + tolerance < item
             for y, x in census.offsets(engine.census_px)
         ]
         bits.append(np.stack(taps, -1))
-        dn.append((one // census.SUBLEVELS).astype(int))
+        dn.append((item // census.SUBLEVELS).astype(int))
     weight, cap = round(16 * engine.difference_weight), round(engine.difference_cap_dn)
     out = np.zeros((h, w, search), int)
     for d in range(search):
@@ -265,7 +265,7 @@ def _slow_mean(cost, level, axis: int, step: float, reach: int, scale: int) -> n
 
 
 @pytest.mark.parametrize(("shift", "step"), [(0, 6.0), (5, 6.0), (0, 0.0), (0, 255.0)])
-def test_cost_matches_the_slow_twin(shift, step):
+def test_cost_matches_the_slow_reference(shift, step):
     left, right = shifted_pair(9, shape=(24, 60))
     engine = CensusSemiGlobal(support_px=7, arm_step_dn=step)
     setting = Matcher(engine=engine, search_px=16, min_disparity_px=shift)
@@ -287,11 +287,11 @@ def test_arms_end_at_a_step_of_brightness_and_at_the_border():
     assert (support.arms(level, step=100, reach=4)[1, :, 4:15] == 4).all()
 
 
-def test_left_right_check_sees_parts_of_a_pixel():
+def test_left_right_check_has_subpixel_resolution():
     left = np.full((2, 12), 4.4, np.float32)
     right = np.full((2, 12), 5.0, np.float32)
-    assert not checks.left_right(left, right, apart_px=0.75).any()
-    assert checks.left_right(left, right, apart_px=0.5)[:, 4:].all()
+    assert not checks.left_right(left, right, tolerance_px=0.75).any()
+    assert checks.left_right(left, right, tolerance_px=0.5)[:, 4:].all()
 
 
 def test_opencv_fixed_point_is_sixteenths():
@@ -317,13 +317,13 @@ def test_smoothing_counts_by_weight():
     window = {"columns_px": 5, "rows_px": 5, "step_px": 2.0}
     assert subpixel.smooth(uneven, sure, **window)[10, 10] == 7
     nobody = np.zeros_like(uneven)
-    kept = subpixel.smooth(uneven, nobody, **window)
-    np.testing.assert_array_equal(kept, uneven)
+    remaining = subpixel.smooth(uneven, nobody, **window)
+    np.testing.assert_array_equal(remaining, uneven)
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(15, 5), (3, 9), (7, 7)])
-def test_a_window_of_the_mean_has_as_many_rows_and_columns_as_are_asked_for(columns, rows):
-    """One pixel that is off is spread over them, evenly; rows are no more than columns."""
+def test_mean_window_has_the_requested_rows_and_columns(columns, rows):
+    """A single deviating pixel is spread evenly over the window; rows never exceed columns."""
     off = np.full((31, 31), 7, np.float32)
     off[15, 15] = 8
     setting = Refinement(smooth_px=columns, smooth_rows_px=rows)
@@ -347,7 +347,7 @@ def test_quantum_rounds_and_zero_does_not():
     np.testing.assert_array_equal(subpixel.quantise(values, 0.25), np.float32([[1.0, np.nan]]))
 
 
-def test_checks_refuse_what_they_name():
+def test_checks_reject_the_named_defects():
     step = np.full((12, 12), 5, np.float32)
     step[:, 6:] = 9
     np.testing.assert_array_equal(np.nonzero(checks.jump(step, range_px=3.0)[0])[0], [5, 6])
@@ -358,16 +358,16 @@ def test_checks_refuse_what_they_name():
     assert not checks.texture(dots((40, 40)), least_dn=0.1).any()
 
 
-def test_neutral_checks_refuse_only_what_no_matcher_can_know():
+def test_neutral_checks_reject_only_unmatchable_pixels():
     left, right = shifted_pair(20)
-    found = match(left, right, replace(D4XX, checks=Checks()))
-    assert set(np.unique(found.reason)) <= {
+    result = match(left, right, replace(D4XX, checks=Checks()))
+    assert set(np.unique(result.reason)) <= {
         Reason.VALID, Reason.OUTSIDE_OVERLAP, Reason.AMBIGUOUS, Reason.LEFT_RIGHT
     }  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("left", "right", "said"),
+    ("left", "right", "message"),
     [
         (np.zeros((20, 20), np.uint8), np.zeros((20, 30), np.uint8),
          "left and right must share one shape; got (20, 20) and (20, 30)."),
@@ -381,13 +381,13 @@ def test_neutral_checks_refuse_only_what_no_matcher_can_know():
          "must be <= 1023 as uint16; got 1024. Shift them to 10 bits."),
     ],
 )  # fmt: skip
-def test_pairs_that_cannot_be_matched_are_refused(left, right, said):
+def test_pairs_that_cannot_be_matched_are_refused(left, right, message):
     with pytest.raises(InputError) as refusal:
         match(left, right, D4XX)
-    assert said in str(refusal.value)
+    assert message in str(refusal.value)
 
 
-def test_a_result_holds_one_shape():
+def test_result_arrays_share_one_shape():
     with pytest.raises(InputError, match="must share one shape"):
         DisparityMap(
             disparity_px=np.zeros((2, 2), np.float32),

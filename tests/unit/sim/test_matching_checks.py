@@ -1,4 +1,4 @@
-"""Why a matcher has no disparity: too little texture, occlusion, ambiguity."""
+"""Reasons for missing disparity: too little texture, occlusion, ambiguity."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ def test_texture_is_in_codes_of_eight_bits() -> None:
     seen = np.random.default_rng(0).integers(100, 110, (40, 40)).astype(np.uint8)
     ten = seen.astype(np.uint16) * 4
     for least in (1.0, 2.9, 6.0):
-        one, other = (checks.texture(pair, least_dn=least) for pair in (seen, ten))
-        assert (one == other).all()
+        first, second = (checks.texture(pair, least_dn=least) for pair in (seen, ten))
+        assert (first == second).all()
     assert not checks.texture(ten, least_dn=1.0).any()
     assert checks.texture(ten, least_dn=6.0).all()
 
 
 def test_holes_of_an_occlusion_disagree_and_others_are_ambiguous() -> None:
-    """Between a nearer and a farther surface lies what one imager alone sees."""
+    """Only one imager sees the region between a nearer and a farther surface."""
     hole = np.nan
     row = np.array([[10, hole, hole, hole, 14, 14, hole, 14, 10, hole, 10, 10]], np.float32)
     disagree, ambiguous = opencv._causes(row)

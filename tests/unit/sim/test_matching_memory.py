@@ -1,4 +1,4 @@
-"""Searches that are recalled: the same depth, and never another pair's."""
+"""Cached searches give the same depth, and never that of another pair."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ def pair(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture
 def searches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    made: list[int] = []
+    searched: list[int] = []
     search = semiglobal.select
 
-    def counted(*given: object, **asked: int) -> semiglobal.Winners:
-        made.append(asked["p1"])
-        return search(*given, **asked)  # type: ignore[arg-type]
+    def counted(*arguments: object, **keywords: int) -> semiglobal.Winners:
+        searched.append(keywords["p1"])
+        return search(*arguments, **keywords)  # type: ignore[arg-type]
 
     monkeypatch.setattr(semiglobal, "select", counted)
-    return made
+    return searched
 
 
-def test_what_comes_after_the_search_is_tried_without_it(searches: list[int]) -> None:
+def test_checks_and_refinement_reuse_the_search(searches: list[int]) -> None:
     memory, (left, right) = Memory(1), pair(1)
     strict = dataclasses.replace(
         MATCHER,
@@ -48,7 +48,7 @@ def test_what_comes_after_the_search_is_tried_without_it(searches: list[int]) ->
     assert len(searches) == 3 + 1  # One of them remembered.
 
 
-def test_other_pairs_and_other_searches_are_made(searches: list[int]) -> None:
+def test_other_pairs_and_searches_are_computed(searches: list[int]) -> None:
     memory, (left, right) = Memory(2), pair(1)
     matching.match(left, right, MATCHER, memory=memory)
     for matcher in (
@@ -64,7 +64,7 @@ def test_other_pairs_and_other_searches_are_made(searches: list[int]) -> None:
     assert len(searches) == 6
 
 
-def test_only_the_first_are_kept(searches: list[int]) -> None:
+def test_only_the_first_searches_are_stored(searches: list[int]) -> None:
     memory = Memory(1)
     for seed in (1, 2, 1, 2):
         matching.match(*pair(seed), MATCHER, memory=memory)

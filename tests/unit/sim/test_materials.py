@@ -1,4 +1,4 @@
-"""The material library: its sources, its numbers by hand, and its page."""
+"""The material library: sources, numbers by hand, and documentation."""
 
 import dataclasses
 import re
@@ -15,7 +15,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "materials.md"
 
 
 def luminance(name: str) -> float:
-    """Visible reflectance, weighed as linear sRGB is (ITU-R BT.709)."""
+    """Visible reflectance with the weights of linear sRGB (ITU-R BT.709)."""
     rgb = materials.named(name).rgb
     assert rgb is not None
     return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
@@ -27,12 +27,12 @@ def test_every_material_is_complete():
         entry = materials.entry(name)
         assert entry.material.name == name
         assert entry.source
-        if entry.material.kind != "glass":  # A pane has no colour of its own.
+        if entry.material.kind != "glass":  # A pane has no colour.
             assert entry.material.rgb is not None
 
 
 def test_names_of_scenes_are_the_librarys():
-    """The constants that scenes use are entries of the library, no second set of numbers."""
+    """The constants that scenes use are entries of the library."""
     constants = [value for key, value in vars(materials).items() if key.isupper()]
     used = [value for value in constants if isinstance(value, materials.Material)]
     assert len(used) >= 12
@@ -57,7 +57,7 @@ def test_fresnel_by_hand(name, by_hand):
 
 @given(st.floats(0.05, 10), st.floats(0, 20))
 def test_a_mirror_gives_no_more_than_it_gets(n, k):
-    """And as much for light out of the medium as into it, where it does not absorb."""
+    """Without absorption the reflectance is equal in both directions."""
     assert 0 <= materials.normal_reflectance(n, k) < 1
     inside_out = materials.normal_reflectance(1 / n, 0.0)
     assert inside_out == pytest.approx(materials.normal_reflectance(n, 0.0), abs=1e-12)

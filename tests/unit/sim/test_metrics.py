@@ -1,4 +1,4 @@
-"""Figures of a disparity map: they say what they are named for."""
+"""Error figures of a disparity map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When and where a moving sensor looks, and what motion it refuses."""
+"""Times and poses of a moving sensor, and refusals."""
 
 from __future__ import annotations
 
@@ -27,33 +27,37 @@ def small():
 def path(moving: Motion, exposure_s: float = 0.01):
     scene = dataclasses.replace(scenes.wall(1.0), motion=moving)
     left, _ = cameras(small(), scene.world_from_left)
-    found, _ = motion.paths(mitsuba_scene.Stage(scene), small(), left, exposure_s)
-    assert found is not None
-    return found, left
+    motions, _ = motion.exposure_motions(
+        mitsuba_scene.MitsubaScene(scene), small(), left, exposure_s
+    )
+    assert motions is not None
+    return motions, left
 
 
 @pytest.mark.parametrize("subpixels", [1, 2, 3])
 @given(speed=st.floats(0.0, 60.0))
-def test_moments_are_even_and_no_position_leads(subpixels, speed):
+def test_time_samples_are_even_for_all_positions(subpixels, speed):
     """Times are spread evenly about 0; each position's times have mean 0."""
     step = dataclasses.replace(path(Motion(velocity_m_s=(0.1, 0, 0)))[0], steps=int(speed))
-    found = np.array(motion.moments(subpixels, step))
-    times = np.sort(found[:, 2])
+    motions = np.array(motion.moments(subpixels, step))
+    times = np.sort(motions[:, 2])
     assert len(times) >= max(step.steps, 2 * subpixels**2)
     np.testing.assert_allclose(np.diff(times), 0.01 / len(times), rtol=1e-6)
     assert times[0] == pytest.approx(-0.005 + 0.005 / len(times))
-    for place in {tuple(row) for row in found[:, :2]}:
-        own = found[(found[:, :2] == place).all(axis=1), 2]
-        assert own.sum() == pytest.approx(0, abs=1e-12)
-        assert len(own) == len(found) / subpixels**2
+    for place in {tuple(row) for row in motions[:, :2]}:
+        position_times = motions[(motions[:, :2] == place).all(axis=1), 2]
+        assert position_times.sum() == pytest.approx(0, abs=1e-12)
+        assert len(position_times) == len(motions) / subpixels**2
 
 
 def test_a_still_sensor_looks_at_the_fixed_positions_once():
     still = [(x, y, 0.0) for y in (-0.25, 0.25) for x in (-0.25, 0.25)]
     assert motion.moments(2, None) == still
     left, _ = cameras(small(), np.eye(4))
-    found = motion.paths(mitsuba_scene.Stage(scenes.wall(1.0)), small(), left, 0.03)
-    assert found == (None, None)
+    motions = motion.exposure_motions(
+        mitsuba_scene.MitsubaScene(scenes.wall(1.0)), small(), left, 0.03
+    )
+    assert motions == (None, None)
 
 
 @given(
@@ -61,14 +65,14 @@ def test_a_still_sensor_looks_at_the_fixed_positions_once():
     turn=st.tuples(*[st.floats(-300, 300)] * 3),
     time=st.floats(-0.05, 0.05),
 )
-def test_places_on_the_way_are_rigid_motions(velocity, turn, time):
-    """A part's place at a time is world_from_left pose(v t, w t), to single precision."""
+def test_poses_during_motion_are_rigid(velocity, turn, time):
+    """The pose of a part is world_from_left pose(v t, w t), to single precision."""
     moving = Motion(velocity_m_s=velocity, turn_deg_s=turn)
     if moving.still:
         return
-    found, left = path(moving, exposure_s=1e-6)
+    motions, left = path(moving, exposure_s=1e-6)
     times = np.full(left.size[0] * left.size[1], time, np.float32)
-    place = found.at(backend.mitsuba().Float(times), left.place)
+    place = motions.pose_at(backend.mitsuba().Float(times), left.place)
     vt, wt = (tuple(value * time for value in rate) for rate in (velocity, turn))
     expected = frames.pose(vt, wt)
     axes = [np.array(axis)[:, 0] for axis in (place.x, place.y, place.z)]
@@ -76,32 +80,32 @@ def test_places_on_the_way_are_rigid_motions(velocity, turn, time):
     np.testing.assert_allclose(np.array(place.origin)[:, 0], expected[:3, 3], atol=1e-6)
 
 
-def test_longer_smears_take_more_moments():
+def test_longer_blur_needs_more_time_samples():
     slow, _ = path(Motion(velocity_m_s=(0.9, 0, 0)))
     fast, _ = path(Motion(velocity_m_s=(19.9, 0, 0)))
     assert (slow.steps, fast.steps) == (1, 20)
 
 
-def test_too_long_a_smear_is_refused():
+def test_too_long_blur_is_refused():
     scene = dataclasses.replace(scenes.wall(1.0), motion=Motion(velocity_m_s=(50.0, 0, 0)))
     with pytest.raises(InputError, match=r"scene\.motion must blur the image by at most 100 px"):
-        direct.layers(mitsuba_scene.Stage(scene), small(), exposure_s=0.05)
+        direct.layers(mitsuba_scene.MitsubaScene(scene), small(), exposure_s=0.05)
 
 
 def test_motion_without_a_compiler_is_refused(monkeypatch):
     monkeypatch.setattr(backend, "is_jit", lambda: False)
     scene = dataclasses.replace(scenes.wall(1.0), motion=Motion(velocity_m_s=(1.0, 0, 0)))
-    made = mitsuba_scene.Stage(scene)
+    mi_scene = mitsuba_scene.MitsubaScene(scene)
     with pytest.raises(backend.BackendError, match=r"scene\.motion must be still in scalar_rgb"):
-        direct.layers(made, small())
+        direct.layers(mi_scene, small())
 
 
-def test_nothing_in_view_does_not_smear():
+def test_an_empty_view_has_no_blur():
     scene = dataclasses.replace(
         scenes.wall(1.0),
         motion=Motion(velocity_m_s=(1.0, 0, 0)),
         world_from_left=frames.pose((0, 0, 0), (0, 180, 0)),
     )
     assert not direct.layers(
-        mitsuba_scene.Stage(scene), small(), exposure_s=0.01
+        mitsuba_scene.MitsubaScene(scene), small(), exposure_s=0.01
     ).left.ambient.any()

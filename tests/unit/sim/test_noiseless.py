@@ -1,4 +1,4 @@
-"""Images without what is drawn by lot."""
+"""Expected images without random noise."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from starling.sim import simulate
 from starling.sim.imaging.noiseless import noiseless
 from starling.sim.render import direct
-from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
@@ -29,15 +29,15 @@ SENSOR = with_values(
     ],
 )
 SCENE = scenes.clutter(1)
-LAYERS = direct.layers(Stage(SCENE), SENSOR)
+LAYERS = direct.layers(MitsubaScene(SCENE), SENSOR)
 
 
-def test_it_is_the_mean_of_what_is_drawn():
-    """Of captures and their frames, and no one of them; averaging and crosstalk are in it."""
-    found = noiseless(LAYERS, SCENE, SENSOR)
+def test_noiseless_image_is_the_mean_of_draws():
+    """It is the mean over captures and frames, including averaging and crosstalk."""
+    result = noiseless(LAYERS, SCENE, SENSOR)
     count = 60
     pairs = [simulate.infrared(LAYERS, SCENE, SENSOR, seed=seed) for seed in range(count)]
-    for side, image in found.items():
+    for side, image in result.items():
         drawn = np.stack([getattr(pair, side) for pair in pairs]).astype(float)
         off = drawn.mean(axis=0) - SENSOR.left.black_level_dn - image
         # Whole codes bend the mean of what is noisier by less.
@@ -47,20 +47,20 @@ def test_it_is_the_mean_of_what_is_drawn():
         assert np.mean(np.abs(off[dark] / error[dark]) < 3) > 0.98
 
 
-def test_no_draw_is_in_it():
+def test_noiseless_image_has_no_random_part():
     drawn = [
         ("projector.speckle_contrast", 0.0),
         ("projector.flicker", 0.2),
         ("imager.read_noise_e", 90.0),
         ("imager.prnu", 0.05),
     ]
-    other = noiseless(LAYERS, SCENE, with_values(SENSOR, drawn))
+    second = noiseless(LAYERS, SCENE, with_values(SENSOR, drawn))
     for side, image in noiseless(LAYERS, SCENE, SENSOR).items():
-        assert_array_equal(image, other[side])
+        assert_array_equal(image, second[side])
 
 
-def test_it_counts_from_the_black_level():
+def test_noiseless_image_is_relative_to_the_black_level():
     without = with_values(SENSOR, [("imager.black_level_dn", 0.0)])
-    level, other = (noiseless(LAYERS, SCENE, one)["left"] for one in (SENSOR, without))
+    level, second = (noiseless(LAYERS, SCENE, item)["left"] for item in (SENSOR, without))
     assert level.max() > 20
-    assert_allclose(level, other, atol=0.01)
+    assert_allclose(level, second, atol=0.01)

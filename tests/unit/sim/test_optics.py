@@ -1,4 +1,4 @@
-"""The lens's stages one by one, on images made by hand."""
+"""Single stages of the lens, on synthetic images."""
 
 import dataclasses
 from typing import Literal
@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from starling.patterns.errors import InputError
+from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.imaging.lens_input import Received
+from starling.sim.imaging.lens_input import LensInput
 from starling.sim.imaging.optics import alignment, blur, image, shading, spot, veil
-from starling.sim.render.layers import Image
 from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Alignment, Imager, Lens, Sensor
 
@@ -23,9 +23,9 @@ SIGMA = st.floats(0.05, 3.0)
 
 
 def point(column: int, row: int) -> np.ndarray:
-    made = np.zeros(SHAPE, np.float32)
-    made[row, column] = 1
-    return made
+    generated = np.zeros(SHAPE, np.float32)
+    generated[row, column] = 1
+    return generated
 
 
 def moments(seen: np.ndarray) -> tuple[float, float, float, float]:
@@ -91,16 +91,16 @@ def test_spots_variance_is_the_sum(
     # A pixel's blurred square of the distance from it is the second moment of its spot.
     rows, columns = np.indices(SHAPE, np.float32)
     squares = ((columns - column) ** 2, (rows - row) ** 2)
-    for square in spot.blurred(squares, depth_m, lens, PINHOLE):
+    for square in spot.blur_by_spot(squares, depth_m, lens, PINHOLE):
         reached = 4 * np.sqrt(wanted) + 2 < min(column, row, 160 - column, 120 - row)
         if reached:  # Otherwise the mirrored border counts.
             assert square[row, column] == pytest.approx(wanted, rel=0.02, abs=2e-3)
 
 
-def test_far_and_nothing_are_alike_and_focus_is_sharp() -> None:
+def test_missing_depth_counts_as_far_and_focus_is_sharp() -> None:
     lens = Lens(defocus_px_m=0.8, focus_m=0.5)
     depth_m = np.full(SHAPE, 0.5, np.float32)
-    (seen,) = spot.blurred((texture(),), depth_m, lens, PINHOLE)
+    (seen,) = spot.blur_by_spot((texture(),), depth_m, lens, PINHOLE)
     assert np.array_equal(seen, texture())
     nothing, far = np.full(SHAPE, np.nan, np.float32), np.full(SHAPE, np.inf, np.float32)
     wanted = spot.variance(nothing, lens, PINHOLE)
@@ -112,7 +112,7 @@ def test_far_and_nothing_are_alike_and_focus_is_sharp() -> None:
 
 
 def seen_at(settings: Alignment, column: int, row: int) -> tuple[float, float]:
-    (moved,) = alignment.moved((blur.blur(point(column, row), 1.0),), settings, PINHOLE)
+    (moved,) = alignment.misalign((blur.blur(point(column, row), 1.0),), settings, PINHOLE)
     x, y, *_ = moments(moved)
     return x, y
 
@@ -124,7 +124,7 @@ def test_a_turned_imager_agrees_with_opencv(
 ) -> None:
     pitch, yaw, roll = angles
     magnification = 1.03
-    found = seen_at(
+    result = seen_at(
         Alignment(pitch_deg=pitch, yaw_deg=yaw, roll_deg=roll, magnification=magnification), *place
     )
     across = (place[0] - PINHOLE.cx_px) / PINHOLE.fx_px
@@ -139,7 +139,7 @@ def test_a_turned_imager_agrees_with_opencv(
     )
     imager_from_ideal = -np.deg2rad([pitch, yaw, roll])
     expected, _ = cv2.projectPoints(ray, imager_from_ideal, np.zeros(3), camera, None)
-    assert found == pytest.approx(tuple(expected.ravel()), abs=0.01)
+    assert result == pytest.approx(tuple(expected.ravel()), abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_a_shifted_dot_is_as_wide_as_before(dx: float, dy: float) -> None:
     Does not show that fine texture keeps its contrast: near the pixels' limit it loses some.
     """
     dot = blur.blur(point(80, 60), 0.8)
-    (moved,) = alignment.moved((dot,), Alignment(offset_x_px=dx, offset_y_px=dy), PINHOLE)
+    (moved,) = alignment.misalign((dot,), Alignment(offset_x_px=dx, offset_y_px=dy), PINHOLE)
     x, y, across, down = moments(moved)
     assert (x - 80, y - 60) == pytest.approx((dx, dy), abs=1e-3)
     assert (across, down) == pytest.approx((0.64, 0.64), rel=0.01)
@@ -177,7 +177,7 @@ def test_a_shifted_dot_is_as_wide_as_before(dx: float, dy: float) -> None:
 
 def test_whole_pixels_are_exact_and_the_edge_repeats() -> None:
     seen = texture()
-    (moved,) = alignment.moved((seen,), Alignment(offset_x_px=3, offset_y_px=-2), PINHOLE)
+    (moved,) = alignment.misalign((seen,), Alignment(offset_x_px=3, offset_y_px=-2), PINHOLE)
     assert np.array_equal(moved[:-2, 3:], seen[2:, :-3])
     assert np.array_equal(moved[:-2, 0], seen[2:, 0])
     assert np.array_equal(moved[-1, 3:], seen[-1, :-3])
@@ -195,8 +195,8 @@ def test_a_warp_shifts_right_by_its_cells(place: tuple[int, int], shift: float) 
 
 def test_a_warp_of_one_value_is_an_offset() -> None:
     dot = blur.blur(point(80, 60), 1.0)
-    warped = alignment.moved((dot,), Alignment(warp_px=((0.37,),)), PINHOLE)
-    shifted = alignment.moved((dot,), Alignment(offset_x_px=0.37), PINHOLE)
+    warped = alignment.misalign((dot,), Alignment(warp_px=((0.37,),)), PINHOLE)
+    shifted = alignment.misalign((dot,), Alignment(offset_x_px=0.37), PINHOLE)
     np.testing.assert_allclose(warped, shifted, atol=1e-6)
 
 
@@ -208,7 +208,7 @@ def test_a_warp_of_one_value_is_an_offset() -> None:
         (((0.0, 60.0),), "must be in"),
     ],
 )
-def test_a_warp_that_cannot_be_is_refused(cells: tuple[tuple[float, ...], ...], rule: str) -> None:
+def test_invalid_warps_are_refused(cells: tuple[tuple[float, ...], ...], rule: str) -> None:
     with pytest.raises(InputError, match=f"alignment.warp_px.*{rule}"):
         Alignment(warp_px=cells)
 
@@ -231,11 +231,11 @@ def test_distortion_is_cubic_in_the_radius(strength: float) -> None:
 @pytest.mark.parametrize("exponent", [1.0, 2.5, 4.0])
 def test_vignetting_is_a_power_of_the_cosine(exponent: float) -> None:
     """To 0.5 %. Does not show that a real lens follows any such power."""
-    found = shading.vignetting(exponent, PINHOLE)
+    result = shading.vignetting(exponent, PINHOLE)
     for column, row in [(0, 0), (70, 51), (160, 120), (160, 0)]:
         ray = ((column - PINHOLE.cx_px) / 100, (row - PINHOLE.cy_px) / 110, 1.0)
         cosine = 1 / np.linalg.norm(ray)
-        assert found[row, column] == pytest.approx(cosine**exponent, rel=0.005)
+        assert result[row, column] == pytest.approx(cosine**exponent, rel=0.005)
 
 
 def test_the_filter_dims_the_laser_in_corners_and_not_the_rest() -> None:
@@ -254,9 +254,9 @@ def test_the_filter_dims_the_laser_in_corners_and_not_the_rest() -> None:
 
 
 @given(st.floats(0.001, 1.0), st.integers(0, 99))
-def test_the_veil_keeps_the_mean_and_adds_no_structure(share: float, seed: int) -> None:
+def test_veiling_glare_keeps_the_mean_and_adds_no_structure(share: float, seed: int) -> None:
     seen = texture(seed)
-    veiled = veil.veiled(seen, share)
+    veiled = veil.add_veiling_glare(seen, share)
     assert veiled.mean(dtype=float) == pytest.approx(seen.mean(dtype=float), rel=1e-5)
     pedestal = veiled.astype(float) - (1 - share) * seen
     assert np.ptp(pedestal) < 1e-6
@@ -293,25 +293,26 @@ def form(
     seed: int = 0,
 ) -> Image:
     depth_m = np.full(SHAPE, 0.7, np.float32)
-    return image.image(Received(laser=laser, rest=rest), depth_m, sensor, side, seed=seed)
+    return image.image(LensInput(laser=laser, rest=rest), depth_m, sensor, side, seed=seed)
 
 
-def test_a_neutral_stage_returns_what_it_was_given() -> None:
+def test_neutral_stages_return_the_input() -> None:
     parts = (texture(), texture(1))
     depth_m = np.ones(SHAPE, np.float32)
     focused = Lens(focus_m=0.3, filter_index=1.7, filter_centre_nm=870.0)
     assert all(
-        a is b for a, b in zip(spot.blurred(parts, depth_m, focused, PINHOLE), parts, strict=True)
+        a is b
+        for a, b in zip(spot.blur_by_spot(parts, depth_m, focused, PINHOLE), parts, strict=True)
     )
-    assert alignment.moved(parts, Alignment(), PINHOLE) is parts
-    assert veil.veiled(parts[0], 0.0) is parts[0]
+    assert alignment.misalign(parts, Alignment(), PINHOLE) is parts
+    assert veil.add_veiling_glare(parts[0], 0.0) is parts[0]
     assert blur.blur(parts[0], 0.0) is parts[0]
     formed = form(sensor_with(focused), *parts)
     assert np.array_equal(formed, parts[0] + parts[1])
 
 
-def test_light_is_added_whether_kept_apart_or_not() -> None:
-    """A filter so wide that all passes makes the same image as none."""
+def test_sum_of_lights_does_not_depend_on_separation() -> None:
+    """A filter that passes all light gives the same image as no filter."""
     lens = Lens(blur_px=0.7, corner_blur_px=0.5, vignetting=3.0, veil=0.02)
     settings = Alignment(roll_deg=0.3, offset_y_px=0.4)
     apart = dataclasses.replace(lens, filter_width_nm=500.0, filter_index=5.0)
@@ -321,7 +322,7 @@ def test_light_is_added_whether_kept_apart_or_not() -> None:
     np.testing.assert_allclose(summed, together, rtol=0.02)
 
 
-def test_a_filter_that_cannot_be_is_refused() -> None:
+def test_invalid_filters_are_refused() -> None:
     with pytest.raises(InputError, match="filter width"):
         form(sensor_with(Lens(filter_width_nm=1.0)), texture(), texture())
 
@@ -329,7 +330,7 @@ def test_a_filter_that_cannot_be_is_refused() -> None:
 def test_speckle_is_the_lasers_alone_and_stays() -> None:
     """Ambient light keeps its bits; frames share the grains; seeds and sides do not.
 
-    Does not show that the grains move with scene or camera: whoever moves must draw anew.
+    Does not show that the grains move with scene or camera; a motion needs a new draw.
     """
     ones, none = np.ones(SHAPE, np.float32), np.zeros(SHAPE, np.float32)
     sensor = sensor_with(contrast=0.3)
@@ -342,7 +343,7 @@ def test_speckle_is_the_lasers_alone_and_stays() -> None:
     np.testing.assert_allclose(half, 0.5 * laser, rtol=1e-6)
 
 
-def test_vignetting_dims_beside_speckle_too() -> None:
+def test_vignetting_applies_together_with_speckle() -> None:
     ones = np.ones(SHAPE, np.float32)
     dimmed, plain = (
         form(sensor_with(Lens(vignetting=exponent), contrast=0.2), ones, ones, seed=4)
@@ -361,5 +362,5 @@ def test_each_side_has_its_own_lens() -> None:
 
 def test_a_warp_is_cubic_between_cells() -> None:
     cells = ((0.0, 1.0, 1.0, 0.0),) * 4
-    found = alignment.warp(Alignment(warp_px=cells), (9, 9))
-    np.testing.assert_allclose(found[:, 4], 1.1875, atol=1e-5)  # A line would have 1 there.
+    result = alignment.warp(Alignment(warp_px=cells), (9, 9))
+    np.testing.assert_allclose(result[:, 4], 1.1875, atol=1e-5)  # A line would have 1 there.

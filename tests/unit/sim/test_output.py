@@ -1,4 +1,4 @@
-"""Output appears whole or not at all, and --force never eats what starling did not write."""
+"""Output is atomic, and --force never deletes folders that starling did not write."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_appears_under_its_name(tmp_path: Path) -> None:
     assert {path.name for path in (tmp_path / "new").iterdir()} == {"out"}
 
 
-def test_an_empty_folder_is_taken(tmp_path: Path) -> None:
+def test_empty_folder_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     _write_one(tmp_path / "out")
     assert (tmp_path / "out" / "a/0/depth.png").exists()
@@ -140,7 +140,7 @@ def test_file_is_written_whole_or_not_at_all(
     assert _everything(tmp_path) == {"new", "new/x.png"}
 
 
-def test_parent_that_somebody_else_fills_stays(tmp_path: Path) -> None:
+def test_parent_filled_by_another_process_stays(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError), OutputFolder(tmp_path / "new" / "out") as folder:
         (tmp_path / "new" / "theirs").write_text("x")
         folder.write("a", "x")
@@ -150,7 +150,7 @@ def test_parent_that_somebody_else_fills_stays(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("force", [False, True])
 @pytest.mark.parametrize("held_before", [False, True])
-def test_what_appears_meanwhile_is_never_lost(
+def test_folder_that_appears_meanwhile_is_never_lost(
     tmp_path: Path, force: bool, held_before: bool
 ) -> None:
     out = tmp_path / "out"
@@ -166,10 +166,10 @@ def test_what_appears_meanwhile_is_never_lost(
     assert _everything(tmp_path) == {"out", "out/thesis.tex"}
 
 
-def test_without_force_the_system_itself_keeps_a_full_folder(
+def test_rename_without_force_never_replaces_a_full_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Even one that is filled between the last look and the renaming."""
+    """Holds for a folder that is filled between the last check and the rename."""
     monkeypatch.setattr(output, "_refuse_occupied", lambda *_, **__: None)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "thesis.tex").write_text("years of work")
@@ -248,6 +248,6 @@ def test_own_input_is_refused(tmp_path: Path, out: str) -> None:
     source = tmp_path / "set"
     (source / "a" / "0").mkdir(parents=True)
     (tmp_path / "link").symlink_to("set")
-    with pytest.raises(InputError, match="out must lie apart from what it is made from; got "):
+    with pytest.raises(InputError, match="out must lie outside its input; got "):
         output.refuse_own_input(tmp_path / out, source)
     output.refuse_own_input(tmp_path / "set2", source)

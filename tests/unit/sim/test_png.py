@@ -1,4 +1,4 @@
-"""Grey PNG files: read as they are, refused when anything is missing."""
+"""Grey PNG files: read without conversion, refused if incomplete."""
 
 from __future__ import annotations
 
@@ -90,13 +90,13 @@ def test_missing_file_is_refused(tmp_path: Path) -> None:
         png.read(tmp_path / "x.png", "x")
 
 
-@given(at=st.integers(0, len(_WHOLE) - 1), value=st.integers(0, 255), cut=st.integers(0, 80))
+@given(position=st.integers(0, len(_WHOLE) - 1), value=st.integers(0, 255), cut=st.integers(0, 80))
 def test_any_damage_is_refused_or_harmless(
-    tmp_path_factory: pytest.TempPathFactory, at: int, value: int, cut: int
+    tmp_path_factory: pytest.TempPathFactory, position: int, value: int, cut: int
 ) -> None:
-    """A changed byte is found by a checksum; what is read is what was written."""
+    """A checksum detects a changed byte; otherwise the read image equals the written one."""
     data = bytearray(_WHOLE)
-    data[at] = value
+    data[position] = value
     path = tmp_path_factory.mktemp("png") / "x.png"
     path.write_bytes(data[: len(data) - cut])
     try:

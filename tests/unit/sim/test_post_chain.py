@@ -1,4 +1,4 @@
-"""The post-processing chain: order, reasons, what stays consistent, and what is refused."""
+"""The post-processing chain: order, reasons, consistency and error messages."""
 
 from __future__ import annotations
 
@@ -72,19 +72,19 @@ def test_everything_off_returns_the_map_itself():
 def test_map_stays_consistent(side, seed, off):
     """z = f b / d, valid, reason and NaN say the same after any set of filters."""
     post = {name: value for name, value in ALL.items() if name not in off}
-    found = chain.process(noisy(seed), sensor(**post, decimation=side), causes={})
-    assert found.disparity_px.shape == (48, 64)
+    result = chain.process(noisy(seed), sensor(**post, decimation=side), causes={})
+    assert result.disparity_px.shape == (48, 64)
     with np.errstate(invalid="ignore"):
-        np.testing.assert_array_equal(found.depth_m, np.float32(25) / found.disparity_px)
-    np.testing.assert_array_equal(found.valid, np.isfinite(found.depth_m))
-    np.testing.assert_array_equal(found.valid, found.reason == Reason.VALID)
-    assert (found.history is None) == ("temporal_alpha" in off)
+        np.testing.assert_array_equal(result.depth_m, np.float32(25) / result.disparity_px)
+    np.testing.assert_array_equal(result.valid, np.isfinite(result.depth_m))
+    np.testing.assert_array_equal(result.valid, result.reason == Reason.VALID)
+    assert (result.history is None) == ("temporal_alpha" in off)
     if "far_m" not in off:
-        assert not (found.depth_m > 2.0 + 1e-5).any()
+        assert not (result.depth_m > 2.0 + 1e-5).any()
 
 
-def test_reasons_of_what_the_filters_took_and_gave():
-    """3 x 7 in blocks of 2: one block all too far, one with a hole, one row and column over."""
+def test_reasons_of_removed_and_filled_pixels():
+    """A 3 x 7 map in blocks of 2: one too far, one with a hole, incomplete row and column."""
     near, far = 20.0, 5.0
     raw = raw_map(
         [
@@ -94,70 +94,70 @@ def test_reasons_of_what_the_filters_took_and_gave():
         ],
         Reason.LEFT_RIGHT,
     )
-    found = chain.process(raw, sensor(decimation=2, far_m=3.0), causes={})
+    result = chain.process(raw, sensor(decimation=2, far_m=3.0), causes={})
     post, gone, old = Reason.POST_FILTER, Reason.OUT_OF_RANGE, Reason.LEFT_RIGHT
-    assert found.reason.tolist() == [
+    assert result.reason.tolist() == [
         [0, 0, gone, gone, 0, 0, post],
         [0, 0, gone, old, 0, 0, post],
         [post, old, post, post, post, post, post],
     ]
 
 
-def test_what_is_known_of_the_scene_goes_before_the_range():
+def test_known_causes_precede_the_range():
     raw = raw_map([[20.0, 5.0, 5.0]])
     shadow = {Reason.SHADOWED: np.array([[True, True, False]])}
-    found = chain.process(raw, sensor(far_m=3.0), causes=shadow)
-    assert found.reason.tolist() == [[0, Reason.SHADOWED, Reason.OUT_OF_RANGE]]
+    result = chain.process(raw, sensor(far_m=3.0), causes=shadow)
+    assert result.reason.tolist() == [[0, Reason.SHADOWED, Reason.OUT_OF_RANGE]]
 
 
 def test_filled_pixels_are_valid():
-    found = chain.process(raw_map([[20.0, NAN, 30.0]]), sensor(hole_filling="left"), causes={})
-    assert found.depth_m.tolist() == [[1.25, 1.25, pytest.approx(25 / 30)]]
-    assert found.valid.all() and not found.reason.any()
+    result = chain.process(raw_map([[20.0, NAN, 30.0]]), sensor(hole_filling="left"), causes={})
+    assert result.depth_m.tolist() == [[1.25, 1.25, pytest.approx(25 / 30)]]
+    assert result.valid.all() and not result.reason.any()
 
 
-def test_what_the_code_cannot_hold_is_out_of_range():
+def test_depth_beyond_the_code_is_out_of_range():
     raw = raw_map([[25 / 6.0, 25 / 7.0, -1.0, 0.0]])
-    found = chain.process(raw, sensor(depth_unit_m=1e-4), causes={})
+    result = chain.process(raw, sensor(depth_unit_m=1e-4), causes={})
     gone = Reason.OUT_OF_RANGE
-    assert found.reason.tolist() == [[0, gone, gone, gone]]
-    assert to_code(found.depth_m, 1e-4)[0, 1] == 0
+    assert result.reason.tolist() == [[0, gone, gone, gone]]
+    assert to_code(result.depth_m, 1e-4)[0, 1] == 0
 
 
 def test_threshold_comes_after_decimation():
-    """The block's median decides, not its pixels."""
+    """The threshold applies to the block's median, not to its pixels."""
     raw = raw_map([[20.0, 20.0], [20.0, 5.0]])
-    found = chain.process(raw, sensor(decimation=2, far_m=3.0), causes={})
-    assert found.disparity_px.tolist() == [[20.0, 20.0], [20.0, 20.0]]
+    result = chain.process(raw, sensor(decimation=2, far_m=3.0), causes={})
+    assert result.disparity_px.tolist() == [[20.0, 20.0], [20.0, 20.0]]
 
 
 def test_hole_filling_comes_after_the_smoothing():
-    """Else what was filled would be smoothed with its source."""
+    """Otherwise filled pixels would be smoothed with their source."""
     image = np.full((1, 6), NAN, np.float32)
     image[0, :2] = 20.0, 20.4
-    found = chain.process(
+    result = chain.process(
         raw_map(image), sensor(spatial_alpha=0.5, hole_filling="left"), causes={}
     ).disparity_px[0]
     smoothed = chain.process(raw_map(image), sensor(spatial_alpha=0.5), causes={}).disparity_px[0]
-    np.testing.assert_array_equal(found[2:], smoothed[1])
+    np.testing.assert_array_equal(result[2:], smoothed[1])
 
 
-@pytest.mark.parametrize(("side", "kept"), [(1, True), (2, False)])
-def test_deltas_are_in_pixels_of_the_decimated_image(side, kept):
+@pytest.mark.parametrize(("side", "remaining"), [(1, True), (2, False)])
+def test_deltas_are_in_pixels_of_the_decimated_image(side, remaining):
     """An edge of 1 px is 0.5 px in an image of half the size, which is no edge for 0.625 px."""
     image = np.full((8, 32), 20.0, np.float32)
     image[:, 16:] = 21.0
-    found = chain.process(raw_map(image), sensor(decimation=side, spatial_alpha=0.5), causes={})
-    assert np.allclose(found.disparity_px, image, atol=0.05) == kept
+    result = chain.process(raw_map(image), sensor(decimation=side, spatial_alpha=0.5), causes={})
+    assert np.allclose(result.disparity_px, image, atol=0.05) == remaining
 
 
-@pytest.mark.parametrize(("side", "kept"), [(1, True), (2, False)])
-def test_the_temporal_delta_too(side, kept):
+@pytest.mark.parametrize(("side", "remaining"), [(1, True), (2, False)])
+def test_temporal_delta_is_in_pixels_of_the_decimated_image(side, remaining):
     settings = sensor(decimation=side, temporal_alpha=0.5)
     first = chain.process(raw_map(np.full((4, 4), 20.0)), settings, causes={})
     jumped = raw_map(np.full((4, 4), 21.0))
-    found = chain.process(jumped, settings, causes={}, past=first.history)
-    assert np.allclose(found.disparity_px, 21.0) == kept
+    result = chain.process(jumped, settings, causes={}, past=first.history)
+    assert np.allclose(result.disparity_px, 21.0) == remaining
 
 
 def test_frames_are_chained_by_their_history():
@@ -165,9 +165,9 @@ def test_frames_are_chained_by_their_history():
     settings = sensor(temporal_alpha=0.25, temporal_persistence=5)
     first = chain.process(raw_map([[20.0, 20.0, 20.0]]), settings, causes={})
     second = raw_map([[20.4, NAN, 25.0]])
-    found = chain.process(second, settings, causes={}, past=first.history)
-    np.testing.assert_allclose(found.disparity_px, [[20.1, 20.0, 25.0]], rtol=1e-6)
-    assert not found.reason.any()
+    result = chain.process(second, settings, causes={}, past=first.history)
+    np.testing.assert_allclose(result.disparity_px, [[20.1, 20.0, 25.0]], rtol=1e-6)
+    assert not result.reason.any()
     assert first.disparity_px.tolist() == [[20.0, 20.0, 20.0]]
     assert np.isnan(second.disparity_px[0, 1])
 

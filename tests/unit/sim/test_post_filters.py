@@ -1,4 +1,4 @@
-"""Each post-processing filter against a slow twin, and what holds for all of them."""
+"""Post-processing filters against slow references, and properties of all filters."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def maps(draw, shapes=SHAPES):
 
 
 def spatial_twin(image, alpha, delta, iterations):
-    """Line by line, in the filter's own precision: a rounding decides what is an edge."""
+    """Reference filter, line by line in the filter's precision, because rounding decides edges."""
     alpha, delta = np.float32(alpha), np.float32(delta)
     rest, out = np.float32(1) - alpha, image.copy()
     for _, axis, backward in product(range(iterations), (1, 0), (False, True)):
@@ -48,38 +48,40 @@ def spatial_twin(image, alpha, delta, iterations):
 
 
 @given(maps(), st.floats(0.25, 0.99), st.floats(0.05, 3.0), st.integers(1, 5))
-def test_spatial_filter_is_its_twin(image, alpha, delta, iterations):
-    found = spatial.smooth(image, alpha=alpha, delta_px=delta, iterations=iterations)
-    np.testing.assert_array_equal(found, spatial_twin(image, alpha, delta, iterations))
+def test_spatial_filter_matches_the_slow_reference(image, alpha, delta, iterations):
+    result = spatial.smooth(image, alpha=alpha, delta_px=delta, iterations=iterations)
+    np.testing.assert_array_equal(result, spatial_twin(image, alpha, delta, iterations))
 
 
 def test_a_difference_of_exactly_delta_is_an_edge():
     image = np.array([[20.0, 20.5, 20.25]], np.float32)
-    found = spatial.smooth(image[:, :2], alpha=0.5, delta_px=0.5, iterations=1)
-    np.testing.assert_array_equal(found, image[:, :2])
+    result = spatial.smooth(image[:, :2], alpha=0.5, delta_px=0.5, iterations=1)
+    np.testing.assert_array_equal(result, image[:, :2])
     _, past = temporal.smooth(image[:, :1], None, alpha=0.5, delta_px=0.5, persistence=0)
-    found, _ = temporal.smooth(image[:, 1:2], past, alpha=0.5, delta_px=0.5, persistence=0)
-    assert found[0, 0] == 20.5
-    found, _ = temporal.smooth(image[:, 2:], past, alpha=0.5, delta_px=0.5, persistence=0)
-    assert found[0, 0] == 20.125
+    result, _ = temporal.smooth(image[:, 1:2], past, alpha=0.5, delta_px=0.5, persistence=0)
+    assert result[0, 0] == 20.5
+    result, _ = temporal.smooth(image[:, 2:], past, alpha=0.5, delta_px=0.5, persistence=0)
+    assert result[0, 0] == 20.125
 
 
 @pytest.mark.parametrize("side", range(1, 9))
 @given(data=st.data())
-def test_decimation_takes_median_or_mean_of_the_depths_that_are_there(side, data):
+def test_decimation_takes_median_or_mean_of_valid_depths(side, data):
     image = data.draw(maps())
     h, w = image.shape
-    found = decimation.decimate(image, side)
-    assert found.shape == (h // side, w // side)
-    for row, column in np.ndindex(found.shape):
+    result = decimation.decimate(image, side)
+    assert result.shape == (h // side, w // side)
+    for row, column in np.ndindex(result.shape):
         block = image[row * side : (row + 1) * side, column * side : (column + 1) * side]
         depths = np.sort(1 / block[np.isfinite(block)].astype(np.float64))
         if not depths.size:
-            assert np.isnan(found[row, column])
+            assert np.isnan(result[row, column])
         elif side <= 3:
-            assert found[row, column] == pytest.approx(1 / depths[(depths.size - 1) // 2], rel=1e-6)
+            assert result[row, column] == pytest.approx(
+                1 / depths[(depths.size - 1) // 2], rel=1e-6
+            )
         else:
-            assert found[row, column] == pytest.approx(1 / depths.mean(), rel=1e-5)
+            assert result[row, column] == pytest.approx(1 / depths.mean(), rel=1e-5)
 
 
 @given(maps(), st.integers(2, 8))
@@ -115,12 +117,12 @@ def fill_twin(image, mode):
 
 @pytest.mark.parametrize("mode", MODES)
 @given(image=maps())
-def test_hole_filling_is_its_twin_and_touches_no_depth(mode, image):
-    found = hole_filling.fill(image, mode)
-    np.testing.assert_array_equal(found, fill_twin(image, mode))
-    there = np.isfinite(image)
-    np.testing.assert_array_equal(found[there], image[there])
-    assert np.isin(found[np.isfinite(found)], image[there]).all()
+def test_hole_filling_matches_the_slow_reference_and_keeps_depth(mode, image):
+    result = hole_filling.fill(image, mode)
+    np.testing.assert_array_equal(result, fill_twin(image, mode))
+    known = np.isfinite(image)
+    np.testing.assert_array_equal(result[known], image[known])
+    assert np.isin(result[np.isfinite(result)], image[known]).all()
 
 
 @given(maps())
@@ -146,18 +148,20 @@ class RingTwin:
 
     def step(self, new):
         out = new.copy()
-        for at in np.ndindex(new.shape):
-            if np.isnan(new[at]):
-                recent = [self.ring[(self.now - k) % 8][at] for k in range(1, self.last + 1)]
-                out[at] = self.old[at] if sum(recent) >= self.needed else np.nan
-                self.ring[self.now][at] = False
+        for position in np.ndindex(new.shape):
+            if np.isnan(new[position]):
+                recent = [self.ring[(self.now - k) % 8][position] for k in range(1, self.last + 1)]
+                out[position] = self.old[position] if sum(recent) >= self.needed else np.nan
+                self.ring[self.now][position] = False
                 continue
-            if abs(new[at] - self.old[at]) < self.delta:
-                out[at] = self.alpha * new[at] + (np.float32(1) - self.alpha) * self.old[at]
+            if abs(new[position] - self.old[position]) < self.delta:
+                out[position] = (
+                    self.alpha * new[position] + (np.float32(1) - self.alpha) * self.old[position]
+                )
             else:
-                self.ring[:, *at] = False
-            self.ring[self.now][at] = True
-            self.old[at] = out[at]
+                self.ring[:, *position] = False
+            self.ring[self.now][position] = True
+            self.old[position] = out[position]
         self.now = (self.now + 1) % 8
         return out
 
@@ -167,24 +171,24 @@ WINDOWS = {1: (8, 8), 2: (2, 3), 3: (2, 4), 4: (2, 8), 5: (1, 2), 6: (1, 5), 7: 
 
 @pytest.mark.parametrize("mode", WINDOWS)
 @given(frames=maps(shapes=st.just((14, 6))), alpha=st.floats(0.0, 0.99), delta=st.floats(0.1, 3.0))
-def test_temporal_filter_is_its_twin(mode, frames, alpha, delta):
+def test_temporal_filter_matches_the_slow_reference(mode, frames, alpha, delta):
     twin, past = RingTwin((6,), alpha, delta, *WINDOWS[mode]), None
     for frame in frames:
-        found, past = temporal.smooth(
+        result, past = temporal.smooth(
             frame[None], past, alpha=alpha, delta_px=delta, persistence=mode
         )
-        np.testing.assert_array_equal(found[0], twin.step(frame))
+        np.testing.assert_array_equal(result[0], twin.step(frame))
 
 
 @given(maps(), st.floats(0.0, 3.0), st.floats(0.1, 3.0))
 def test_threshold_keeps_exactly_the_range(image, near_m, width_m):
     far_m = near_m + width_m
-    found = threshold.limit(image, **GEOMETRY, near_m=near_m, far_m=far_m)
+    result = threshold.limit(image, **GEOMETRY, near_m=near_m, far_m=far_m)
     depth = np.float32(25) / image
     inside = (depth >= np.float32(near_m)) & (depth <= np.float32(far_m))
-    np.testing.assert_array_equal(found, np.where(inside, image, NAN))
-    again = threshold.limit(found, **GEOMETRY, near_m=near_m, far_m=far_m)
-    assert again is found  # Nothing is left to take.
+    np.testing.assert_array_equal(result, np.where(inside, image, NAN))
+    again = threshold.limit(result, **GEOMETRY, near_m=near_m, far_m=far_m)
+    assert again is result  # Nothing is left to take.
 
 
 def test_both_ends_of_the_range_stay():
@@ -192,10 +196,10 @@ def test_both_ends_of_the_range_stay():
     assert threshold.limit(image, **GEOMETRY, near_m=1.0, far_m=2.0) is image
 
 
-def test_threshold_takes_what_lies_beyond_infinity():
+def test_threshold_removes_disparities_beyond_infinity():
     image = np.array([[0.0, -2.0, 20.0, NAN]], np.float32)
-    found = threshold.limit(image, **GEOMETRY, near_m=0.0, far_m=1e3)
-    np.testing.assert_array_equal(found, [[NAN, NAN, 20.0, NAN]])
+    result = threshold.limit(image, **GEOMETRY, near_m=0.0, far_m=1e3)
+    np.testing.assert_array_equal(result, [[NAN, NAN, 20.0, NAN]])
     for name in GEOMETRY:
         with pytest.raises(InputError, match=f"{name} must be > 0; got 0"):
             threshold.limit(image, **GEOMETRY | {name: 0.0}, near_m=0.0, far_m=1.0)
@@ -203,7 +207,7 @@ def test_threshold_takes_what_lies_beyond_infinity():
 
 @given(maps(), st.floats(0.25, 0.99), st.sampled_from(MODES), st.integers(1, 8))
 def test_no_filter_leaves_the_range_of_its_input(image, alpha, mode, side):
-    """All are means, medians or copies: to a rounding, nothing new is nearer or farther."""
+    """Filters are means, medians or copies, so values stay in the input's range up to rounding."""
     filtered = [
         decimation.decimate(image, side),
         spatial.smooth(image, alpha=alpha, delta_px=9.0, iterations=2),
@@ -212,11 +216,14 @@ def test_no_filter_leaves_the_range_of_its_input(image, alpha, mode, side):
     _, past = temporal.smooth(image, None, alpha=alpha, delta_px=9.0, persistence=3)
     out, _ = temporal.smooth(image[::-1], past, alpha=alpha, delta_px=9.0, persistence=3)
     known = image[np.isfinite(image)]
-    for found in (*filtered, out):
-        there = found[np.isfinite(found)]
-        assert known.size or not there.size
-        if there.size:
-            assert known.min() - 1e-4 <= there.min() and there.max() <= known.max() + 1e-4
+    for result in (*filtered, out):
+        valid_pixels = result[np.isfinite(result)]
+        assert known.size or not valid_pixels.size
+        if valid_pixels.size:
+            assert (
+                known.min() - 1e-4 <= valid_pixels.min()
+                and valid_pixels.max() <= known.max() + 1e-4
+            )
 
 
 @given(maps())
@@ -224,16 +231,16 @@ def test_neutral_filters_return_the_input_itself(image):
     assert decimation.decimate(image, 1) is image
     assert decimation.enlarge(image, 1, image.shape) is image
     assert spatial.smooth(image, alpha=1.0, delta_px=0.625, iterations=2) is image
-    found, history = temporal.smooth(image, None, alpha=1.0, delta_px=0.625, persistence=3)
-    assert found is image and history is None
+    result, history = temporal.smooth(image, None, alpha=1.0, delta_px=0.625, persistence=3)
+    assert result is image and history is None
     assert hole_filling.fill(image, "off") is image
     assert threshold.limit(image, **GEOMETRY, near_m=0.0, far_m=65.535) is image
 
 
 def test_first_frame_passes_and_starts_the_history():
     image = np.array([[20.0, NAN]], np.float32)
-    found, past = temporal.smooth(image, None, alpha=0.4, delta_px=1.0, persistence=8)
-    assert found is image and past is not None
+    result, past = temporal.smooth(image, None, alpha=0.4, delta_px=1.0, persistence=8)
+    assert result is image and past is not None
     assert past.seen.tolist() == [[1, 0]]
 
 

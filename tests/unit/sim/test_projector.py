@@ -1,4 +1,4 @@
-"""The projector's pattern by name, by file, and its refusals."""
+"""The projector's pattern by name and by file, and refusals."""
 
 import dataclasses
 
@@ -31,25 +31,25 @@ LATTICES = {"d415-left": (60.32, 81.70), "d415-right": (49.22, 81.28)}  # Angle 
 
 
 def phase(name: str, seed: int) -> np.ndarray:
-    """Offset (2,) of all dots of a D415's lattice from the axis, in steps of the lattice."""
+    """Offset (2,) of a D415's lattice from the axis, in lattice steps."""
     part = presets.load("d415").projector
-    made = emission.pattern(name, part.fov_x_deg, part.fov_y_deg, seed)
-    assert made.dots is not None
-    x, y = made.field.tangents(made.dots[:, 0], made.dots[:, 1], made.shape)
+    generated = emission.pattern(name, part.fov_x_deg, part.fov_y_deg, seed)
+    assert generated.dots is not None
+    x, y = generated.field.tangents(generated.dots[:, 0], generated.dots[:, 1], generated.shape)
     cosines = np.stack([x, y], axis=1) / np.sqrt(1 + x**2 + y**2)[:, None]
     angle, cycles = np.deg2rad(LATTICES[name][0]), LATTICES[name][1]
     axes = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     turns = np.exp(2j * np.pi * cycles * cosines @ axes)
-    assert (abs(turns.mean(axis=0)) > 1 - 1e-6).all()  # All dots agree.
-    assert np.ptp(made.dots[:, 2]) == 0  # Alike in power.
+    assert (abs(turns.mean(axis=0)) > 1 - 1e-6).all()  # The offset is the same for all dots.
+    assert np.ptp(generated.dots[:, 2]) == 0  # Equal in power.
     return np.angle(turns.mean(axis=0)) / (2 * np.pi) % 1
 
 
-def test_the_lattices_of_a_d415_are_its_own():
-    """One seed gives both angle and pitch as measured, and offsets of their own.
+def test_the_lattices_of_a_d415_match_the_measurement():
+    """The lattices have the measured angles and pitches, and different offsets.
 
-    Were the offsets one, a rosette would stand on the axis in every unit. It does not prove that
-    real units differ so.
+    With equal offsets each unit would have a rosette on the axis. Does not prove that real units
+    differ in this way.
     """
     left, right = (
         np.array([phase(name, seed) for seed in range(8)]) for name in ("d415-left", "d415-right")
@@ -61,14 +61,14 @@ def test_the_lattices_of_a_d415_are_its_own():
 
 @pytest.mark.parametrize("name", sorted(LATTICES))
 def test_dot_density_goes_into_a_lattices_pitch(name):
-    sparse, own = (emission.pattern(name, 60.0, 40.0, 0, density) for density in (0.5, 1.0))
-    assert sparse.dots is not None and own.dots is not None
-    assert len(sparse.dots) / len(own.dots) == pytest.approx(0.5, rel=0.03)
+    sparse, default = (emission.pattern(name, 60.0, 40.0, 0, density) for density in (0.5, 1.0))
+    assert sparse.dots is not None and default.dots is not None
+    assert len(sparse.dots) / len(default.dots) == pytest.approx(0.5, rel=0.03)
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_haze_takes_light_from_the_dots_and_spreads_it_evenly(share):
-    """Also of a pattern with dark dots, whose light is lost; what lies between them stays."""
+    """Also for a pattern with dark dots, whose light is lost; the background is unchanged."""
     intact = Projector(pattern="d435")
     worn = dataclasses.replace(intact, dropped_dots=0.5)
     mean = emission.irradiance_at_unit_distance(intact).mean()
@@ -101,12 +101,12 @@ def test_neutral_light_is_the_patterns_own_bits():
 @pytest.mark.parametrize("name", ["pattern_seed", "faults_seed"])
 def test_faults_belong_to_the_pattern_and_its_device(name):
     worn = Projector(dropped_dots=0.3, shifted_dots_mrad=2.0, fov_x_deg=60.0, fov_y_deg=40.0)
-    first, again, other = (
+    first, again, different = (
         emission.irradiance_at_unit_distance(dataclasses.replace(worn, **{name: seed}))
         for seed in (0, 0, 1)
     )
     assert np.array_equal(first, again)
-    assert not np.array_equal(first, other)
+    assert not np.array_equal(first, different)
 
 
 def test_dropped_dots_take_their_share_of_the_power():
@@ -115,15 +115,15 @@ def test_dropped_dots_take_their_share_of_the_power():
         emission.irradiance_at_unit_distance(Projector(dropped_dots=share)).mean(dtype=np.float64)
         for share in (0.0, 0.3)
     )
-    made = emission.pattern("d435", 90.0, 63.0, 0)
-    assert made.dots is not None and made.background is not None
-    power = made.dots[:, 2]
+    generated = emission.pattern("d435", 90.0, 63.0, 0)
+    assert generated.dots is not None and generated.background is not None
+    power = generated.dots[:, 2]
     deviation = np.sqrt(0.3 * 0.7 * (power**2).sum()) / power.sum()
-    lost = (1 - worn / whole) / (1 - made.background)
+    lost = (1 - worn / whole) / (1 - generated.background)
     assert lost == pytest.approx(0.3, abs=4 * deviation)
 
 
-def test_the_stored_projector_has_no_faults_and_stands_as_it_should():
+def test_the_reference_projector_has_no_faults_or_rotation():
     worn = Projector(
         dropped_dots=0.1,
         shifted_dots_mrad=1.0,
@@ -132,26 +132,26 @@ def test_the_stored_projector_has_no_faults_and_stands_as_it_should():
         pattern_seed=4,
         falloff=2.0,
     )
-    assert emission.as_stored(worn) == Projector(pattern_seed=4, falloff=2.0)
+    assert emission.reference_projector(worn) == Projector(pattern_seed=4, falloff=2.0)
 
 
 @pytest.mark.parametrize("name", ["d415", "image"])
 def test_defocus_has_levels_of_growing_width(tmp_path, name):
-    """The first is the pattern in focus; each holds the same power, and lower peaks."""
+    """The first level is in focus; all levels have equal power and decreasing peaks."""
     if name == "image":
         name = str(tmp_path / "dots.png")
         image = np.zeros((400, 600), np.uint8)
         image[20::40, 20::40] = 255
         cv2.imwrite(name, image)
     part = Projector(pattern=name, defocus_mrad_m=1.0, fov_x_deg=60.0, fov_y_deg=40.0)
-    made = emission.defocused(part)
+    generated = emission.defocus_levels(part)
     in_focus = emission.irradiance_at_unit_distance(part)
-    assert np.array_equal(made.levels[0], in_focus)
-    means = made.levels.mean(axis=(1, 2), dtype=np.float64)
+    assert np.array_equal(generated.levels[0], in_focus)
+    means = generated.levels.mean(axis=(1, 2), dtype=np.float64)
     np.testing.assert_allclose(means, in_focus.mean(dtype=np.float64), rtol=0.02)
-    peaks = made.levels.max(axis=(1, 2))
+    peaks = generated.levels.max(axis=(1, 2))
     assert (np.diff(peaks) < 0).all()
-    widest = made.variance_mrad2 * (made.ratio ** (len(peaks) - 1) - 1)
+    widest = generated.variance_mrad2 * (generated.ratio ** (len(peaks) - 1) - 1)
     assert widest >= (1 / emission.NEAREST_M - 1) ** 2
 
 

@@ -1,4 +1,4 @@
-"""Device controls: reading them, what they move in a sensor, and what is said of the rest."""
+"""Device controls: parsing, mapping onto a sensor, and the report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from starling.sim.sensor.sensor import Sensor
 
 D415 = sensors.load("d415")
 DEFAULT = presets.named("default")
-CAMERA = {  # What the viewer exports beside the depth engine, with a D415's own defaults.
+CAMERA = {  # Further controls that the viewer exports, with a D415's defaults.
     "controls-autoexposure-auto": "True",
     "controls-autoexposure-manual": "32000",
     "controls-depth-gain": "16",
@@ -44,24 +44,24 @@ def _engine(sensor: Sensor) -> CensusSemiGlobal:
     return sensor.matcher.engine
 
 
-def _with(**given: Any) -> tuple[Sensor, realsense.Report]:
-    """A D415 with some controls set; `__` stands for the hyphen."""
-    named = {name.replace("__", "-"): value for name, value in given.items()}
+def _with(**settings: Any) -> tuple[Sensor, realsense.Report]:
+    """A D415 with some controls set; `__` replaces the hyphen."""
+    named = {name.replace("__", "-"): value for name, value in settings.items()}
     return realsense.apply(D415, controls.canonical(named.items()))
 
 
 @pytest.mark.parametrize("name", ["d415", "d435", "d455"])
 def test_the_default_preset_is_the_sensor_itself(name):
-    """Bit for bit; the mapping is relative to it, so this says nothing of its scale."""
+    """Bit for bit. The mapping is relative to the default, so its scale is not tested."""
     sensor = sensors.load(name)
-    moved, report = realsense.controlled(sensor, "default")
+    moved, report = realsense.with_preset(sensor, "default")
     assert moved == sensor
     assert all(item.after == item.before for item in report.mapped)
     assert not any(item.departs for item in report.unmapped)
 
 
 def test_high_accuracy_by_hand():
-    moved, report = realsense.controlled(D415, "high_accuracy")
+    moved, report = realsense.with_preset(D415, "high_accuracy")
     engine = _engine(moved)
     assert moved.matcher.checks.left_right_px == 10 / 32
     assert engine.difference_weight == pytest.approx(0.125 * (6 / 751) / (26 / 800))
@@ -72,32 +72,32 @@ def test_high_accuracy_by_hand():
     assert engine.census_px == 9
     assert moved.matcher.checks.texture_dn == D415.matcher.checks.texture_dn  # Its count is 0.
     assert (moved.projector, moved.left, moved.post) == (D415.projector, D415.left, D415.post)
-    said = "\n".join(report.lines())
-    assert "param-leftrightthreshold: matcher.checks.left_right_px 0.75 -> 0.3125" in said
-    assert "no counterpart: param-medianthreshold" in said
-    assert "texturedifferencethresh (the texture count is 0" in said
+    message = "\n".join(report.lines())
+    assert "param-leftrightthreshold: matcher.checks.left_right_px 0.75 -> 0.3125" in message
+    assert "no counterpart: param-medianthreshold" in message
+    assert "texturedifferencethresh (the texture count is 0" in message
 
 
-def test_a_factor_is_named_where_it_departs():
+def test_a_non_default_factor_is_reported():
     _, report = _with(**{"param__amplitude__factor": "0.08"})
     assert any("no counterpart: param-amplitude-factor" in line for line in report.lines())
     _, report = _with(**{"param__amplitude__factor": "0"})
     assert not any("amplitude" in line for line in report.lines())
 
 
-def test_presets_are_ordered_as_their_names_say():
-    found = {name: realsense.controlled(D415, name)[0].matcher for name in presets.names()}
+def test_presets_are_ordered_by_their_names():
+    matchers = {name: realsense.with_preset(D415, name)[0].matcher for name in presets.names()}
     for field in ("second_peak", "neighbour_peak"):
         rank = [
-            getattr(found[name].engine, field)
+            getattr(matchers[name].engine, field)
             for name in ("high_density", "medium_density", "high_accuracy")
         ]
         assert rank == sorted(rank)
-    assert found["hand"].engine == _engine(realsense.controlled(D415, "hand")[0])
-    assert _engine(realsense.controlled(D415, "hand")[0]).census_px == 5  # 9 x 3 pixels.
+    assert matchers["hand"].engine == _engine(realsense.with_preset(D415, "hand")[0])
+    assert _engine(realsense.with_preset(D415, "hand")[0]).census_px == 5  # 9 x 3 pixels.
 
 
-def test_both_forms_of_the_file_say_the_same(tmp_path):
+def test_both_forms_of_the_file_are_equivalent(tmp_path):
     text = {name: f"{value:g}" for name, value in DEFAULT.items()} | CAMERA  # type: ignore[str-format]
     flat = _write(tmp_path / "flat.json", text | {"stream-width": "1280"})
     nested = _write(
@@ -109,9 +109,9 @@ def test_both_forms_of_the_file_say_the_same(tmp_path):
             "viewer": {"stream-width": 1280, "stream-depth-format": "Z16"},
         },
     )
-    one, other = advanced_mode.read(flat), advanced_mode.read(nested)
-    assert other == one | {"stream-depth-format": "Z16"}
-    moved, report = realsense.controlled(D415, nested)
+    flat_controls, nested_controls = advanced_mode.read(flat), advanced_mode.read(nested)
+    assert nested_controls == flat_controls | {"stream-depth-format": "Z16"}
+    moved, report = realsense.with_preset(D415, nested)
     level = edits.with_values(D415, [("imager.auto_exposure_level", 400 / 4096)])
     assert moved == level  # 0.098 in the preset.
     assert report.missing == ()
@@ -122,7 +122,7 @@ def test_both_forms_of_the_file_say_the_same(tmp_path):
 
 def test_missing_controls_stay_and_are_named(tmp_path):
     only = _write(tmp_path / "one.json", {"param-leftrightthreshold": 16})
-    moved, report = realsense.controlled(D415, only)
+    moved, report = realsense.with_preset(D415, only)
     assert moved == edits.with_values(D415, [("matcher.checks.left_right_px", 0.5)])
     assert "param-secondpeakdelta" in report.missing
     assert "param-leftrightthreshold" not in report.missing
@@ -132,8 +132,8 @@ def test_missing_controls_stay_and_are_named(tmp_path):
 def test_every_control_is_mapped_or_named():
     for name in controls.KNOWN:
         words = controls.WORDS.get(name)
-        given = words[0] if words else {**DEFAULT, **CAMERA}.get(name, 1)
-        _, report = realsense.apply(D415, controls.canonical([(name, given)]))
+        value = words[0] if words else {**DEFAULT, **CAMERA}.get(name, 1)
+        _, report = realsense.apply(D415, controls.canonical([(name, value)]))
         mapped = {control for item in report.mapped for control in item.controls}
         assert name in mapped | {item.control for item in report.unmapped}, name
 
@@ -176,8 +176,8 @@ def test_exposure_is_by_hand_or_automatic():
         assert imager.auto_exposure_level == 0
         assert imager.exposure_s == pytest.approx(8.5e-3)
         assert imager.gain == 4.0
-    kept, report = realsense.apply(D415, controls.canonical(by_hand.items()))
-    assert kept == D415
+    device, report = realsense.apply(D415, controls.canonical(by_hand.items()))
+    assert device == D415
     assert {item.control for item in report.unmapped} == set(by_hand)
     manual = edits.with_values(D415, [("imager.auto_exposure_level", 0.0)])
     with pytest.raises(InputError, match=r"autoexposure-setpoint must be given to switch auto"):
@@ -222,7 +222,7 @@ def test_costs_follow_the_lambdas():
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "said"),
+    ("name", "value", "message"),
     [
         ("param-secondpeekdelta", 1, "control must be a known name; got 'param-secondpeekdelta'. "
          "Known: param-secondpeakdelta,"),
@@ -238,26 +238,26 @@ def test_costs_follow_the_lambdas():
         ("controls-autoexposure-auto", 1, "must be one of false, true; got 1."),
     ],
 )  # fmt: skip
-def test_controls_that_make_no_sense_are_refused(tmp_path, name, value, said):
+def test_invalid_controls_are_refused(tmp_path, name, value, message):
     path = _write(tmp_path / "bad.json", {name: value})
     with pytest.raises(InputError) as refusal:
-        realsense.controlled(D415, path)
-    assert said in str(refusal.value)
+        realsense.with_preset(D415, path)
+    assert message in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
-def test_what_no_sensor_admits_is_refused_in_one_line():
+def test_impossible_values_are_refused_in_one_line():
     with pytest.raises(InputError, match=r"device controls: difference_weight must be in \[0, 8\]"):
         _with(param__lambdaad=1)
 
 
-def test_two_names_of_one_control_must_agree():
+def test_aliases_of_a_control_must_agree():
     with pytest.raises(InputError, match="param-depthunits and param-zunits must agree"):
         _with(param__depthunits=1000, param__zunits=100)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("{", "device preset must be a JSON file"),
         ("[1]", "device preset must hold a table; got list in "),
@@ -266,22 +266,22 @@ def test_two_names_of_one_control_must_agree():
         ('{"parameters": {}, "device": {"product line": "L500"}}', "must be D400; got 'L500'."),
     ],
 )
-def test_files_that_are_no_export_are_refused(tmp_path, text, said):
+def test_files_that_are_not_an_export_are_refused(tmp_path, text, message):
     path = tmp_path / "bad.json"
     path.write_text(text)
     with pytest.raises(InputError) as refusal:
-        realsense.controlled(D415, str(path))
-    assert said in str(refusal.value)
+        realsense.with_preset(D415, str(path))
+    assert message in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
 def test_unknown_presets_files_and_sensors_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"device preset must be a known name; got 'high_accurac'"):
-        realsense.controlled(D415, "high_accurac")
+        realsense.with_preset(D415, "high_accurac")
     with pytest.raises(InputError, match="device preset must be a readable file"):
-        realsense.controlled(D415, str(tmp_path / "none.json"))
+        realsense.with_preset(D415, str(tmp_path / "none.json"))
     with pytest.raises(InputError, match="sensor must be a stereo pair to take RealSense controls"):
-        realsense.controlled(sensors.load("kinect-v1"), "default")
+        realsense.with_preset(sensors.load("kinect-v1"), "default")
     fast = edits.apply(D415, ["matcher.setting=fast"])
     with pytest.raises(InputError, match=r"must be CensusSemiGlobal .*; got SemiGlobalBlock"):
-        realsense.controlled(fast, "default")
+        realsense.with_preset(fast, "default")

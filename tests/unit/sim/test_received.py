@@ -1,17 +1,17 @@
-"""Light that an imager receives: what goes with the laser's power."""
+"""Light at the lens: parts that scale with the laser's power."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from starling.sim.imaging.lens_input import received
-from starling.sim.render.layers import View
+from starling.sim.imaging.lens_input import combine_light
+from starling.sim.render.layers import ViewLayers
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import presets
 
 ONE = np.ones((4, 5), np.float32)
-VIEW = View(
+VIEW = ViewLayers(
     projector_direct=ONE,
     projector_indirect=3 * ONE,
     ambient=0 * ONE,
@@ -27,8 +27,8 @@ def laser(flicker: float, interreflection: float, frames: int = 1) -> np.ndarray
     light = dataclasses.replace(SENSOR.projector, power_w=0.25, flicker=flicker)
     sensor = dataclasses.replace(SENSOR, projector=light)
     scene = dataclasses.replace(SCENE, interreflection=interreflection)
-    each = (received(VIEW, scene, sensor, seed=0, frame=frame) for frame in range(frames))
-    return np.stack([one.laser for one in each])
+    each = (combine_light(VIEW, scene, sensor, seed=0, frame=frame) for frame in range(frames))
+    return np.stack([light.laser for light in each])
 
 
 def test_interreflection_goes_with_the_power() -> None:

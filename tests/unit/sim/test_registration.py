@@ -1,4 +1,4 @@
-"""Depth in the colour camera's image: where it lands, what it hides, what it leaves open."""
+"""Depth in the colour camera's image: positions, occlusion and holes."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _box(near: float = 1.0, far: float = 2.0) -> np.ndarray:
     return depth
 
 
-def test_a_camera_at_the_same_place_sees_the_same_but_for_the_growth_of_near_edges() -> None:
+def test_same_pose_gives_the_same_depth_except_at_near_edges() -> None:
     seen = registration.register(_box(), _sensor((0.0, 0.0, 0.0)))
     grown = _box()
     grown[40:81, 60:101] = 1.0
@@ -52,7 +52,7 @@ def test_a_camera_at_the_same_place_sees_the_same_but_for_the_growth_of_near_edg
 
 
 def test_parallax_is_focal_length_times_offset_over_depth() -> None:
-    """A camera to the left sees things further right, near ones more: f t / z = 5 and 2.5 px."""
+    """A camera to the left sees objects further right, near ones more: f t / z = 5 and 2.5 px."""
     seen = registration.register(_box(), _sensor((-0.05, 0.0, 0.0)))
     row = seen[60]
     assert np.flatnonzero(row == 1.0)[[0, -1]].tolist() == [65, 105]
@@ -68,13 +68,13 @@ def test_depth_is_along_the_colour_cameras_own_axis() -> None:
 
 
 @pytest.mark.parametrize("scale", [0.5, 2.0])
-def test_another_resolution_leaves_no_grid_of_holes(scale: float) -> None:
+def test_higher_resolution_leaves_no_grid_of_holes(scale: float) -> None:
     seen = registration.register(_box(), _sensor((0.0, 0.0, 0.0), scale))
     assert seen.shape == (round(120 * scale), round(160 * scale))
     assert np.isfinite(seen[2:-2, 2:-2]).all()
 
 
-def test_holes_stay_holes_and_what_is_behind_the_camera_is_left_out() -> None:
+def test_holes_remain_and_points_behind_the_camera_are_ignored() -> None:
     depth = _box()
     depth[10:20] = np.nan
     seen = registration.register(depth, _sensor((0.0, 0.0, 0.0)))

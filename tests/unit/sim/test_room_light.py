@@ -1,4 +1,4 @@
-"""Reflectance and ambient light of a room, told by an image of it that is simulated."""
+"""Estimation of a room's reflectance and ambient light from a simulated image."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from starling.sim.captures.writer import info_of
 from starling.sim.imaging import imager
 from starling.sim.imaging.signals import Signals
 from starling.sim.scene.captured import captured_scene, room_light
-from starling.sim.scene.captured.room_light import Lit
+from starling.sim.scene.captured.room_light import RoomLight
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import to_code
 
-# A D415's pixels and dots, of which a part is enough; nothing is known of the pattern's place.
+# A crop of a D415's image; the position of the pattern is unknown.
 SENSOR = with_values(
     presets.load("d415"),
     [("width", 480), ("height", 270), ("cx_px", 239.5), ("cy_px", 134.5)],
@@ -35,14 +35,14 @@ DARK = with_values(SENSOR, [("projector.power_w", 0.0)])
 
 
 def truth_m() -> np.ndarray:
-    """A wall that comes from 2 m to 0.8 m, and a block before it."""
+    """A slanted wall from 2 m to 0.8 m, with a block in front of it."""
     depth = np.broadcast_to(1 / np.linspace(1 / 2.0, 1 / 0.8, SHAPE[1]), SHAPE).copy()
     depth[90:200, 60:150] = 0.7
     return depth.astype(np.float32)
 
 
 def painted() -> np.ndarray:
-    """Reflectance in even fields, 0.5 in the mean."""
+    """Piecewise constant reflectance with mean 0.5."""
     fields = np.array([[0.3, 0.8, 0.4], [0.7, 0.35, 0.45]])
     return np.kron(fields / fields.mean() * 0.5, np.ones((135, 160))).astype(np.float32)
 
@@ -51,13 +51,13 @@ def room(
     folder: Path,
     ambient_w_m2: float,
     *,
-    by: Sensor = SENSOR,
+    device: Sensor = SENSOR,
     off: bool = False,
     share: np.ndarray | None = None,
 ) -> CapturedScene:
-    """Capture it, to the disk."""
+    """Write a simulated capture."""
     folder.mkdir()
-    info = info_of(by, source="made here", licence="-", notes="")
+    info = info_of(device, source="made here", licence="-", notes="")
     (folder / capture_info.FILE).write_text(capture_info.dumps(info))
     scene = folder / "room"
     (scene / "0").mkdir(parents=True)
@@ -66,85 +66,90 @@ def room(
     (scene / "0" / "ir_left.png").write_bytes(png.encode(even))
     (scene / "0" / "ir_right.png").write_bytes(png.encode(even))
     (known,) = open_set(folder).scenes
-    lit = captured_scene.surface(known, Lit(painted(), ambient_w_m2, share))
-    for name, sensor in (("ir_left", by), ("ir_left_off", DARK))[: 1 + off]:
+    lit = captured_scene.scene_from_light(known, RoomLight(painted(), ambient_w_m2, share))
+    for name, sensor in (("ir_left", device), ("ir_left_off", DARK))[: 1 + off]:
         shot = simulate.simulate(lit, sensor, seed=5)
         (scene / "0" / f"{name}.png").write_bytes(png.encode(shot.ir_left))
     return known
 
 
 @pytest.mark.parametrize("ambient", [0.1, 0.4, 2.0])
-def test_dots_tell_how_bright_a_room_is(ambient, tmp_path):
-    """Within a tenth where the pattern is the sensor's but lies elsewhere; the laser's light, which
-    makes near surfaces bright, is in no reflectance: level alone would be off by a fifth."""
+def test_dots_give_the_ambient_light(ambient, tmp_path):
+    """The estimate is right to 10 %, with the right pattern at another position.
+
+    The reflectance excludes the laser's light, which brightens near surfaces. Brightness alone
+    would be off by 20 %.
+    """
     scene = room(tmp_path / "set", ambient)
-    found = captured_scene.lit(scene, BELIEVED, smoothing_px=6.0, within_surfaces=True)
-    assert found.ambient_w_m2 == pytest.approx(ambient, rel=0.1)
+    estimated = captured_scene.estimate_light(
+        scene, BELIEVED, smoothing_px=6.0, within_surfaces=True
+    )
+    assert estimated.ambient_w_m2 == pytest.approx(ambient, rel=0.1)
     inside = cv2.erode(np.ones(SHAPE, np.uint8), np.ones((41, 41), np.uint8)) > 0
     fields = np.abs(cv2.Laplacian(cv2.blur(painted(), (31, 31)), cv2.CV_32F)) < 1e-6
-    off = (found.reflectance / painted())[inside & fields]
+    off = (estimated.reflectance / painted())[inside & fields]
     assert np.quantile(np.abs(off / np.median(off) - 1), 0.9) < 0.1
 
 
-def test_a_room_is_as_bright_at_the_images_borders_as_beside_them(tmp_path):
-    """A camera sees on beyond its image: lens and averaging bring in what lies there."""
+def test_rooms_are_not_darker_at_image_borders(tmp_path):
+    """The scene extends beyond the image, since lens blur brings in light from there."""
     lens = [("imager.lens.blur_px", 1.5), ("imager.smoothing_px", 1.5)]
     noiseless = [("imager.shot_noise", 0.0), ("imager.read_noise_e", 0.0)]
     still = with_values(DARK, [*lens, *noiseless])
-    scene = captured_scene.surface(
-        room(tmp_path / "set", 1.0), Lit(np.full(SHAPE, 0.5, np.float32), 1.0)
+    scene = captured_scene.scene_from_light(
+        room(tmp_path / "set", 1.0), RoomLight(np.full(SHAPE, 0.5, np.float32), 1.0)
     )
     left = simulate.simulate(scene, still).ir_left.astype(float)
     for side in (left, left[::-1], left.T[:, 220:], left.T[::-1, 220:]):
         assert side[0].mean() == pytest.approx(side[12].mean(), rel=0.02)
 
 
-def test_a_room_without_projector_is_lit_as_rooms_are(tmp_path):
+def test_without_a_projector_the_estimate_is_the_default(tmp_path):
     scene = room(tmp_path / "set", 1.0)
     assert (
-        captured_scene.lit(scene, DARK, smoothing_px=6.0).ambient_w_m2 == room_light.LIT_ROOM_W_M2
+        captured_scene.estimate_light(scene, DARK, smoothing_px=6.0).ambient_w_m2
+        == room_light.LIT_ROOM_W_M2
     )
 
 
-def test_where_no_dot_is_seen_light_is_bright(tmp_path):
-    scene = room(tmp_path / "set", 1.0, by=DARK)
-    assert captured_scene.lit(scene, SENSOR, smoothing_px=6.0).ambient_w_m2 > 10
+def test_without_visible_dots_ambient_light_is_bright(tmp_path):
+    scene = room(tmp_path / "set", 1.0, device=DARK)
+    assert captured_scene.estimate_light(scene, SENSOR, smoothing_px=6.0).ambient_w_m2 > 10
 
 
-def test_with_the_projector_off_reflectance_is_seen_as_it_is(tmp_path):
-    """Each pixel's, but for noise; the lens darkens its corners, which is in no reflectance."""
+def test_projector_off_images_give_reflectance_directly(tmp_path):
+    """Each pixel's reflectance, up to noise; the lens's vignetting is not included."""
     scene = room(tmp_path / "set", 0.5, off=True)
-    found = captured_scene.lit(scene, BELIEVED)
-    assert found.ambient_w_m2 == pytest.approx(0.5, rel=0.1)
-    smooth = cv2.GaussianBlur(found.reflectance, (0, 0), 3.0)
+    estimated = captured_scene.estimate_light(scene, BELIEVED)
+    assert estimated.ambient_w_m2 == pytest.approx(0.5, rel=0.1)
+    smooth = cv2.GaussianBlur(estimated.reflectance, (0, 0), 3.0)
     inner = (slice(15, 120), slice(15, 145))
     for rows in (0, 135):
         for columns in (0, 160, 320):
             place = tuple(
-                slice(at.start + by, at.stop + by)
-                for at, by in zip(inner, (rows, columns), strict=True)
+                slice(at.start + device, at.stop + device)
+                for at, device in zip(inner, (rows, columns), strict=True)
             )
             away = np.abs(truth_m()[place] - 0.7) > 0.05
             assert_allclose(smooth[place][away], painted()[place][away], rtol=0.12)
 
 
-def test_a_sensor_of_another_size_gets_that_of_the_captures(tmp_path):
+def test_a_sensor_takes_the_geometry_of_the_captures(tmp_path):
     scene = room(tmp_path / "set", 0.4)
     wide = with_values(SENSOR, [("width", 1280), ("cx_px", 639.5)])
-    found = captured_scene.lit(scene, wide, smoothing_px=6.0)
-    assert found.reflectance.shape == SHAPE
-    assert found.ambient_w_m2 == pytest.approx(0.4, rel=0.1)
+    estimated = captured_scene.estimate_light(scene, wide, smoothing_px=6.0)
+    assert estimated.reflectance.shape == SHAPE
+    assert estimated.ambient_w_m2 == pytest.approx(0.4, rel=0.1)
 
 
-def test_smoothing_is_refused_where_it_cannot_be(tmp_path):
+def test_invalid_smoothing_is_refused(tmp_path):
     scene = room(tmp_path / "set", 0.4)
     with pytest.raises(InputError, match=r"^smoothing_px must "):
-        captured_scene.lit(scene, SENSOR, smoothing_px=-1.0)
+        captured_scene.estimate_light(scene, SENSOR, smoothing_px=-1.0)
 
 
-def test_what_is_smoothed_is_parted_where_the_surface_is(tmp_path):
-    """Two levels on both sides of a jump in depth, mixed over 24 px, come out beside it as they
-    were."""
+def test_smoothed_brightness_is_unmixed_at_depth_edges(tmp_path):
+    """Levels at both sides of a depth edge, mixed over 24 px, are recovered next to the edge."""
     scene = room(tmp_path / "set", 0.4)
     left = np.zeros(SHAPE, bool)
     left[:, : SHAPE[1] // 2] = True
@@ -152,37 +157,37 @@ def test_what_is_smoothed_is_parted_where_the_surface_is(tmp_path):
     image = np.where(left, 104, 54).astype(np.uint8)
     (scene.path / "0" / "ir_left.png").write_bytes(png.encode(image))
     plain = with_values(DARK, [("imager.lens.vignetting", 0.0), ("left.black_level_dn", 4.0)])
-    beside = (slice(100, 150), slice(SHAPE[1] // 2 - 1, SHAPE[1] // 2 + 1))
+    near_edge = (slice(100, 150), slice(SHAPE[1] // 2 - 1, SHAPE[1] // 2 + 1))
     parted, mixed = (
-        captured_scene.lit(scene, plain, smoothing_px=6.0, within_surfaces=within).reflectance[
-            beside
-        ]
+        captured_scene.estimate_light(
+            scene, plain, smoothing_px=6.0, within_surfaces=within
+        ).reflectance[near_edge]
         for within in (True, False)
     )
     assert_allclose(parted, np.tile([0.5 * 100 / 75, 0.5 * 50 / 75], (50, 1)), rtol=0.03)
     assert_allclose(mixed.mean(), 0.5, rtol=0.03)
 
 
-def test_what_other_light_makes_is_no_reflectance():
-    """Sun and other projectors brighten a part of an even wall, as do dots and ambient light."""
+def test_reflectance_excludes_other_light():
+    """Sun and other projectors are removed from the reflectance, as are dots and ambient light."""
     rng = np.random.default_rng(0)
-    laser, ambient, other = (rng.uniform(0.5, 1.5, SHAPE).astype(np.float32) for _ in range(3))
-    light = Signals(laser=laser, ambient=ambient, other=other)
-    level = painted() * (laser + 0.8 * ambient + other)
-    found = room_light.reflectance(level.astype(np.float32), light, 0.8, lambda image: image)
-    assert_allclose(found, painted(), rtol=1e-3)
+    laser, ambient, rest = (rng.uniform(0.5, 1.5, SHAPE).astype(np.float32) for _ in range(3))
+    light = Signals(laser=laser, ambient=ambient, other=rest)
+    level = painted() * (laser + 0.8 * ambient + rest)
+    estimated = room_light.reflectance(level.astype(np.float32), light, 0.8, lambda image: image)
+    assert_allclose(estimated, painted(), rtol=1e-3)
 
 
-def test_no_reflectance_is_beyond_what_surfaces_have():
+def test_reflectance_is_clipped_to_plausible_values():
     brightness = np.ones(SHAPE, np.float32)
     brightness[0, 0], brightness[-1, -1] = 0.0, 5.0
-    found = room_light.believable(brightness)
-    assert found[0, 0] == np.float32(0.01) and found[-1, -1] == np.float32(0.95)
-    assert_allclose(found[1:-1], 0.5, rtol=1e-3)
+    estimated = room_light.plausible_reflectance(brightness)
+    assert estimated[0, 0] == np.float32(0.01) and estimated[-1, -1] == np.float32(0.95)
+    assert_allclose(estimated[1:-1], 0.5, rtol=1e-3)
 
 
-def test_a_room_without_other_light_is_dark():
-    """The least of what is looked for, 0.01 W m^-2, where dots alone are seen."""
+def test_without_ambient_light_the_estimate_is_the_lower_limit():
+    """The estimate is the lower limit of the search, 0.01 W m^-2, if only dots are visible."""
     dots = np.zeros(SHAPE, np.float32)
     dots[5::9, 5::9] = 1.0
     spots = np.asarray(cv2.GaussianBlur(dots, (0, 0), 1.55), np.float32)
@@ -192,5 +197,5 @@ def test_a_room_without_other_light_is_dark():
     read = imager.read_out(
         left, electrons, exposure_s=left.exposure_s, unit=0, side="left", seed=9, frame=0
     ).delivered.astype(np.float32)
-    found = room_light.ambient_w_m2(read - np.float32(left.black_level_dn), light, left)
-    assert found < 0.0105
+    estimated = room_light.ambient_w_m2(read - np.float32(left.black_level_dn), light, left)
+    assert estimated < 0.0105

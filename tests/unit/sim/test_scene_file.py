@@ -1,4 +1,4 @@
-"""`scene.toml`: what is read and written, and every refusal with its words."""
+"""`scene.toml`: reading, writing, and the text of all refusals."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ reflectance = 0.3
 
 _DEGREES = st.floats(-120, 120)
 _METRES = st.floats(-1e4, 1e4)
-# No file's name holds a NUL.
+# File names cannot contain NUL.
 _WORDS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1).filter(
     str.strip
 )
@@ -60,14 +60,14 @@ def test_a_captured_scene_reads_its_own(small_set: Path) -> None:
         st.builds(KnownMaterial, body=st.text(min_size=1), reflectance=st.floats(0, 1)), max_size=3
     ),
 )
-def test_what_is_written_is_read_back_equal(
+def test_written_files_read_back_equal(
     tmp_path_factory: pytest.TempPathFactory,
     word: str,
     turn: tuple[float, float, float],
     shift: tuple[float, float, float],
     materials: list[KnownMaterial],
 ) -> None:
-    """Every pose of a rotation and a shift is admitted, and no digit of it is lost."""
+    """All rigid poses are accepted and stored without loss."""
     file = SceneFile(
         scene=word, left_from_world=_rows(frames.pose(shift, turn)), materials=tuple(materials)
     )
@@ -78,12 +78,12 @@ def test_what_is_written_is_read_back_equal(
     np.testing.assert_allclose(back, np.eye(4), atol=1e-6)  # At 10 km.
 
 
-@given(data=st.binary(max_size=40), at=st.integers(0, len(TEXT)))
+@given(data=st.binary(max_size=40), position=st.integers(0, len(TEXT)))
 def test_any_bytes_are_read_or_refused(
-    tmp_path_factory: pytest.TempPathFactory, data: bytes, at: int
+    tmp_path_factory: pytest.TempPathFactory, data: bytes, position: int
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "fuzz.toml"
-    path.write_bytes(TEXT.encode()[:at] + data + TEXT.encode()[at + len(data) :])
+    path.write_bytes(TEXT.encode()[:position] + data + TEXT.encode()[position + len(data) :])
     try:
         scene_file.read(path)
     except InputError as error:
@@ -149,7 +149,7 @@ def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
         scene_file.read(tmp_path / "scene.toml")
 
 
-def test_rotations_written_with_seven_digits_are_admitted() -> None:
-    """A user's pose may come through a text file; what 1e-6 admits is said by the refusals."""
+def test_rotations_with_seven_digits_are_accepted() -> None:
+    """A pose from a text file may be rounded; the tolerance is 1e-6."""
     pose = np.round(frames.pose((0.1, 0.2, 0.3), (10, 20, 30)), 7)
     assert SceneFile(scene="wall", left_from_world=_rows(pose)).world_from_left.shape == (4, 4)

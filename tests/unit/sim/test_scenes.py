@@ -1,4 +1,4 @@
-"""Scenes by word: builtin names, meshes, Mitsuba XML; and every refusal on the way."""
+"""Scenes by specifier: builtin names, meshes, Mitsuba XML, and all refusals."""
 
 import dataclasses
 
@@ -28,7 +28,7 @@ XML = """<scene version="3.0.0">
 
 
 @pytest.mark.parametrize("word", ["wall", "wall:0.7", "staircase", "tabletop:3", "clutter:1"])
-def test_builtin_scenes_are_what_their_word_says(word):
+def test_builtin_scenes_match_their_specifier(word):
     scene = sources.load(word, SENSOR)
     assert scene.bodies
     again = sources.load(word, SENSOR)
@@ -48,8 +48,8 @@ def test_clutter_holds_every_kind_of_surface():
     assert any(body.name.startswith("stems") for body in bodies)
 
 
-def test_staircase_stands_at_its_depths():
-    truth = direct.layers(mitsuba_scene.Stage(builtin.staircase(0.8)), SENSOR).truth
+def test_staircase_is_at_its_depths():
+    truth = direct.layers(mitsuba_scene.MitsubaScene(builtin.staircase(0.8)), SENSOR).truth
     depths = np.unique(np.round(truth.depth_m[SENSOR.height // 2], 4))
     expected = 0.8 * 1.25 ** np.arange(9)
     assert all(np.abs(expected - depth).min() < 1e-3 for depth in depths)
@@ -68,7 +68,7 @@ def test_staircase_stands_at_its_depths():
         ("nowhere/thing.step", "scene must be a builtin name, a mesh, a Mitsuba XML or a capture"),
     ],
 )
-def test_unknown_words(word, message):
+def test_unknown_specifiers(word, message):
     with pytest.raises(InputError, match=message):
         sources.load(word, SENSOR)
 
@@ -78,7 +78,7 @@ def test_a_mesh_is_seen_whole_and_centred(tmp_path, suffix):
     path = tmp_path / f"ball{suffix}"
     trimesh.creation.icosphere(3, 0.2).apply_translation([1.0, 2.0, 3.0]).export(path)
     scene = sources.load(str(path), SENSOR)
-    truth = direct.layers(mitsuba_scene.Stage(scene), SENSOR).truth
+    truth = direct.layers(mitsuba_scene.MitsubaScene(scene), SENSOR).truth
     rows, columns = np.nonzero(truth.material)
     assert rows.min() > 0 and rows.max() < SENSOR.height - 1
     assert columns.min() > 0 and columns.max() < SENSOR.width - 1
@@ -87,12 +87,12 @@ def test_a_mesh_is_seen_whole_and_centred(tmp_path, suffix):
 
 
 def test_meshes_stand_upright(tmp_path):
-    """y is up in the file, so the end with the ball on it is at the top of the image."""
+    """y is up in the file, so the end with the ball is at the top of the image."""
     stick = trimesh.creation.box((0.02, 1.0, 0.02))
     ball = trimesh.creation.icosphere(3, 0.2).apply_translation([0.0, 0.5, 0.0])
     trimesh.util.concatenate([stick, ball]).export(tmp_path / "pin.ply")
     scene = sources.load(str(tmp_path / "pin.ply"), SENSOR)
-    seen = direct.layers(mitsuba_scene.Stage(scene), SENSOR).truth.material > 0
+    seen = direct.layers(mitsuba_scene.MitsubaScene(scene), SENSOR).truth.material > 0
     rows = np.nonzero(seen)[0]
     middle = (rows.min() + rows.max()) // 2
     assert seen[:middle].sum() > 3 * seen[middle:].sum()
@@ -112,33 +112,33 @@ def test_refused_meshes(tmp_path):
         assert "\n" not in str(caught.value)
 
 
-def test_what_cannot_be_metres_is_refused(tmp_path):
+def test_scenes_not_in_metres_are_refused(tmp_path):
     trimesh.creation.box((300.0, 200.0, 100.0)).export(tmp_path / "millimetres.ply")
     trimesh.Trimesh([[1.0, 1, 1]] * 3, [[0, 1, 2]], process=False).export(tmp_path / "point.obj")
     large = sources.load(str(tmp_path / "millimetres.ply"), SENSOR)
     with pytest.raises(InputError, match="scene extent must be at most 100 m; got 300 m"):
-        mitsuba_scene.Stage(large)
+        mitsuba_scene.MitsubaScene(large)
     point = sources.load(str(tmp_path / "point.obj"), SENSOR)
     with pytest.raises(InputError, match="scene extent must be > 0"):
-        mitsuba_scene.Stage(point)
+        mitsuba_scene.MitsubaScene(point)
 
 
-def test_the_camera_may_not_stand_inside_a_body(tmp_path):
+def test_the_camera_must_be_outside_bodies(tmp_path):
     path = tmp_path / "box.ply"
     inside = frames.pose((0.1, 0.2, 0.0))
     trimesh.creation.box((1.0, 1.0, 1.0)).export(path)
     with pytest.raises(InputError, match="camera must stand outside every body"):
-        mitsuba_scene.Stage(mesh_file.load(path, SENSOR, inside))
+        mitsuba_scene.MitsubaScene(mesh_file.load(path, SENSOR, inside))
     room = trimesh.creation.box((3.0, 3.0, 3.0))
     room.invert()
     room.export(path)
-    assert mitsuba_scene.Stage(mesh_file.load(path, SENSOR, inside)).shapes
+    assert mitsuba_scene.MitsubaScene(mesh_file.load(path, SENSOR, inside)).shapes
 
 
-def test_small_things_are_not_looked_at_from_too_near(tmp_path):
+def test_small_meshes_are_viewed_from_a_measurable_distance(tmp_path):
     path = tmp_path / "small.ply"
     trimesh.creation.box((0.03, 0.03, 0.03)).export(path)
-    truth = direct.layers(mitsuba_scene.Stage(sources.load(str(path), SENSOR)), SENSOR).truth
+    truth = direct.layers(mitsuba_scene.MitsubaScene(sources.load(str(path), SENSOR)), SENSOR).truth
     assert np.nanmin(truth.depth_m) > SENSOR.post.near_m
     assert np.nanmin(truth.depth_m) > SENSOR.focal_baseline_px_m / SENSOR.matcher.search_px
 
@@ -147,7 +147,7 @@ def test_light_comes_from_above_in_files(tmp_path):
     """Files have y up: the top face of a box is brighter than its front."""
     path = tmp_path / "box.ply"
     trimesh.creation.box((0.4, 0.4, 0.4)).export(path)
-    layers = direct.layers(mitsuba_scene.Stage(sources.load(str(path), SENSOR)), SENSOR)
+    layers = direct.layers(mitsuba_scene.MitsubaScene(sources.load(str(path), SENSOR)), SENSOR)
     top = np.nan_to_num(layers.truth.normal[..., 1]) < -0.8
     front = np.nan_to_num(layers.truth.normal[..., 2]) < -0.8
     assert layers.left.ambient[top].mean() > layers.left.ambient[front].mean()
@@ -156,7 +156,7 @@ def test_light_comes_from_above_in_files(tmp_path):
 def test_a_mitsuba_xml_is_seen_by_its_own_sensor(tmp_path):
     (tmp_path / "ball.xml").write_text(XML)
     scene = sources.load(str(tmp_path / "ball.xml"), SENSOR)
-    layers = direct.layers(mitsuba_scene.Stage(scene), SENSOR)
+    layers = direct.layers(mitsuba_scene.MitsubaScene(scene), SENSOR)
     row, column = round(SENSOR.cy_px), round(SENSOR.cx_px)
     assert layers.truth.depth_m[row, column] == pytest.approx(1.5, abs=1e-3)
     assert layers.left.ambient[row, column] > 0
@@ -168,11 +168,13 @@ def test_an_xml_without_a_sensor_is_seen_as_mitsuba_would(tmp_path):
     text += '<point name="center" x="0.2" y="0.3" z="2"/></shape></scene>'
     (tmp_path / "ball.xml").write_text(text)
     scene = sources.load(str(tmp_path / "ball.xml"), SENSOR)
-    rows, columns = np.nonzero(direct.layers(mitsuba_scene.Stage(scene), SENSOR).truth.material)
+    rows, columns = np.nonzero(
+        direct.layers(mitsuba_scene.MitsubaScene(scene), SENSOR).truth.material
+    )
     assert columns.mean() < SENSOR.cx_px and rows.mean() < SENSOR.cy_px
 
 
-def test_lamps_of_an_xml_give_no_light(tmp_path):
+def test_lamps_of_an_xml_are_ignored(tmp_path):
     lamp = '<shape type="sphere"><point name="center" x="1" y="1" z="0"/>'
     lamp += '<float name="radius" value="0.2"/>{}</shape></scene>'
     light = '<emitter type="area"><rgb name="radiance" value="50"/></emitter>'
@@ -190,7 +192,7 @@ def test_lamps_of_an_xml_give_no_light(tmp_path):
         assert np.array_equal(getattr(seen[0], layer), getattr(seen[1], layer))
 
 
-def test_an_xml_finds_the_meshes_beside_it(tmp_path):
+def test_an_xml_finds_the_meshes_in_its_folder(tmp_path):
     trimesh.creation.icosphere(2, 0.4).export(tmp_path / "ball.ply")
     text = XML.replace('type="sphere"', 'type="ply"').replace(
         '<float name="radius" value="0.5"/>', '<string name="filename" value="ball.ply"/>'

@@ -1,4 +1,4 @@
-"""Sensors: presets, files, edits, and what each refuses."""
+"""Sensors: presets, files, edits, and refusals."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_presets_survive_the_round_trip(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", presets.names())
 def test_every_number_of_a_preset_has_its_source(name: str) -> None:
-    """A number without a comment shares the one of the line above (width and height)."""
+    """A number without a comment shares that of the line above (width and height)."""
     lines = presets.text(name).splitlines()
     numbers = [at for at, line in enumerate(lines) if re.match(r"\w+ = [\d.\[-]", line)]
     assert len(numbers) > 20
@@ -63,50 +63,50 @@ def test_unknown_preset_lists_the_known_nearest_first() -> None:
         presets.text("d4")
 
 
-def test_right_imager_is_as_the_left_unless_said() -> None:
+def test_right_imager_equals_the_left_by_default() -> None:
     table = {**GEOMETRY, "left": {"gain": 2.0}}
     assert presets.from_table(table).right == Imager(gain=2.0)
     assert presets.from_table({**table, "right": {}}).right == Imager()
 
 
 @pytest.mark.parametrize(
-    "told", [{"refinement": {"locking_px": -0.04}}, {"refinement.locking_px": -0.04}]
+    "changes", [{"refinement": {"locking_px": -0.04}}, {"refinement.locking_px": -0.04}]
 )
-def test_a_table_beside_a_setting_edits_what_it_tells(told: dict) -> None:
-    """All else of the part stays as the setting has it; a part with a kind is another."""
+def test_a_table_edits_the_stock_setting(changes: dict) -> None:
+    """Other fields keep the setting's values; a table with a kind replaces the part."""
     stock, edited = (
         presets.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **more}}).matcher
-        for more in ({}, told)
+        for more in ({}, changes)
     )
     assert stock.refinement.smooth_px > 0
     refinement = dataclasses.replace(stock.refinement, locking_px=-0.04)
     assert edited == dataclasses.replace(stock, refinement=refinement)
     engine = {"engine": {"kind": "Block"}}
-    other = presets.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **engine}}).matcher
-    assert other == dataclasses.replace(stock, engine=Block())
+    matcher = presets.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **engine}}).matcher
+    assert matcher == dataclasses.replace(stock, engine=Block())
 
 
 @pytest.mark.parametrize("penalties", [(60.0, 100.0), (6.0, 8.0)])
-def test_only_the_whole_of_an_edited_setting_has_to_be_possible(
+def test_only_the_complete_edited_setting_must_be_valid(
     penalties: tuple[float, float],
 ) -> None:
-    """Whichever is told first: one alone may not go with what the setting has."""
-    told = dict(zip(("small_penalty", "large_penalty"), penalties, strict=True))
-    for engine in (told, dict(reversed(told.items()))):
+    """In both orders: one penalty alone may be inconsistent with the stock setting."""
+    changes = dict(zip(("small_penalty", "large_penalty"), penalties, strict=True))
+    for engine in (changes, dict(reversed(changes.items()))):
         edited = presets.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", "engine": engine}})
-        found = edited.matcher.engine
-        assert isinstance(found, CensusSemiGlobal)
-        assert (found.small_penalty, found.large_penalty) == penalties
+        edited_engine = edited.matcher.engine
+        assert isinstance(edited_engine, CensusSemiGlobal)
+        assert (edited_engine.small_penalty, edited_engine.large_penalty) == penalties
 
 
-@pytest.mark.parametrize("told", [{"refinement": 3}, {"search_px": {"most": 3}}])
-def test_a_part_that_is_edited_stays_a_part(told: dict) -> None:
+@pytest.mark.parametrize("changes", [{"refinement": 3}, {"search_px": {"most": 3}}])
+def test_a_part_that_is_edited_stays_a_part(changes: dict) -> None:
     with pytest.raises(InputError, match=r"matcher\.(refinement|search_px) must be"):
-        presets.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **told}})
+        presets.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **changes}})
 
 
 def test_presets_of_the_d4_family_have_its_matcher() -> None:
-    """But for what a D415's own pairs tell of its refinement."""
+    """Except for the refinement, which was measured on D415 pairs."""
     stock = named("d4xx")
     assert presets.load("d435").matcher == presets.load("d455").matcher == stock
     of_pairs = {"locking_px": -0.04, "smooth_px": 17, "smooth_rows_px": 9}
@@ -198,8 +198,8 @@ def test_edits_are_applied_in_order() -> None:
     assert _sensor().projector.power_w == Projector().power_w
 
 
-def test_only_the_outcome_of_edits_must_be_possible() -> None:
-    """A near limit beyond the old far limit is fine once the far limit has moved too."""
+def test_only_the_result_of_edits_must_be_valid() -> None:
+    """A near limit above the old far limit is valid if the far limit changes too."""
     edited = sensor_edits.apply(_sensor(), ["post.near_m=90.0", "post.far_m=100"])
     assert (edited.post.near_m, edited.post.far_m) == (90.0, 100.0)
 
@@ -250,17 +250,17 @@ def test_another_kind_starts_from_its_defaults() -> None:
     assert sensor_edits.apply(presets.load("d435"), same) == presets.load("d435")
 
 
-def test_a_pattern_file_is_found_from_elsewhere(
+def test_pattern_paths_work_from_other_directories(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for name, kept in {"dots.png": str(tmp_path / "dots.png"), "d415": "d415"}.items():
+    for name, resolved in {"dots.png": str(tmp_path / "dots.png"), "d415": "d415"}.items():
         sensor = resolve.load("d435", captures="wall", edits=[f"projector.pattern={name}"])
-        assert sensor.projector.pattern == kept
+        assert sensor.projector.pattern == resolved
 
 
 def test_a_file_of_the_captures_camera_keeps_its_geometry(tmp_path: Path) -> None:
-    """A preset, and a file of another camera, take that of the captures."""
+    """Presets and files of other cameras take the geometry of the captures."""
     preset = presets.load("d415")
     info = info_of(preset, source="test", licence="none", notes="")
     (tmp_path / "capture.toml").write_text(capture_info.dumps(info))
@@ -279,7 +279,7 @@ def test_a_file_of_the_captures_camera_keeps_its_geometry(tmp_path: Path) -> Non
     assert resolve.load("d415", captures=str(tmp_path)).fx_px == longer.fx_px
 
 
-def test_a_pattern_that_nothing_would_show_is_refused() -> None:
+def test_a_pattern_without_effect_is_refused() -> None:
     sensor = presets.load("d415")
     with pytest.raises(InputError, match=r"projector.pattern must not be set .*; got 'd435'\. Set"):
         sensor_edits.apply(sensor, ["projector.pattern=d435"])
@@ -304,10 +304,10 @@ def test_emitters_survive_the_round_trip(tmp_path: Path) -> None:
         sensor_edits.apply(sensor, ["projector.emitters.2.pattern=x.png"])
 
 
-def test_a_sensor_files_patterns_lie_beside_it(
+def test_a_sensor_files_pattern_paths_start_at_its_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The folder can be moved; an edit's file is looked for from where it is typed."""
+    """Paths in a file start at its folder; paths in an edit at the working directory."""
     emitters = (Emitter(pattern="a/0.png"), Emitter(pattern="d415"), Emitter())
     light = Projector(pattern="all.png", emitters=emitters)
     text = presets.dumps(dataclasses.replace(_sensor(), projector=light))

@@ -1,4 +1,4 @@
-"""Pictures: drawn for every kind of capture, with what there is of it."""
+"""Pictures of all kinds of captures, with the available images."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from starling.patterns.errors import InputError
 from starling.sim.captures import capture, exr
 from starling.sim.commands import show_captures
 from starling.sim.plotting import capture_picture
-from starling.sim.render.layers import Layers, Truth, View
+from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.stereo.depth import DepthMap
 
 
@@ -24,9 +24,9 @@ def _decode(data: bytes) -> np.ndarray:
 
 
 def _add_reasons(frame: Path, shape: tuple[int, int] = (48, 160)) -> None:
-    """Write a frame.exr with every reason in it."""
+    """Write a frame.exr that contains all reasons."""
     zeros = np.zeros(shape, np.float32)
-    view = View(
+    view = ViewLayers(
         projector_direct=zeros,
         projector_indirect=zeros,
         ambient=zeros,
@@ -48,11 +48,13 @@ def test_draws_two_columns_of_panels(small_set: Path) -> None:
     assert image.shape[1] > 1000
     assert len(np.unique(image.reshape(-1, 3), axis=0)) > 100
     _add_reasons(small_set / "a" / "0")
-    taller = _decode(capture_picture.picture(scene))  # The legend of fourteen reasons takes room.
+    taller = _decode(
+        capture_picture.picture(scene)
+    )  # The legend of fourteen reasons needs additional height.
     assert taller.shape[0] > image.shape[0]
 
 
-def test_draws_what_there_is(small_set: Path) -> None:
+def test_draws_available_images(small_set: Path) -> None:
     for name in ("ir_left.png", "ir_right.png"):
         (small_set / "a" / "0" / name).unlink()
     (small_set / "a" / "truth.png").unlink()
@@ -79,17 +81,19 @@ def test_sizes_must_agree(small_set: Path, write_set: Callable, tmp_path: Path) 
     scene = capture.open_set(small_set).scenes[0]
     with pytest.raises(InputError, match=r"frame.exr must be 160x48 .* 152x48"):
         capture_picture.picture(scene)
-    other = write_set(tmp_path / "other")
-    info = other / "capture.toml"
+    second_set = write_set(tmp_path / "other")
+    info = second_set / "capture.toml"
     info.write_text(info.read_text().replace("width = 160", "width = 152"))
     with pytest.raises(InputError, match="the two captures must have one image size"):
-        capture_picture.picture(scene, against=capture.open_set(other).scenes[0])
+        capture_picture.picture(scene, against=capture.open_set(second_set).scenes[0])
 
 
 def test_files_and_folders(small_set: Path, write_set: Callable, tmp_path: Path) -> None:
-    other = str(write_set(tmp_path / "other"))
-    one = show_captures.show_captures(str(small_set / "a"), tmp_path / "a.png", against=other)
-    assert one == {"out": str(tmp_path / "a.png"), "files": 1}
+    second_set = str(write_set(tmp_path / "other"))
+    picture = show_captures.show_captures(
+        str(small_set / "a"), tmp_path / "a.png", against=second_set
+    )
+    assert picture == {"out": str(tmp_path / "a.png"), "files": 1}
     many = show_captures.show_captures(str(small_set), tmp_path / "many")
     assert many["files"] == 3
     names = {path.name for path in (tmp_path / "many").iterdir()}

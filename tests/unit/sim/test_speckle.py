@@ -1,4 +1,4 @@
-"""Laser speckle: its contrast, its grain, and the optics they follow from."""
+"""Laser speckle: contrast, grain, and their relation to the optics."""
 
 import numpy as np
 import pytest
@@ -25,23 +25,23 @@ def correlation(image, lag):
 @pytest.mark.parametrize("grain_px", [0.2, 0.6, 1.5])
 @pytest.mark.parametrize("contrast", [0.05, 0.15, 0.3, 0.6])
 def test_contrast_and_mean_are_as_set(contrast, grain_px):
-    """Deviation over mean = set to 3 %, mean 1 to 0.5 %, skewness 2 C of a gamma law to 10 %.
+    """Contrast is as set within 3 %, mean 1 within 0.5 %, skewness 2 C (gamma law) within 10 %.
 
     It does not prove that a real projector's light has a gamma law, nor which contrast it has.
     """
-    made = field(contrast, grain_px).astype(np.float64)
-    assert made.mean() == pytest.approx(1, abs=0.005)
-    assert made.std() / made.mean() == pytest.approx(contrast, rel=0.03)
-    skewness = ((made - made.mean()) ** 3).mean() / made.std() ** 3
+    image = field(contrast, grain_px).astype(np.float64)
+    assert image.mean() == pytest.approx(1, abs=0.005)
+    assert image.std() / image.mean() == pytest.approx(contrast, rel=0.03)
+    skewness = ((image - image.mean()) ** 3).mean() / image.std() ** 3
     assert skewness == pytest.approx(2 * contrast, rel=0.1)
-    assert made.min() >= 0
+    assert image.min() >= 0
 
 
 def test_speckle_of_one_look_is_exponential():
     """Contrast 1 is fully developed speckle: P(I > t) = exp(-t)."""
-    made = field(1.0, 0.4)
+    image = field(1.0, 0.4)
     for level in (0.5, 1.0, 3.0):
-        assert (made > level).mean() == pytest.approx(np.exp(-level), rel=0.02)
+        assert (image > level).mean() == pytest.approx(np.exp(-level), rel=0.02)
 
 
 @pytest.mark.parametrize("contrast", [0.05, 0.6])
@@ -52,26 +52,26 @@ def test_grain_is_as_wide_as_the_formula_says(grain_px, contrast):
     Half widths are interpolated between whole pixels. It does not prove the Gaussian shape, for
     which `test_grain_and_contrast_follow_from_a_circular_pupil` stands.
     """
-    made = field(contrast, grain_px)
+    image = field(contrast, grain_px)
     lags = np.arange(1, int(3 * grain_px) + 3)
-    found = np.array([1.0, *(correlation(made, lag) for lag in lags)])
-    expected = speckle_field._pixel_covariance(np.arange(len(found), dtype=float), grain_px)
+    result = np.array([1.0, *(correlation(image, lag) for lag in lags)])
+    expected = speckle_field._pixel_covariance(np.arange(len(result), dtype=float), grain_px)
     expected /= expected[0]
 
     def half_width(curve):
         return np.interp(-0.5, -curve, np.arange(len(curve)))
 
-    assert half_width(found) == pytest.approx(half_width(expected), rel=0.1)
+    assert half_width(result) == pytest.approx(half_width(expected), rel=0.1)
 
 
 @pytest.mark.parametrize("f_number", [1.2, 2.0, 4.0])
 def test_grain_and_contrast_follow_from_a_circular_pupil(f_number):
     """Fully developed speckle made from its physics agrees with grain, M and neighbours.
 
-    A rough surface's field, low-passed by a circular pupil of cut-off 1 / (2 lambda N), squared
-    and averaged over square pixels: contrast 1 / sqrt(M) to 3 %, correlation of neighbours to
-    0.03, for a Gaussian stands for the pupil's rings. It does not prove that real pixels
-    collect light evenly over their square.
+    The field of a rough surface passes a circular pupil of cut-off 1 / (2 lambda N), is squared and
+    averaged over square pixels. The contrast is 1 / sqrt(M) to 3 %, the correlation of neighbours
+    is met to 0.03, because a Gaussian approximates the pupil's rings. It does not prove that real
+    pixels collect light evenly over their square.
     """
     wavelength_um, pitch_um, fine = 0.85, 3.0, 12
     side = 192 * fine
@@ -95,8 +95,8 @@ def test_grain_and_contrast_follow_from_a_circular_pupil(f_number):
 def test_equal_seeds_give_equal_bits_and_imagers_differ():
     left = field()
     assert np.array_equal(left, field())
-    other = field(side="right")
-    assert abs(np.corrcoef(left.ravel(), other.ravel())[0, 1]) < 0.005
+    second = field(side="right")
+    assert abs(np.corrcoef(left.ravel(), second.ravel())[0, 1]) < 0.005
     assert abs(np.corrcoef(left.ravel(), field(seed=1).ravel())[0, 1]) < 0.005
 
 
@@ -107,19 +107,19 @@ def test_equal_seeds_give_equal_bits_and_imagers_differ():
     columns=st.integers(1, 40),
 )
 def test_any_shape_and_grain(contrast, grain_px, rows, columns):
-    made = field(contrast, grain_px, shape=(rows, columns))
-    assert made.shape == (rows, columns) and made.dtype == np.float32
-    assert np.isfinite(made).all() and made.min() >= 0
+    image = field(contrast, grain_px, shape=(rows, columns))
+    assert image.shape == (rows, columns) and image.dtype == np.float32
+    assert np.isfinite(image).all() and image.min() >= 0
 
 
 @pytest.mark.parametrize(
-    ("given", "named"),
+    ("arguments", "named"),
     [
         ({"contrast": 0.0}, "contrast"),
         ({"contrast": 1.5}, "contrast"),
         ({"grain_px": 0.0}, "grain"),
     ],
 )
-def test_refusals(given, named):
+def test_refusals(arguments, named):
     with pytest.raises(InputError, match=f"{named}.* must be in"):
-        field(**given)
+        field(**arguments)

@@ -1,4 +1,4 @@
-"""Spectra against hand calculations, definitions of units and a filter's own thin films."""
+"""Spectra, compared with hand calculations, definitions of units and thin-film theory."""
 
 import re
 import subprocess
@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from starling.patterns import InputError
 from starling.sim.render import emission
 from starling.sim.scene import spectra
-from starling.sim.scene.spectra import bandpass, illuminants, laser, multilayer, silicon
+from starling.sim.scene.spectra import bandpass, illuminants, laser, silicon
 from starling.sim.scene.spectra.wavelength import GRID_NM, integral
 from starling.sim.sensor.sensor import Imager, Lens, Projector
+from tests.oracles import multilayer
 
 ROOT = Path(__file__).parents[3]
 ANGLES_DEG = np.arange(0.0, 36.0, 2.5)
@@ -97,7 +98,7 @@ def test_a_watt_at_555_nm_has_683_lumens():
 
 
 @pytest.mark.parametrize("light", illuminants.names())
-def test_lights_have_the_lux_asked_for(light):
+def test_lights_have_the_given_illuminance(light):
     """Also proves linearity: twice the lux is twice the spectrum."""
     spectrum = illuminants.irradiance(light, 500.0)
     assert (spectrum >= 0).all()
@@ -139,9 +140,9 @@ def test_depth_gives_back_its_efficiency(efficiency, nanometres):
     assert seen == pytest.approx(efficiency, rel=1e-9)
 
 
-def test_an_ideal_detector_counts_every_photon_alike():
-    """Efficiency 1, a sensor's neutral: electrons a watt go as the wavelength alone."""
-    band = spectra.Band.of(Imager(), Projector())
+def test_an_ideal_detector_counts_all_photons():
+    """At efficiency 1 (neutral), electrons per watt are proportional to the wavelength."""
+    band = spectra.Band.from_imager(Imager(), Projector())
     assert band.epitaxy_um == float("inf")
     np.testing.assert_allclose(band.response, GRID_NM / 850.0)
 
@@ -151,7 +152,7 @@ def test_an_ideal_detector_counts_every_photon_alike():
 
 @given(st.floats(600, 1000), st.floats(0, 100))
 def test_laser_light_counts_as_itself(nanometres, width_nm):
-    """A watt at the laser's line is a watt, whatever filter and silicon do to it."""
+    """A watt at the laser's line counts as a watt for any filter and silicon."""
     band = spectra.Band(
         wavelength_nm=nanometres,
         filter_centre_nm=nanometres,
@@ -166,8 +167,8 @@ def test_a_watt_of_green_by_hand():
     assert seen == pytest.approx(2.649, rel=5e-3)
 
 
-def test_what_a_filter_is_for():
-    """LED light has no infrared to pass; of the sun's and a bulb's a filter leaves a share."""
+def test_a_filter_blocks_ambient_light():
+    """LED light has no infrared; a filter passes a share of sunlight and bulb light."""
 
     def share(light: str) -> float:
         both = (spectra.Band(), FILTERED)
@@ -182,7 +183,7 @@ def test_what_a_filter_is_for():
 
 def test_band_of_a_sensor():
     lens = Lens(filter_centre_nm=832.0, filter_width_nm=30.0)
-    band = spectra.Band.of(
+    band = spectra.Band.from_imager(
         Imager(lens=lens, quantum_efficiency=0.25), Projector(wavelength_nm=830.0)
     )
     assert (band.wavelength_nm, band.filter_centre_nm, band.filter_width_nm) == (830.0, 832.0, 30.0)
@@ -250,18 +251,20 @@ def test_law_of_the_shift_holds_for_thin_films(high, high_cavity):
 
 
 def test_stack_passes_its_line_alone():
-    """No layer absorbs: nearly all light passes at the centre, next to none 40 nm beside it."""
+    """No layer absorbs: nearly all light passes at the centre, almost none 40 nm away."""
     stack = multilayer.single_cavity(850.0, pairs=6)
     passed = multilayer.transmittance(stack, np.array([810.0, 850.0, 890.0]), 0.0)
-    assert passed[1] == pytest.approx(4 * 1.52 / 2.52**2, rel=1e-3)  # All but the glass's own.
+    assert passed[1] == pytest.approx(
+        4 * 1.52 / 2.52**2, rel=1e-3
+    )  # All light except the reflection of the glass.
     assert max(passed[0], passed[2]) < 0.02
 
 
 @pytest.mark.parametrize(("light", "within"), [("even", 0.01), ("sun", 0.1), ("incandescent", 0.1)])
 def test_broad_light_behind_a_filter(light, within):
-    """Against the whole integral, to 35 deg: what an even spectrum gives is near any broad one's.
+    """The flat-spectrum formula agrees with the full integral of broad spectra, to 35 deg.
 
-    The sun's water bands at 820 nm are the worst of it.
+    The largest deviation is due to the sun's water bands at 820 nm.
     """
     spectrum = np.ones_like(GRID_NM) if light == "even" else illuminants.irradiance(light, 1e4)
 
@@ -281,9 +284,9 @@ def test_broad_light_behind_a_filter(light, within):
 
 def test_laser_drifts():
     """From 20 to 60 deg C: 40 K of 0.07 nm."""
-    assert laser.D4XX.at(20.0) == 850.0
-    assert laser.D4XX.at(60.0) == pytest.approx(852.8)
-    assert laser.KINECT.at(20.0) == 830.0
+    assert laser.D4XX.line_nm(20.0) == 850.0
+    assert laser.D4XX.line_nm(60.0) == pytest.approx(852.8)
+    assert laser.KINECT.line_nm(20.0) == 830.0
 
 
 def test_laser_line_has_its_width_and_one_watt():
@@ -307,7 +310,7 @@ def test_laser_line_has_its_width_and_one_watt():
         (lambda: laser.Laser(centre_nm="850"), "must be in [380, 1100]; got '850'"),
         (lambda: laser.Laser(width_nm=0.0), "laser.width_nm must be in"),
         (lambda: laser.Laser(drift_nm_k=70.0), "laser.drift_nm_k must be in"),
-        (lambda: laser.D4XX.at(300.0), "temperature_c must be in"),
+        (lambda: laser.D4XX.line_nm(300.0), "temperature_c must be in"),
         (lambda: through(0.0, width_nm=0.05), "filter width must be in [2, 500]"),
         (lambda: through(0.0, width_nm=-1.0), "filter width must be in"),
         (lambda: through(0.0, index=0.5), "filter index must be in"),
@@ -362,7 +365,7 @@ def test_refusals(call, message):
 
 
 def test_filters_need_no_heavy_library():
-    """Optics asks for the filter in every capture; colour-science takes seconds to load."""
+    """Each capture uses the filter, so it must not import colour-science, which takes seconds."""
     code = (
         "import sys; from starling.sim.scene import spectra; spectra.Band();"
         "print(*{'colour', 'scipy', 'cv2', 'mitsuba', 'matplotlib'} & set(sys.modules))"

@@ -1,4 +1,4 @@
-"""Means leave out what is not known, and are not known where nothing is."""
+"""Means ignore unknown values, and are unknown without any known value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dataclass trees to tables and back, unions told apart by `kind`."""
+"""Conversion of dataclass trees to tables and back, with unions by `kind`."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_round_trip_through_toml() -> None:
     assert "label" not in structure.to_table(Tree(shape=Round()))
 
 
-def test_whole_numbers_stand_for_floats() -> None:
+def test_whole_numbers_are_accepted_as_floats() -> None:
     tree = structure.from_table(Tree, {"shape": {"kind": "Square", "side_m": 2}, "bits": 10})
     assert isinstance(tree.shape, Square) and type(tree.shape.side_m) is float
 
@@ -91,7 +91,7 @@ def test_wrong_tables_are_refused(table: dict[Any, Any], message: str) -> None:
         structure.from_table(Tree, whole)
 
 
-def test_no_table_is_refused() -> None:
+def test_a_value_that_is_not_a_table_is_refused() -> None:
     with pytest.raises(InputError, match="Tree must be a table; got 3"):
         structure.from_table(Tree, 3)  # type: ignore[arg-type]
 

@@ -1,4 +1,4 @@
-"""Finish of surfaces and light that spreads inside them, as arrays: no renderer is needed."""
+"""Finish of surfaces and subsurface scattering on arrays, without a renderer."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def _scene(finish: Finish, names: tuple[str, ...] = ("wax", "wood")) -> Scene:
 
 
 def _spread(
-    light: np.ndarray, depth_m: np.ndarray, body: np.ndarray, sigma_m: float, of: str = "wax"
+    light: np.ndarray, depth_m: np.ndarray, body: np.ndarray, sigma_m: float, pattern: str = "wax"
 ) -> np.ndarray:
-    scene = _scene(Finish(of=of, subsurface_m=sigma_m))
+    scene = _scene(Finish(of=pattern, subsurface_m=sigma_m))
     return subsurface.spread(light, depth_m, body, scene, _sensor())
 
 
@@ -60,13 +60,10 @@ def _sigma_px(image: np.ndarray) -> tuple[float, float]:
 
 @pytest.mark.parametrize("sigma_m", [0.001, 0.002, 0.005])
 @pytest.mark.parametrize("depth_m", [0.5, 0.73, 1.0])
-def test_a_point_spreads_by_the_same_length_at_every_distance(
-    sigma_m: float, depth_m: float
-) -> None:
-    """Sigma of the point response is sigma_m on the surface, so its pixels halve where z doubles.
+def test_subsurface_sigma_is_a_length_on_the_surface(sigma_m: float, depth_m: float) -> None:
+    """Sigma of the point response is sigma_m on the surface, so it halves in pixels at 2 z.
 
-    It does not prove that real bodies spread light by a Gaussian, nor anything about surfaces that
-    do not face the imager.
+    Does not prove that real bodies spread light by a Gaussian. Slanted surfaces are not tested.
     """
     out = _spread(_point(), *_flat(depth_m), sigma_m)
     for sigma in _sigma_px(out):
@@ -74,10 +71,10 @@ def test_a_point_spreads_by_the_same_length_at_every_distance(
 
 
 @pytest.mark.parametrize("sigma_m", [0.007, 0.009, 0.011])
-def test_a_wide_spread_is_as_wide_and_stays_where_it_is(sigma_m: float) -> None:
-    """Sigmas of 8 to 13 px, computed on an image of a half or a third of the size.
+def test_a_wide_spread_has_the_right_width_and_position(sigma_m: float) -> None:
+    """Sigmas of 8 to 13 px, which are computed at a half or a third of the resolution.
 
-    Of points in the mean: each is taken for the middle of the large pixel that it falls into.
+    The mean over points is tested, since each is moved to the centre of its large pixel.
     """
     means, squares = [], []
     for step in range(6):
@@ -93,15 +90,15 @@ def test_a_wide_spread_is_as_wide_and_stays_where_it_is(sigma_m: float) -> None:
     assert np.sqrt(np.mean(squares)) == pytest.approx(600 * sigma_m / 0.5, rel=0.003)
 
 
-def test_a_width_between_those_computed_has_its_own_variance() -> None:
-    """4.8 px, of a body that has 4 px and 5.6 px in its corners."""
+def test_an_interpolated_width_has_the_right_variance() -> None:
+    """4.8 px, for a body with 4 px and 5.6 px in its corners."""
     depth_m, body = _flat(0.5)
     depth_m[0, 0], depth_m[-1, -1] = 0.6, 0.6 / 1.4
     for sigma in _sigma_px(_spread(_point(), depth_m, body, 0.004)):
         assert sigma == pytest.approx(4.8, rel=0.005)
 
 
-def test_pixels_that_are_not_square_see_one_length() -> None:
+def test_non_square_pixels_have_one_sigma_in_metres() -> None:
     sensor = dataclasses.replace(_sensor(), fy_px=450.0)
     scene = _scene(Finish(of="wax", subsurface_m=0.004))
     out = subsurface.spread(_point(), *_flat(0.5), scene, sensor)
@@ -111,14 +108,14 @@ def test_pixels_that_are_not_square_see_one_length() -> None:
 
 
 def test_the_gaussian_is_normalised_over_the_body_s_pixels() -> None:
-    """By sums over all pairs of pixels of a small body, which the image's border cuts."""
+    """Comparison with sums over all pairs of pixels of a small body at the image's border."""
     shape = (24, 30)
     rows, columns = np.indices(shape)
     body = np.where((rows - 6) ** 2 + (columns - 5) ** 2 < 130, 1, 2).astype(np.uint32)
     light = np.random.default_rng(3).random(shape).astype(np.float32)
     inside = body == 1
-    at = np.stack([rows[inside], columns[inside]], axis=1).astype(float)
-    near = np.exp(-((at[:, None] - at[None]) ** 2).sum(axis=2) / (2 * 2.0**2))
+    positions = np.stack([rows[inside], columns[inside]], axis=1).astype(float)
+    near = np.exp(-((positions[:, None] - positions[None]) ** 2).sum(axis=2) / (2 * 2.0**2))
     wanted = (near @ light[inside]) / near.sum(axis=1)
     depth_m = np.full(shape, 0.6, np.float32)
     out = _spread(light, depth_m, body, 0.002)
@@ -126,7 +123,7 @@ def test_the_gaussian_is_normalised_over_the_body_s_pixels() -> None:
     assert np.array_equal(out[~inside], light[~inside])
 
 
-def test_light_of_what_stands_within_a_body_s_outline_stays_out_of_it() -> None:
+def test_light_of_enclosed_bodies_is_not_spread() -> None:
     depth_m, body = _flat(0.7)
     body[50:70, 80:100] = 2
     light = (body == 2).astype(np.float32)
@@ -136,29 +133,28 @@ def test_light_of_what_stands_within_a_body_s_outline_stays_out_of_it() -> None:
     assert np.array_equal(light, before)
 
 
-def test_every_body_that_a_finish_touches_spreads_its_own_light() -> None:
+def test_each_body_spreads_its_own_light() -> None:
     depth_m, body = _flat(0.7)
     body[:, 90:] = 2
     light = np.zeros(SHAPE, np.float32)
     light[60, 45] = light[60, 135] = 1
     before = light.copy()
-    out = _spread(light, depth_m, body, 0.003, of="*")
-    assert np.array_equal(light, before)  # What is spread is a copy.
+    out = _spread(light, depth_m, body, 0.003, pattern="*")
+    assert np.array_equal(light, before)  # The input is unchanged.
     np.testing.assert_allclose(out[:, :90], out[:, 90:180], atol=1e-7)
     assert out[60, 45] < 0.1
 
 
-def test_little_is_not_nothing() -> None:
-    """A tenth of a pixel: a hundredth of a dot's light is beside it."""
+def test_small_sigmas_have_an_effect() -> None:
+    """A tenth of a pixel: a hundredth of a dot's light leaves its pixel."""
     out = _spread(_point(), *_flat(0.6), 1e-4)
     assert 0.95 < out[60, 90] < 0.999
 
 
 def test_sigma_follows_the_depth_within_one_image() -> None:
-    """Two points on one body, one twice as far: its blur has half the pixels.
+    """Of two points on one body, the one at twice the distance has half the blur in pixels.
 
-    The widths between those computed are mixtures of two Gaussians: their second moment is held
-    here, their shape is not.
+    Intermediate widths are mixtures of two Gaussians. The test covers only their second moment.
     """
     depth_m, body = _flat(0.5)
     depth_m[:] = np.linspace(0.5, 1.0, SHAPE[1], dtype=np.float32)
@@ -171,10 +167,10 @@ def test_sigma_follows_the_depth_within_one_image() -> None:
 
 
 def test_light_is_kept_on_a_large_flat_body() -> None:
-    """As much light leaves as comes, to 0.5 %, away from the body's border.
+    """Light is conserved to 0.5 % away from the body's border.
 
-    At a border the normalised Gaussian keeps the mean, not the sum: light that real bodies lose
-    round their edges stays here.
+    At a border the normalised Gaussian conserves the mean, not the sum. Real bodies lose light at
+    their edges.
     """
     light = np.random.default_rng(0).gamma(0.2, 1.0, SHAPE).astype(np.float32)
     light[:30], light[-30:], light[:, :30], light[:, -30:] = 0, 0, 0, 0
@@ -189,7 +185,7 @@ def test_even_light_stays_even(sigma_m: float, level: float) -> None:
     np.testing.assert_allclose(out, level, rtol=1e-4)
 
 
-def test_other_bodies_are_left_alone_and_nothing_leaks() -> None:
+def test_other_bodies_are_unchanged() -> None:
     light = np.random.default_rng(1).random(SHAPE).astype(np.float32)
     depth_m, body = _flat(0.7)
     body[:, :60] = 2
@@ -201,16 +197,18 @@ def test_other_bodies_are_left_alone_and_nothing_leaks() -> None:
     assert not out[:, 60:].any()
 
 
-def test_neutral_is_the_very_object() -> None:
+def test_neutral_returns_the_same_object() -> None:
     light, (depth_m, body) = _point(), _flat(0.7)
     assert _spread(light, depth_m, body, 0.0) is light
-    assert _spread(light, depth_m, body, 0.003, of="stone*") is light
+    assert _spread(light, depth_m, body, 0.003, pattern="stone*") is light
     assert _spread(light, depth_m, 2 * body, 0.003) is light
 
 
-@pytest.mark.parametrize(("of", "name"), [("*", "any thing"), ("cup ?", "cup 3"), ("cup", "cup")])
-def test_finish_touches_by_name(of: str, name: str) -> None:
-    assert Finish(of=of).touches(name)
+@pytest.mark.parametrize(
+    ("pattern", "name"), [("*", "any thing"), ("cup ?", "cup 3"), ("cup", "cup")]
+)
+def test_finish_touches_by_name(pattern: str, name: str) -> None:
+    assert Finish(of=pattern).touches(name)
     assert not Finish(of="cup ?").touches("cup 12")
 
 

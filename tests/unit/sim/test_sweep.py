@@ -1,4 +1,4 @@
-"""Sweeps without rendering: which cameras they hold, what they refuse, what they write."""
+"""Sweeps without rendering: cameras, error messages and output files."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ VALUES = {
 }
 
 
-def _found(full: bool = False) -> sweep.Sweep:
-    """A sweep with made-up figures: the second distance has no depth error to tell."""
+def _result(full: bool = False) -> sweep.Sweep:
+    """A sweep with synthetic figures; the second distance has no measured depth error."""
     cameras = tuple(sweep_axes.cameras(BASE, VALUES, full=full))
     holes = {cause.name.lower(): 0.01 for cause in Reason if cause}
     near, far = (
@@ -56,22 +56,22 @@ def _found(full: bool = False) -> sweep.Sweep:
 
 
 def test_one_axis_at_a_time() -> None:
-    found = sweep_axes.cameras(BASE, VALUES)
-    assert found[0].sensor == BASE
-    assert len(found) == 1 + sum(map(len, VALUES.values()))
-    for camera in found[1:]:
-        assert sum(camera.values[name] != found[0].values[name] for name in AXES) == 1
+    result = sweep_axes.cameras(BASE, VALUES)
+    assert result[0].sensor == BASE
+    assert len(result) == 1 + sum(map(len, VALUES.values()))
+    for camera in result[1:]:
+        assert sum(camera.values[name] != result[0].values[name] for name in AXES) == 1
 
 
 def test_full_factorial_holds_every_combination_once() -> None:
-    found = sweep_axes.cameras(BASE, VALUES, full=True)
-    assert len(found) == math.prod(len(values) + 1 for values in VALUES.values())
-    assert len({tuple(camera.values.values()) for camera in found}) == len(found)
+    result = sweep_axes.cameras(BASE, VALUES, full=True)
+    assert len(result) == math.prod(len(values) + 1 for values in VALUES.values())
+    assert len({tuple(camera.values.values()) for camera in result}) == len(result)
     for name, values in VALUES.items():
-        assert len(sweep_axes.along(name, found)) == len(values) + 1
+        assert len(sweep_axes.along(name, result)) == len(values) + 1
 
 
-def test_base_value_asked_for_is_no_second_camera() -> None:
+def test_base_value_adds_no_second_camera() -> None:
     assert len(sweep_axes.cameras(BASE, {"baseline_m": (BASE.baseline_m, 0.1, 0.1)})) == 2
 
 
@@ -88,11 +88,11 @@ def test_base_value_asked_for_is_no_second_camera() -> None:
 def test_every_axis_reads_back_what_was_set(values: dict[str, float]) -> None:
     sensor = BASE
     for name, value in values.items():
-        sensor = AXES[name].into(sensor, value)
-    assert {name: axis.of(sensor) for name, axis in AXES.items()} == values
+        sensor = AXES[name].write(sensor, value)
+    assert {name: axis.read(sensor) for name, axis in AXES.items()} == values
 
 
-def test_focal_length_takes_the_lens_along() -> None:
+def test_focal_length_changes_the_defocus() -> None:
     """f-number and pixels stay, so defocus goes with f^2; the projector keeps its field."""
     longer = sweep_axes.with_focal(BASE, 2 * BASE.fx_px)
     assert (longer.fx_px, longer.fy_px) == (2 * BASE.fx_px, 2 * BASE.fy_px)
@@ -101,11 +101,11 @@ def test_focal_length_takes_the_lens_along() -> None:
     assert longer.projector == BASE.projector
 
 
-def test_usual_values_where_none_are_asked_for() -> None:
+def test_default_values_if_no_axis_is_named() -> None:
     assert set(sweep_axes.chosen(BASE, {})) == set(AXES)
     assert sweep_axes.chosen(BASE, {"baseline_m": [0.1], "focal_px": ()}) == {"baseline_m": (0.1,)}
-    usual = sweep_axes.chosen(BASE, {})["baseline_m"]
-    assert (min(usual), max(usual)) == (0.02, 0.15)
+    defaults = sweep_axes.chosen(BASE, {})["baseline_m"]
+    assert (min(defaults), max(defaults)) == (0.02, 0.15)
     assert len(sweep_axes.cameras(BASE, sweep_axes.chosen(BASE, {}))) > 10
 
 
@@ -158,8 +158,8 @@ def test_seed_refused() -> None:
         sweep.sweep(BASE, {}, seed=-1)
 
 
-def test_image_pattern_has_the_dots_it_has(tmp_path) -> None:
-    """Another density is refused where it is asked for, and not swept where it is not."""
+def test_image_patterns_have_no_density_axis(tmp_path) -> None:
+    """Another density is refused if requested, and left out of the default axes."""
     named = [("projector.pattern", str(tmp_path / "dots.png"))]
     camera = edits.with_values(BASE, named)
     assert not sweep_axes.chosen(camera, {})["dot_density"]
@@ -170,11 +170,11 @@ def test_image_pattern_has_the_dots_it_has(tmp_path) -> None:
         sweep.sweep(camera, {"baseline_m": [0.1]})
 
 
-def test_density_is_swept_where_every_emitter_is_drawn() -> None:
+def test_density_is_swept_if_every_emitter_is_generated() -> None:
     camera = presets.load("d415")
     assert sweep_axes.chosen(camera, {})["dot_density"]
-    one = edits.with_values(camera, [("projector.emitters.1.pattern", "dots.png")])
-    assert not sweep_axes.chosen(one, {})["dot_density"]
+    first = edits.with_values(camera, [("projector.emitters.1.pattern", "dots.png")])
+    assert not sweep_axes.chosen(first, {})["dot_density"]
 
 
 def test_refused_sweep_leaves_nothing(tmp_path) -> None:
@@ -184,11 +184,11 @@ def test_refused_sweep_leaves_nothing(tmp_path) -> None:
 
 
 def test_tables_hold_every_camera_at_every_distance() -> None:
-    """What cannot be measured is null in JSON and an empty cell in CSV."""
-    found = _found()
-    plain = json.loads(record.dumps(sweep.listed(found)))
-    rows = list(csv.DictReader(io.StringIO(sweep.table(found))))
-    assert len(rows) == len(found.cameras) * 2
+    """Missing figures are null in JSON and empty cells in CSV."""
+    result = _result()
+    plain = json.loads(record.dumps(sweep.listed(result)))
+    rows = list(csv.DictReader(io.StringIO(sweep.table(result))))
+    assert len(rows) == len(result.cameras) * 2
     assert [camera["name"] for camera in plain["cameras"]][:2] == ["base", "baseline 20 mm"]
     assert plain["cameras"][1]["points"][1]["noise_m"] is None
     assert rows[3]["noise_m"] == ""
@@ -199,7 +199,7 @@ def test_tables_hold_every_camera_at_every_distance() -> None:
 
 @pytest.mark.parametrize("full", [False, True])
 def test_picture_is_drawn(full: bool) -> None:
-    assert picture.draw(_found(full)).startswith(b"\x89PNG")
+    assert picture.draw(_result(full)).startswith(b"\x89PNG")
 
 
 def test_picture_groups_every_reason_once() -> None:

@@ -53,19 +53,19 @@ def test_json_holds_no_nan() -> None:
     }
 
 
-def test_versions_name_what_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_versions_report_missing_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(record, "_PACKAGES", ("numpy", "no-such-package"))
-    found = record.versions()
-    assert found["numpy"] == np.__version__
-    assert found["no-such-package"] == "not installed"
+    result = record.versions()
+    assert result["numpy"] == np.__version__
+    assert result["no-such-package"] == "not installed"
 
 
 @pytest.mark.parametrize(
-    ("installed", "told"),
+    ("installed", "expected"),
     [("opencv-python", "opencv-python"), ("", "opencv-contrib-python-headless")],
 )
 def test_versions_find_opencv_under_any_name(
-    monkeypatch: pytest.MonkeyPatch, installed: str, told: str
+    monkeypatch: pytest.MonkeyPatch, installed: str, expected: str
 ) -> None:
     def version(name: str) -> str:
         if name.startswith("opencv") and name != installed:
@@ -73,13 +73,13 @@ def test_versions_find_opencv_under_any_name(
         return "4.12"
 
     monkeypatch.setattr(record.importlib.metadata, "version", version)
-    found = record.versions()
-    assert found[told] == ("4.12" if installed else "not installed")
-    assert found["numba"] == "4.12"
-    assert sum(name.startswith("opencv") for name in found) == 1
+    result = record.versions()
+    assert result[expected] == ("4.12" if installed else "not installed")
+    assert result["numba"] == "4.12"
+    assert sum(name.startswith("opencv") for name in result) == 1
 
 
-def test_progress_speaks_only_of_long_work(
+def test_progress_is_printed_for_long_work_only(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with progress.on_stderr() as track:
@@ -95,24 +95,24 @@ def test_progress_speaks_only_of_long_work(
     assert capsys.readouterr().out == ""
 
 
-def test_another_code_has_another_fingerprint(tmp_path):
+def test_changed_code_changes_the_hash(tmp_path):
     inner = tmp_path / "inner"
     inner.mkdir()
     (inner / "a.py").write_text("1")
     (tmp_path / "b.py").write_text("2")
     (inner / "notes.md").write_text("3")
 
-    def found() -> str:
+    def digest() -> str:
         record.code.cache_clear()
         return record.code(inner, tmp_path / "b.py")
 
-    first = found()
+    first = digest()
     (inner / "notes.md").write_text("4")
-    assert found() == first
+    assert digest() == first
     for path in (inner / "a.py", tmp_path / "b.py"):
         text = path.read_text()
         path.write_text("other")
-        assert found() != first
+        assert digest() != first
         path.write_text(text)
     (inner / "a.py").rename(inner / "c.py")
-    assert found() != first
+    assert digest() != first

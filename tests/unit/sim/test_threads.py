@@ -1,4 +1,4 @@
-"""Workers of a process that is killed end with it."""
+"""Workers end with their killed parent process."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if __name__ == "__main__":
 
 
 def alive(pid: int) -> bool:
-    """Whether a process is there, and is not just waiting to be buried."""
+    """Return whether a process exists and is not a zombie."""
     try:
-        with open(f"/proc/{pid}/stat", encoding="utf-8") as told:
-            return told.read().rpartition(")")[2].split()[0] != "Z"
+        with open(f"/proc/{pid}/stat", encoding="utf-8") as status:
+            return status.read().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
 
 
-def test_a_worker_ends_with_the_process_that_began_it(tmp_path):
+def test_worker_ends_with_its_parent_process(tmp_path):
     script = tmp_path / "pool.py"
     script.write_text(POOL, encoding="utf-8")
     with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) as pool:

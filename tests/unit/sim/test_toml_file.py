@@ -1,4 +1,4 @@
-"""TOML files that users write: read, or refused by name."""
+"""TOML files: reading, and error messages with the file's name."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def _width(table: dict[str, Any]) -> int:
     return table["width"]
 
 
-def test_a_file_becomes_what_is_built_of_its_table(tmp_path: Path) -> None:
+def test_file_is_built_from_its_table(tmp_path: Path) -> None:
     path = tmp_path / "box.toml"
     path.write_text("width = 3")
     assert toml_file.read(path, _width) == 3
@@ -33,9 +33,7 @@ def test_a_file_becomes_what_is_built_of_its_table(tmp_path: Path) -> None:
         (b"", r"^\S*box.toml: width must be given; got nothing. Give it."),
     ],
 )
-def test_what_cannot_be_read_is_refused(
-    content: bytes | None, message: str, tmp_path: Path
-) -> None:
+def test_unreadable_files_are_refused(content: bytes | None, message: str, tmp_path: Path) -> None:
     path = tmp_path / "box.toml"
     if content is not None:
         path.write_bytes(content)

@@ -1,6 +1,6 @@
-"""Light of the check's scenes by another renderer, Blender's Cycles, in a process of its own.
+"""Light of the validation scenes from a second renderer, Blender's Cycles, in a separate process.
 
-A `job` goes to it as plain files, `render_with_blender.py` runs there, `assemble` makes `light.npz`
-of what comes back. Cycles' module is under another licence than Starling: nothing here imports it
-when it is imported, and nothing but the script, run by another interpreter, ever does.
+`job` writes the inputs as plain files, `render_with_blender.py` renders them, and `assemble` builds
+`light.npz` from the images. Cycles has another licence than Starling. Only the script imports it,
+and only under Blender's interpreter.
 """

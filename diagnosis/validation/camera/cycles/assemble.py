@@ -1,4 +1,4 @@
-"""Cycles' images of a job as the arrays of `light.npz`."""
+"""Conversion of Cycles' images of a job to the arrays of `light.npz`."""
 
 from __future__ import annotations
 
@@ -12,48 +12,54 @@ from numpy.typing import NDArray
 from starling.diagnosis.validation.camera.cycles import job as job_file
 from starling.diagnosis.validation.camera.errors import refusal
 
-DONE = "rendered.json"  # Written last.
+DONE = "rendered.json"  # The script writes this file last.
 
 
 def arrays(job: Path, rendered: Path) -> dict[str, NDArray[Any]]:
-    """Make the arrays that `starling.diagnosis.validation.camera.light` reads, `SIDE_NAME` by name.
+    """Compute the arrays that `starling.diagnosis.validation.camera.light` reads.
 
     Args:
-        job: folder that `job.write` made.
-        rendered: what `render_with_blender.py` wrote.
+        job: Folder that `job.write` made.
+        rendered: Folder that `render_with_blender.py` wrote.
+
+    Returns:
+        Arrays by name `SIDE_NAME`.
 
     Raises:
-        WithheldError: if an image is missing, of another shape, or not finite and >= 0.
+        WithheldError: if an image is missing, has a wrong shape, or is not finite and >= 0.
     """
     table = json.loads((job / job_file.FILE).read_text(encoding="utf-8"))
     left = np.array(table["cameras"]["left"])
-    found: dict[str, NDArray[Any]] = {}
+    light: dict[str, NDArray[Any]] = {}
     for side, pose in table["cameras"].items():
         geometry = _image(rendered, f"{side}_geometry", table)
         body = np.rint(geometry[..., 1]).astype(np.uint32)
         depth_m = np.where(body > 0, geometry[..., 0], np.nan).astype(np.float32)
         left_from_camera = np.linalg.inv(left) @ np.array(pose)
-        px, py = _seen_from_projector(table, depth_m, left_from_camera)
-        own = _sum(rendered, side, "own", table)
+        px, py = _projector_tangents(table, depth_m, left_from_camera)
+        device = _sum_emitters(rendered, side, "own", table)
         scale = table["electrons"]
-        found |= {
-            f"{side}_laser_e": own[..., 0] * np.float32(scale * table["power_w"]),
-            f"{side}_even_e": own[..., 1] * np.float32(scale * table["power_w"]),
+        light |= {
+            f"{side}_laser_e": device[..., 0] * np.float32(scale * table["power_w"]),
+            f"{side}_even_e": device[..., 1] * np.float32(scale * table["power_w"]),
             f"{side}_ambient_e": _image(rendered, f"{side}_ambient", table)[..., 0]
             * np.float32(scale / table["sky"]["irradiance_w_m2"]),
-            f"{side}_other_e": _sum(rendered, side, "other", table)[..., 0] * np.float32(scale),
+            f"{side}_other_e": _sum_emitters(rendered, side, "other", table)[..., 0]
+            * np.float32(scale),
             f"{side}_depth_m": depth_m,
             f"{side}_body": body,
             f"{side}_px": px,
             f"{side}_py": py,
             f"{side}_up": np.array(pose)[:3, :3].T @ np.array(table["sky"]["up"]),
         }
-    return found
+    return light
 
 
-def _sum(rendered: Path, side: str, of: str, table: dict[str, Any]) -> NDArray[np.float32]:
-    """Light (h, w, 3) of all of a projector's emitters."""
-    names = [name for name in table["projectors"] if name.partition("-")[0] == of]
+def _sum_emitters(
+    rendered: Path, side: str, projector: str, table: dict[str, Any]
+) -> NDArray[np.float32]:
+    """Sum the light (h, w, 3) of all emitters of a projector, "own" or "other"."""
+    names = [name for name in table["projectors"] if name.partition("-")[0] == projector]
     blank = np.zeros((table["height"], table["width"], 3), np.float32)
     return sum((_image(rendered, f"{side}_{name}", table) for name in names), start=blank)
 
@@ -72,10 +78,10 @@ def _image(rendered: Path, name: str, table: dict[str, Any]) -> NDArray[np.float
     return values
 
 
-def _seen_from_projector(
+def _projector_tangents(
     table: dict[str, Any], depth_m: NDArray[np.float32], left_from_camera: job_file.Pose
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Tangents x / z and y / z (h, w) in the own projector's frame of what pixels see."""
+    """Tangents x / z and y / z (h, w) of the visible points in the frame of the projector."""
     (fx, fy), (cx, cy) = table["focal_px"], table["centre_px"]
     y, x = np.indices(depth_m.shape, np.float64)
     point = np.stack([(x - cx) / fx, (y - cy) / fy, np.ones_like(x)], axis=-1) * depth_m[..., None]

@@ -1,17 +1,17 @@
-"""What Cycles is to render: a folder of `job.json` and arrays, whose lengths are metres.
+"""Render job for Cycles: a folder with `job.json` and arrays. Lengths are in metres.
 
-| key | what |
+| key | content |
 | --- | --- |
-| width, height | of the images [px] |
-| focal_px, centre_px | (fx, fy), (cx, cy) of both views; an integer is a pixel's centre |
-| cameras | by side: `world_from_camera`, rows of a 4 x 4; x right, y down, z forward |
-| bodies | number, name, kind, reflectance, roughness, ior; names of the files of vertices (n, 3), faces (m, 3) and normals (n, 3) in the world, normals null where faces are flat |
-| projectors | by name: `world_from_projector` (axes as a camera's); `half_tangents` of its field; `intensity_w_sr`, a file (h, w, channels) over the field on the tangent plane, first row on top |
-| left_from_projector | the device's own projector in the left camera's frame |
-| sky | irradiance_w_m2, gradient, up (world): radiance L0 (1 + gradient w . up), pi L0 the irradiance |
-| electrons | in a pixel for a radiance of 1 W m^-2 sr^-1, by `radiometry.electrons_per_radiance` |
-| power_w | of the device's own projector |
-| samples, seed | places in a pixel; of these places |
+| width, height | size of the images [px] |
+| focal_px, centre_px | (fx, fy), (cx, cy) of both views; integers are pixel centres |
+| cameras | by side: rows of the 4 x 4 `world_from_camera`; x right, y down, z forward |
+| bodies | number, name, kind, reflectance, roughness, ior; files of vertices (n, 3), faces (m, 3) and normals (n, 3) in the world frame, null for flat faces |
+| projectors | by name: `world_from_projector` (axes as a camera's); `half_tangents` of its field; `intensity_w_sr`: file (h, w, channels) on the tangent plane, first row on top |
+| left_from_projector | pose of the device's projector in the frame of the left camera |
+| sky | irradiance_w_m2, gradient, up (world): radiance L0 (1 + gradient w . up), irradiance pi L0 |
+| electrons | electrons per pixel for a radiance of 1 W m^-2 sr^-1 (`radiometry.electrons_per_radiance`) |
+| power_w | power of the device's projector |
+| samples, seed | samples per pixel, and their seed |
 """  # noqa: E501
 
 from __future__ import annotations
@@ -33,71 +33,71 @@ Pose = NDArray[np.float64]  # (4, 4) rigid, named `to_from`.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Body:
-    """One thing of a scene, in the world's frame."""
+class JobBody:
+    """One body of a scene, in the world frame."""
 
     name: str
     vertices_m: NDArray[np.float32]  # (n, 3)
-    faces: NDArray[np.uint32]  # (m, 3), counter-clockwise seen from outside.
-    normals: NDArray[np.float32] | None  # (n, 3); None shades each face flat.
+    faces: NDArray[np.uint32]  # (m, 3), counter-clockwise from outside.
+    normals: NDArray[np.float32] | None  # (n, 3); None gives flat shading.
     kind: str  # One of `KINDS`.
-    reflectance: float  # Diffuse share; of a metal at normal incidence.
-    roughness: float  # Microfacets' slope (GGX alpha) of coat and metal.
-    ior: float  # Of the coat.
+    reflectance: float  # Diffuse reflectance, or that of a metal at normal incidence.
+    roughness: float  # GGX alpha of coat or metal.
+    ior: float  # Refractive index of the coat.
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise refusal(
                 f"kind of {self.name}",
-                "must be one that Cycles is told",
+                "must be one that the render job supports",
                 repr(self.kind),
                 f"Take one of {', '.join(KINDS)}.",
             )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Projector:
-    """A point that shines into a rectangular field about its z axis."""
+class JobProjector:
+    """A point source that lights a rectangular field about its z axis."""
 
     world_from_projector: Pose
-    half_tangents: tuple[float, float]  # Of half the field, across and down.
-    intensity_w_sr: NDArray[np.float32]  # (h, w, channels) over the field, even in tangents.
+    half_tangents: tuple[float, float]  # Tangents of half the field (x, y).
+    intensity_w_sr: NDArray[np.float32]  # (h, w, channels), uniform in tangents over the field.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sky:
-    """Light from all round that nothing stands before."""
+    """Ambient light from all directions, without occlusion."""
 
     irradiance_w_m2: float  # pi L0.
     gradient: float  # Radiance is L0 (1 + gradient w . up) in direction w.
-    up: tuple[float, float, float]  # Unit, world.
+    up: tuple[float, float, float]  # Unit vector in the world frame.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Job:
-    """One scene with its lights and both views."""
+    """One scene with its light sources and both views."""
 
     width: int  # [px]
     height: int  # [px]
     focal_px: tuple[float, float]
     centre_px: tuple[float, float]
     cameras: Mapping[str, Pose]  # world_from_camera by side.
-    bodies: tuple[Body, ...]  # Numbered from 1.
-    projectors: Mapping[str, Projector]  # `own-N` with dots and even, `other-N` with dots.
-    left_from_projector: Pose  # The own one's.
+    bodies: tuple[JobBody, ...]  # Numbered from 1.
+    projectors: Mapping[str, JobProjector]  # `own-N`: dots and uniform light; `other-N`: dots.
+    left_from_projector: Pose  # Pose of the device's projector.
     sky: Sky
-    electrons: float  # For a radiance of 1 W m^-2 sr^-1.
-    power_w: float  # Of the own projector.
+    electrons: float  # Electrons per pixel for a radiance of 1 W m^-2 sr^-1.
+    power_w: float  # Power of the device's projector.
 
 
 def write(job: Job, folder: Path, *, samples: int, seed: int) -> None:
-    """Write a job's files.
+    """Write the files of a job.
 
     Args:
-        job: what to render.
-        folder: made where it is not.
-        samples: places in a pixel.
-        seed: of these places.
+        job: Scene to render.
+        folder: Folder of the files. It is created if missing.
+        samples: Samples per pixel.
+        seed: Seed of the samples.
 
     Raises:
         WithheldError: if samples is below 1 or seed below 0.
@@ -128,7 +128,7 @@ def write(job: Job, folder: Path, *, samples: int, seed: int) -> None:
     (folder / FILE).write_text(json.dumps(table, indent=1), encoding="utf-8")
 
 
-def _body(folder: Path, number: int, body: Body) -> dict[str, Any]:
+def _body(folder: Path, number: int, body: JobBody) -> dict[str, Any]:
     arrays = {"vertices": body.vertices_m, "faces": body.faces, "normals": body.normals}
     return {
         "number": number,
@@ -141,7 +141,7 @@ def _body(folder: Path, number: int, body: Body) -> dict[str, Any]:
     }
 
 
-def _projector(folder: Path, name: str, part: Projector) -> dict[str, Any]:
+def _projector(folder: Path, name: str, part: JobProjector) -> dict[str, Any]:
     return {
         "world_from_projector": part.world_from_projector.tolist(),
         "half_tangents": part.half_tangents,

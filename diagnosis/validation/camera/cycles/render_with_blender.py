@@ -1,23 +1,24 @@
-"""Render a job's light with Blender's Cycles: a script for Blender's own environment.
+"""Render the light of a job with Blender's Cycles: a script for Blender's Python environment.
 
-Run it as `PYTHON render_with_blender.py JOB OUT [--threads N]`, where PYTHON has `bpy`; it imports
-nothing else but numpy and the standard library, and nothing of Starling. What stands in a job:
-`starling.diagnosis.validation.camera.cycles.job`. It writes to OUT, (h, w, 3) float32 each, for left and right:
+Run it as `PYTHON render_with_blender.py JOB OUT [--threads N]`, where PYTHON has `bpy`. It imports
+only numpy and the standard library besides Blender, and nothing of Starling. The format of a job is
+documented in `starling.diagnosis.validation.camera.cycles.job`. The script writes these arrays,
+(h, w, 3) float32, to OUT for the left and the right side:
 
-- `SIDE_own.npy`: radiance [W m^-2 sr^-1] of the device's projector, 1 W: with its dots, even, 0.
-- `SIDE_other.npy`: radiance [W m^-2 sr^-1] of the other device's projector, 1 W, in the first.
-- `SIDE_ambient.npy`: radiance [W m^-2 sr^-1] of the sky in the first.
-- `SIDE_geometry.npy`: depth z [m], number of the body and 1 where a pixel's centre meets one.
+- `SIDE_own.npy`: radiance [W m^-2 sr^-1] of the device's projector at 1 W: dots, uniform light, 0.
+- `SIDE_other.npy`: radiance [W m^-2 sr^-1] of the second projector at 1 W, in the first channel.
+- `SIDE_ambient.npy`: radiance [W m^-2 sr^-1] of the sky, in the first channel.
+- `SIDE_geometry.npy`: depth z [m], number of the body, and 1 where a pixel centre meets a body.
 
-and `rendered.json`, last.
+It writes `rendered.json` last.
 
-Each is a render of its own: of several lights Cycles draws one at random for every path, which
-would be noise. Two lights in one place are two colours of one light. Of a point light's direct
-light nothing is random but the place in the pixel.
+Each array is a separate render. With several lights Cycles would choose one at random per path,
+which adds noise. Two lights at one position are two colour channels of one light. The direct light
+of a point source is random only through the sample position in the pixel.
 """
 
-# Only Blender's own environment has its modules; functions import them, so that this file can be
-# looked at anywhere.
+# Blender's modules exist only in its own environment. Functions import them, so that this file can
+# be imported elsewhere.
 # pyright: reportMissingImports=false
 from __future__ import annotations
 
@@ -33,78 +34,78 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_SENSOR_MM = 36.0  # Any: focal lengths are counted in it.
+_SENSOR_MM = 36.0  # Arbitrary sensor width; focal lengths scale with it.
 _NEAREST_M, _FARTHEST_M = 1e-3, 1e3
-_CENTRE_PX = 0.01  # Width of the filter that sees a pixel's centre alone: the narrowest there is.
-_MISS_PX = 1e-2  # By which a camera may miss the pixel that it was asked for.
-# Blender counts a point light's power over the whole sphere.
+_CENTRE_PX = 0.01  # Blender's narrowest pixel filter, which samples the pixel centre [px].
+_MISS_PX = 1e-2  # Largest reprojection error of the camera [px].
+# Blender defines the power of a point light over the whole sphere.
 _POWER_PER_INTENSITY = 4 * math.pi  # [W] for 1 W sr^-1
 
 
 def main() -> None:
     """Read the command line and render."""
-    parser = argparse.ArgumentParser(description="Render a job's light with Blender's Cycles.")
+    parser = argparse.ArgumentParser(description="Render the light of a job with Blender's Cycles.")
     parser.add_argument("job", type=Path, help="folder with job.json")
     parser.add_argument("out", type=Path, help="folder for the images")
-    parser.add_argument("--threads", type=int, default=0, help="0 takes all cores")
-    asked = parser.parse_args()
-    table = json.loads((asked.job / "job.json").read_text(encoding="utf-8"))
-    asked.out.mkdir(parents=True, exist_ok=True)
+    parser.add_argument("--threads", type=int, default=0, help="0 uses all cores")
+    options = parser.parse_args()
+    table = json.loads((options.job / "job.json").read_text(encoding="utf-8"))
+    options.out.mkdir(parents=True, exist_ok=True)
     started = time.monotonic()
-    render(asked.job, table, asked.out, asked.threads)
+    render(options.job, table, options.out, options.threads)
     import bpy
 
-    told = {"blender": bpy.app.version_string, "seconds": time.monotonic() - started}
-    (asked.out / "rendered.json").write_text(json.dumps(told), encoding="utf-8")
+    summary = {"blender": bpy.app.version_string, "seconds": time.monotonic() - started}
+    (options.out / "rendered.json").write_text(json.dumps(summary), encoding="utf-8")
 
 
 def render(job: Path, table: dict[str, Any], out: Path, threads: int) -> None:
     """Render every layer of a job.
 
     Args:
-        job: folder of the arrays that the table names.
-        table: `job.json`.
-        out: folder for the images.
-        threads: to render with, 0 for all cores.
+        job: Folder of the arrays that the table names.
+        table: Content of `job.json`.
+        out: Folder for the images.
+        threads: Number of threads, 0 for all cores.
     """
     import bpy
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     _settings(table, threads)
-    things = [_body(job, body) for body in table["bodies"]]
-    lights = {name: _projector(job, name, part) for name, part in table["projectors"].items()}
+    bodies = [_body(job, body) for body in table["bodies"]]
+    lights = {name: _projector(job, name, entry) for name, entry in table["projectors"].items()}
     _sky(table["sky"])
     for number, (side, pose) in enumerate(table["cameras"].items()):
         _camera(table, np.array(pose))
-        seed = 2 * int(table["seed"]) + number  # No two views have one noise.
+        seed = 2 * int(table["seed"]) + number  # Independent noise in both views.
         for name in lights:
             _choose(lights, name, sky=False)
-            _shade(things, open_sky=False)
+            _set_occlusion(bodies, open_sky=False)
             _take(out / f"{side}_{name}.npy", table["samples"], seed)
         _choose(lights, None, sky=True)
-        _shade(things, open_sky=True)
+        _set_occlusion(bodies, open_sky=True)
         _take(out / f"{side}_ambient.npy", table["samples"], seed)
         _choose(lights, None, sky=False)
         _take(out / f"{side}_geometry.npy", 1, seed, override=_geometry())
 
 
 def _settings(table: dict[str, Any], threads: int) -> None:
-    """Direct light alone, unclamped, no sample left out, a pixel's own square as its filter."""
+    """Configure direct light only, without clamping or adaptive sampling, with a box filter."""
     import bpy
 
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.render.resolution_x, scene.render.resolution_y = table["width"], table["height"]
     scene.render.resolution_percentage = 100
-    scene.render.film_transparent = True  # Where there is no body there is no light.
+    scene.render.film_transparent = True  # Pixels without a body stay dark.
     scene.render.use_persistent_data = True
     scene.render.dither_intensity = 0.0
     scene.render.threads_mode = "FIXED" if threads else "AUTO"
     if threads:
         scene.render.threads = threads
-    kind = scene.render.image_settings
-    kind.file_format, kind.color_mode, kind.color_depth = "OPEN_EXR", "RGBA", "32"
-    kind.exr_codec = "ZIP"
+    image = scene.render.image_settings
+    image.file_format, image.color_mode, image.color_depth = "OPEN_EXR", "RGBA", "32"
+    image.exr_codec = "ZIP"
     scene.view_settings.view_transform = "Raw"
     cycles = scene.cycles
     cycles.device = "CPU"
@@ -118,7 +119,7 @@ def _settings(table: dict[str, Any], threads: int) -> None:
 
 
 def _take(path: Path, samples: int, seed: int, override: Any = None) -> None:
-    """Render the scene as it stands to an array (h, w, 3) float32."""
+    """Render the current scene and save an array (h, w, 3) float32."""
     import bpy
 
     scene = bpy.context.scene
@@ -134,7 +135,7 @@ def _take(path: Path, samples: int, seed: int, override: Any = None) -> None:
 
 
 def _pixels(path: Path) -> NDArray[np.float32]:
-    """First three channels (h, w, 3) of an OpenEXR file, first row on top."""
+    """Read the first three channels (h, w, 3) of an OpenEXR file, first row on top."""
     import bpy
 
     image = bpy.data.images.load(str(path))
@@ -147,7 +148,7 @@ def _pixels(path: Path) -> NDArray[np.float32]:
 
 
 def _camera(table: dict[str, Any], world_from_camera: NDArray[np.float64]) -> None:
-    """Put the camera where a view's is; Blender's looks along -z with y up."""
+    """Place the camera. Blender's camera looks along -z with y up."""
     import bpy
     from mathutils import Matrix
 
@@ -158,15 +159,15 @@ def _camera(table: dict[str, Any], world_from_camera: NDArray[np.float64]) -> No
     fx, fy = table["focal_px"]
     cx, cy = table["centre_px"]
     width, height = table["width"], table["height"]
-    # A pixel is as high as fx / fy of its width, and neither of Blender's numbers may be below 1.
+    # Pixel height over width is fx / fy, and neither of Blender's aspect values may be below 1.
     scene.render.pixel_aspect_x = max(1.0, fy / fx)
     scene.render.pixel_aspect_y = max(1.0, fx / fy)
-    part = scene.camera.data
-    part.sensor_fit, part.sensor_width = "HORIZONTAL", _SENSOR_MM
-    part.lens = fx * _SENSOR_MM / width
-    part.clip_start, part.clip_end = _NEAREST_M, _FARTHEST_M
-    part.shift_x = ((width - 1) / 2 - cx) / width
-    part.shift_y = (cy - (height - 1) / 2) * (fx / fy) / width
+    camera = scene.camera.data
+    camera.sensor_fit, camera.sensor_width = "HORIZONTAL", _SENSOR_MM
+    camera.lens = fx * _SENSOR_MM / width
+    camera.clip_start, camera.clip_end = _NEAREST_M, _FARTHEST_M
+    camera.shift_x = ((width - 1) / 2 - cx) / width
+    camera.shift_y = (cy - (height - 1) / 2) * (fx / fy) / width
     pose = world_from_camera @ np.diag([1.0, -1.0, -1.0, 1.0])
     scene.camera.matrix_world = Matrix(pose.tolist())
     bpy.context.view_layer.update()
@@ -174,7 +175,7 @@ def _camera(table: dict[str, Any], world_from_camera: NDArray[np.float64]) -> No
 
 
 def _check_camera(table: dict[str, Any], world_from_camera: NDArray[np.float64]) -> None:
-    """Stop if Blender's own projection of points misses the pixels that the job asks for."""
+    """Exit if Blender projects points to other pixels than the job specifies."""
     import bpy
     from bpy_extras.object_utils import world_to_camera_view
     from mathutils import Vector
@@ -185,17 +186,18 @@ def _check_camera(table: dict[str, Any], world_from_camera: NDArray[np.float64])
     for x, y in ((0, 0), (width - 1, 0), (0, height - 1), (width / 3, height / 4)):
         local = np.array([(x - cx) / fx, (y - cy) / fy, 1.0]) * 1.5
         point = world_from_camera[:3, :3] @ local + world_from_camera[:3, 3]
-        seen = world_to_camera_view(scene, scene.camera, Vector(point.tolist()))
-        at = seen[0] * width - 0.5, (1 - seen[1]) * height - 0.5
-        if math.dist(at, (x, y)) > _MISS_PX:
+        view = world_to_camera_view(scene, scene.camera, Vector(point.tolist()))
+        pixel = view[0] * width - 0.5, (1 - view[1]) * height - 0.5
+        if math.dist(pixel, (x, y)) > _MISS_PX:
             raise SystemExit(
-                f"camera must see a point at pixel ({x:g}, {y:g}); got ({at[0]:g}, {at[1]:g}). "
+                f"camera must see a point at pixel ({x:g}, {y:g}); "
+                f"got ({pixel[0]:g}, {pixel[1]:g}). "
                 "Take the version of bpy that tools/blender.sh installs."
             )
 
 
 def _body(job: Path, table: dict[str, Any]) -> Any:
-    """One body with its surface; its number is its pass index."""
+    """Create a body with its surface. The pass index is the number of the body."""
     import bpy
 
     vertices, faces = np.load(job / table["vertices"]), np.load(job / table["faces"])
@@ -207,16 +209,16 @@ def _body(job: Path, table: dict[str, Any]) -> Any:
     else:
         mesh.shade_flat()
     mesh.materials.append(_surface(table))
-    thing = bpy.data.objects.new(table["name"], mesh)
-    thing.pass_index = table["number"]
-    bpy.context.scene.collection.objects.link(thing)
-    return thing
+    instance = bpy.data.objects.new(table["name"], mesh)
+    instance.pass_index = table["number"]
+    bpy.context.scene.collection.objects.link(instance)
+    return instance
 
 
-def _shade(things: list[Any], *, open_sky: bool) -> None:
-    """Let bodies stand in each other's light; under an open sky they do not."""
-    for thing in things:
-        thing.visible_shadow = thing.visible_diffuse = thing.visible_glossy = not open_sky
+def _set_occlusion(bodies: list[Any], *, open_sky: bool) -> None:
+    """Let bodies occlude each other's light, except under an open sky."""
+    for body in bodies:
+        body.visible_shadow = body.visible_diffuse = body.visible_glossy = not open_sky
 
 
 def _nodes(tree: Any) -> tuple[Any, Any]:
@@ -226,7 +228,7 @@ def _nodes(tree: Any) -> tuple[Any, Any]:
 
 
 def _surface(table: dict[str, Any]) -> Any:
-    """What a body's surface returns: matt, matt under a clear coat, or bare metal."""
+    """Create the material of a body: diffuse, diffuse under a clear coat, or metal."""
     import bpy
 
     material = bpy.data.materials.new(table["name"])
@@ -239,9 +241,9 @@ def _surface(table: dict[str, Any]) -> Any:
         surface.inputs["Roughness"].default_value = 0.0
     else:
         surface = nodes.new("ShaderNodeBsdfPrincipled")
-        surface.distribution = "GGX"  # As materials are given: light that leaves at once.
+        surface.distribution = "GGX"  # Single scattering, as the materials are defined.
         surface.inputs["Base Color"].default_value = grey
-        # Blender's roughness is the root of the microfacets' slope.
+        # Blender's roughness is the square root of GGX alpha.
         surface.inputs["Roughness"].default_value = math.sqrt(table["roughness"])
         surface.inputs["Metallic"].default_value = float(table["kind"] == "metal")
         surface.inputs["IOR"].default_value = table["ior"]
@@ -250,28 +252,28 @@ def _surface(table: dict[str, Any]) -> Any:
 
 
 def _base(table: dict[str, Any]) -> float:
-    """Base colour: of a coated body what the coat leaves to its ground, of others the reflectance.
+    """Return the base colour: the reflectance, or that of the base under a coat.
 
-    Blender lets through what the coat does not mirror, 1 - F, so that R = F + (1 - F) base.
+    Blender's coat transmits 1 - F, so that the total reflectance is F + (1 - F) base.
     """
     if table["kind"] != "glossy":
         return table["reflectance"]
-    mirrored = ((table["ior"] - 1) / (table["ior"] + 1)) ** 2
-    return max(table["reflectance"] - mirrored, 0.0) / (1 - mirrored)
+    fresnel = ((table["ior"] - 1) / (table["ior"] + 1)) ** 2
+    return max(table["reflectance"] - fresnel, 0.0) / (1 - fresnel)
 
 
 def _projector(job: Path, name: str, table: dict[str, Any]) -> Any:
-    """A point that shines as an image on its tangent plane says [W sr^-1], into its field alone."""
+    """Create a point source whose intensity [W sr^-1] an image on its tangent plane gives."""
     import bpy
     from mathutils import Matrix
 
     lamp = bpy.data.lights.new(name, "POINT")
     lamp.energy, lamp.color, lamp.shadow_soft_size = _POWER_PER_INTENSITY, (1.0, 1.0, 1.0), 0.0
     lamp.use_soft_falloff = False
-    thing = bpy.data.objects.new(name, lamp)
+    instance = bpy.data.objects.new(name, lamp)
     world_from_projector = np.array(table["world_from_projector"])
-    thing.matrix_world = Matrix(world_from_projector.tolist())
-    bpy.context.scene.collection.objects.link(thing)
+    instance.matrix_world = Matrix(world_from_projector.tolist())
+    bpy.context.scene.collection.objects.link(instance)
     nodes, links = _nodes(lamp)
     incoming = nodes.new("ShaderNodeNewGeometry").outputs["Incoming"]  # From lamp to surface.
 
@@ -294,27 +296,27 @@ def _projector(job: Path, name: str, table: dict[str, Any]) -> Any:
 
     x, y, z = (along(axis) for axis in world_from_projector[:3, :3].T)
     half_x, half_y = table["half_tangents"]
-    place = nodes.new("ShaderNodeCombineXYZ")  # (0, 0) is the image's lower left corner.
+    place = nodes.new("ShaderNodeCombineXYZ")  # (0, 0) is the lower left corner of the image.
     links.new(maths("MULTIPLY_ADD", maths("DIVIDE", x, z), 0.5 / half_x, 0.5), place.inputs[0])
     links.new(maths("MULTIPLY_ADD", maths("DIVIDE", y, z), -0.5 / half_y, 0.5), place.inputs[1])
     image = nodes.new("ShaderNodeTexImage")
     image.image = _image(name, np.load(job / table["intensity_w_sr"]))
     image.interpolation, image.extension = "Linear", "CLIP"
     links.new(place.outputs[0], image.inputs["Vector"])
-    shine = nodes.new("ShaderNodeEmission")
-    links.new(image.outputs["Color"], shine.inputs["Color"])
-    links.new(maths("GREATER_THAN", z, 0.0), shine.inputs["Strength"])
-    links.new(shine.outputs[0], nodes.new("ShaderNodeOutputLight").inputs["Surface"])
-    return thing
+    emission = nodes.new("ShaderNodeEmission")
+    links.new(image.outputs["Color"], emission.inputs["Color"])
+    links.new(maths("GREATER_THAN", z, 0.0), emission.inputs["Strength"])
+    links.new(emission.outputs[0], nodes.new("ShaderNodeOutputLight").inputs["Surface"])
+    return instance
 
 
 def _image(name: str, channels: NDArray[np.float32]) -> Any:
-    """An image of (h, w, up to 3) linear values, first row on top."""
+    """Create an image of (h, w, up to 3) linear values, first row on top."""
     import bpy
 
-    height, width, held = channels.shape
+    height, width, count = channels.shape
     values = np.zeros((height, width, 4), np.float32)
-    values[..., :held], values[..., 3] = channels[::-1], 1.0
+    values[..., :count], values[..., 3] = channels[::-1], 1.0
     image = bpy.data.images.new(name, width, height, float_buffer=True, is_data=True)
     image.colorspace_settings.name = "Non-Color"
     image.pixels.foreach_set(values.reshape(-1))
@@ -323,12 +325,12 @@ def _image(name: str, channels: NDArray[np.float32]) -> Any:
 
 
 def _sky(table: dict[str, Any]) -> None:
-    """A sky of radiance L0 (1 + g w . up) in direction w, pi L0 being its irradiance."""
+    """Create a sky of radiance L0 (1 + g w . up) in direction w and irradiance pi L0."""
     import bpy
 
     world = bpy.data.worlds.new("sky")
     bpy.context.scene.world = world
-    world.cycles.sampling_method = "NONE"  # Where surfaces send it is where it is looked for.
+    world.cycles.sampling_method = "NONE"  # Only BSDF sampling reaches the sky.
     nodes, links = _nodes(world)
     dot = nodes.new("ShaderNodeVectorMath")
     dot.operation = "DOT_PRODUCT"
@@ -340,14 +342,14 @@ def _sky(table: dict[str, Any]) -> None:
     links.new(dot.outputs["Value"], strength.inputs[0])
     strength.inputs[1].default_value = level * table["gradient"]
     strength.inputs[2].default_value = level
-    shine = nodes.new("ShaderNodeBackground")
-    links.new(strength.outputs[0], shine.inputs["Strength"])
-    shine.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
-    links.new(shine.outputs[0], nodes.new("ShaderNodeOutputWorld").inputs["Surface"])
+    emission = nodes.new("ShaderNodeBackground")
+    links.new(strength.outputs[0], emission.inputs["Strength"])
+    emission.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    links.new(emission.outputs[0], nodes.new("ShaderNodeOutputWorld").inputs["Surface"])
 
 
 def _choose(lights: dict[str, Any], name: str | None, *, sky: bool) -> None:
-    """Switch on one projector, or the sky, or nothing."""
+    """Enable one projector, or the sky, or no light."""
     import bpy
 
     for key, light in lights.items():
@@ -356,21 +358,21 @@ def _choose(lights: dict[str, Any], name: str | None, *, sky: bool) -> None:
 
 
 def _geometry() -> Any:
-    """A surface that shines as its own depth, its body's number, and 1."""
+    """Create a material that emits depth, number of the body, and 1 in its colour channels."""
     import bpy
 
     if "geometry" in bpy.data.materials:
         return bpy.data.materials["geometry"]
     material = bpy.data.materials.new("geometry")
-    material.cycles.emission_sampling = "NONE"  # It is seen, and lights nothing.
+    material.cycles.emission_sampling = "NONE"  # The material is visible but lights no surface.
     nodes, links = _nodes(material)
-    told = nodes.new("ShaderNodeCombineXYZ")
-    links.new(nodes.new("ShaderNodeCameraData").outputs["View Z Depth"], told.inputs[0])
-    links.new(nodes.new("ShaderNodeObjectInfo").outputs["Object Index"], told.inputs[1])
-    told.inputs[2].default_value = 1.0
-    shine = nodes.new("ShaderNodeEmission")
-    links.new(told.outputs[0], shine.inputs["Color"])
-    links.new(shine.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+    channels = nodes.new("ShaderNodeCombineXYZ")
+    links.new(nodes.new("ShaderNodeCameraData").outputs["View Z Depth"], channels.inputs[0])
+    links.new(nodes.new("ShaderNodeObjectInfo").outputs["Object Index"], channels.inputs[1])
+    channels.inputs[2].default_value = 1.0
+    emission = nodes.new("ShaderNodeEmission")
+    links.new(channels.outputs[0], emission.inputs["Color"])
+    links.new(emission.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
     return material
 
 

@@ -1,4 +1,4 @@
-"""Public data sets that depth completion is trained and judged on, each in its own layout.
+"""Public data sets for depth completion, each in its own layout.
 
-What is read is what their publishers' pages and programs say of the layout; nothing is downloaded.
+The layouts are those stated on the publishers' pages and in their programs. Nothing is downloaded.
 """

@@ -1,4 +1,4 @@
-"""One image of a data set, as all readers give it."""
+"""One image of a public data set, in the form that all readers return."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ Colour = NDArray[np.uint8]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Item:
-    """An image with its truth, and what there is to make the camera's own depth of."""
+    """An image with its truth, and a stereo pair or a depth camera's depth."""
 
-    rgb: Colour  # (h, w, 3) red, green, blue; of the left camera where there are two.
+    rgb: Colour  # (h, w, 3) red, green, blue; of the left camera of a pair.
     truth_m: Image  # (h, w) z [m], NaN where unknown.
     camera: Pinhole
-    baseline_m: float  # Of the pair, or of the depth camera.
-    sensor_m: Image | None = None  # (h, w) a depth camera's own z [m], NaN = none.
+    baseline_m: float  # Baseline of the pair, or of the depth camera.
+    sensor_m: Image | None = None  # (h, w) depth camera's own z [m], NaN where missing.
     right: Colour | None = None  # (h, w, 3) of the right camera, rectified.
 
     def __post_init__(self) -> None:
@@ -38,17 +38,17 @@ class Item:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Source:
+class ItemSource:
     """An item that is not yet read."""
 
     name: str  # Unique in its data set.
-    room: str  # Images of one room share it; splits go by room.
-    files: tuple[Path, ...]  # That are read.
+    room: str  # Room of the image; splits are by room.
+    files: tuple[Path, ...]  # Files to read.
     load: Callable[[], Item]  # Raises InputError if a file is missing or damaged.
 
 
-def colour(path: Path) -> Colour:
-    """Read a colour image, or a grey one as colour.
+def read_colour(path: Path) -> Colour:
+    """Read a colour image; grey images are converted to colour.
 
     Returns:
         (h, w, 3) red, green, blue.
@@ -59,11 +59,11 @@ def colour(path: Path) -> Colour:
     return np.ascontiguousarray(_image(path, cv2.IMREAD_COLOR)[..., ::-1], np.uint8)
 
 
-def code(path: Path) -> NDArray[np.uint16]:
+def read_code(path: Path) -> NDArray[np.uint16]:
     """Read an image of one channel of 16 bits, (h, w).
 
     Raises:
-        InputError: if it cannot be read, or is of another kind.
+        InputError: if it cannot be read, or has another format.
     """
     image = _image(path, cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint16 or image.ndim != 2:
@@ -72,11 +72,11 @@ def code(path: Path) -> NDArray[np.uint16]:
     return image.astype(np.uint16)
 
 
-def folder(path: Path) -> Path:
-    """Pass on a folder.
+def check_folder(path: Path) -> Path:
+    """Return a folder.
 
     Raises:
-        InputError: if there is none.
+        InputError: if it does not exist.
     """
     if not path.is_dir():
         raise refuse("data set", "must be a folder", path, "Unpack the archives there.")

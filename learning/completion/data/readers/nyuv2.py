@@ -1,18 +1,19 @@
-"""NYU Depth V2, its labelled part: 1449 images of a Kinect in one file, `nyu_depth_v2_labeled.mat`.
+"""NYU Depth V2, labelled part: 1449 images of a Kinect in one file, `nyu_depth_v2_labeled.mat`.
 
-    images     (n, 3, 640, 480) uint8; this and the others as HDF5 has them: MATLAB's axes reversed
-    rawDepths  (n, 640, 480) float [m], the Kinect's depth brought into the colour image; 0 = none
+    images     (n, 3, 640, 480) uint8, in HDF5's order of axes: MATLAB's reversed
+    rawDepths  (n, 640, 480) float [m], the Kinect's depth registered to the colour image; 0 = none
     depths     (n, 640, 480) float [m], the same with its holes filled by colorization
-    scenes     (1, n) references to names of characters; left out where a file has none
+    scenes     (1, n) references to names of characters; optional
 
-**Its "truth" is the camera's own depth**: in holes it is what another method filled in (Levin's
-colorization), not a measurement, and where the camera has depth it is that depth. Figures there say
-how well a method agrees with that fill.
+**Its "truth" is the camera's own depth.** In holes it is filled by another method (Levin's
+colorization), not measured. Metrics on this data set measure the agreement with that fill.
 
 Colour camera: 518.858, 519.470 px, principal point 325.582, 253.736 (camera_params.m of the
-authors' toolbox; images are undistorted, with a white rim of some pixels). Baseline of the Kinect:
-0.075 m. Source: Silberman et al., Indoor segmentation and support inference from RGBD images,
-ECCV 2012, and the data set's page.
+authors' toolbox). The images are undistorted, with a white rim of some pixels. Baseline of the
+Kinect: 0.075 m.
+
+Source: Silberman et al., Indoor segmentation and support inference from RGBD images, ECCV 2012,
+and the data set's page.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from starling.learning.completion.data.readers.item import Item, Source
+from starling.learning.completion.data.readers.item import Item, ItemSource
 from starling.learning.completion.frame import Image
 from starling.patterns.errors import needs, refuse
 from starling.sim.geometry.pinhole import Pinhole
@@ -33,20 +34,20 @@ BASELINE_M = 0.075
 _FX_PX, _FY_PX, _CX_PX, _CY_PX = 518.85790, 519.46961, 325.58245, 253.73617
 
 
-def sources(path: Path) -> list[Source]:
-    """Find the items of the file, in its order; images are read when asked for.
+def sources(path: Path) -> list[ItemSource]:
+    """List the items of the file in its order. Images are read on demand.
 
     Args:
         path: `nyu_depth_v2_labeled.mat`.
 
     Raises:
-        InputError: if `h5py` is not installed, or the file is missing, no HDF5, or lacks a part.
+        InputError: if `h5py` is not installed, or the file is missing, not HDF5, or incomplete.
     """
     with _opened(path) as file:
         number = len(file["images"])
         rooms = _scenes(file) if "scenes" in file else [f"{i:04d}" for i in range(number)]
     return [
-        Source(name=f"{index:04d}", room=room, files=(path,), load=partial(_load, path, index))
+        ItemSource(name=f"{index:04d}", room=room, files=(path,), load=partial(_load, path, index))
         for index, room in enumerate(rooms)
     ]
 
@@ -68,7 +69,7 @@ def _load(path: Path, index: int) -> Item:
 
 
 def _known(depth: Any) -> Image:
-    # In rows, as all images are: turning MATLAB's axes round leaves them in columns.
+    # Row-major: reversing MATLAB's axes leaves the array column-major.
     return np.ascontiguousarray(np.where(depth > 0, depth, np.nan), np.float32)
 
 

@@ -1,7 +1,7 @@
-"""Items of public data sets as pairs of image and depth, as captures have them.
+"""Items of public data sets as pairs of image and depth.
 
-The camera's depth is a depth camera's own where the data set has one (NYUv2), else what our matcher
-makes of the stereo pair (IRS, Virtual KITTI 2).
+The camera's depth is that of the data set's depth camera (NYUv2), or the result of our matcher on
+the stereo pair (IRS, Virtual KITTI 2).
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.learning.completion.data.pairs import Pair
-from starling.learning.completion.data.readers.item import Item, Source
+from starling.learning.completion.data.readers.item import Item, ItemSource
 from starling.learning.completion.data.readers.stereo_depth import stereo_depth
 from starling.learning.completion.frame import Image, Mask
 from starling.sim.reason import Reason
 
 
-def reading(source: Source) -> Pair:
-    """Read one image; its name is the pair's scene, of one frame, 0.
+def read_source(source: ItemSource) -> Pair:
+    """Read one image as a pair with frame number 0.
 
-    Holes of a matched pair have the matcher's reasons; of a depth camera's, nobody knows.
+    Holes of a matched pair have the matcher's reasons; those of a depth camera are unknown.
 
     Raises:
-        InputError: as the source's `load`, or as `stereo_depth`.
+        InputError: see the source's `load` and `stereo_depth`.
     """
     item = source.load()
     depth_m, reason = _measured(item)
@@ -43,7 +43,7 @@ def reading(source: Source) -> Pair:
 
 
 def _measured(item: Item) -> tuple[Image, NDArray[np.uint32]]:
-    """The camera's depth (h, w) [m], NaN = none, and why (h, w), codes of `starling.sim.reason`."""
+    """Return depth (h, w) [m], NaN where missing, and the reason of each pixel (h, w)."""
     if item.sensor_m is None:
         matched = stereo_depth(item)
         return matched.depth_m, matched.reason

@@ -1,9 +1,9 @@
-"""Depth that a stereo camera would have of a rendered pair: our own matcher's.
+"""Depth of a rendered stereo pair by our own matcher.
 
-So Cuaran et al. (Enhancing stereo depth maps through RGBD-conditioned generative models, section
-4.2) make the camera's depth of IRS and Virtual KITTI, which have stereo pairs but no depth camera.
-No projector lights these scenes: it is passive stereo, whose holes are mostly surfaces without
-texture, not those of an active camera.
+Cuaran et al. (Enhancing stereo depth maps through RGBD-conditioned generative models, section 4.2)
+compute the camera's depth of IRS and Virtual KITTI in the same way, because these have stereo pairs
+but no depth camera. There is no projector: holes of passive stereo are mostly surfaces without
+texture, unlike those of an active camera.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from starling.sim.stereo.measurement import measure
 
 
 def stereo_depth(item: Item, matcher: Matcher = D4XX) -> DepthMap:
-    """Match an item's pair.
+    """Match the stereo pair of an item.
 
     Args:
-        item: with a right image.
-        matcher: of `starling.sim.sensor.matcher`; depth is known from focal length x baseline / its largest
-            disparity on.
+        item: item with a right image.
+        matcher: see `starling.sim.sensor.matcher`. The least depth is focal length x baseline / its
+            greatest disparity.
 
     Returns:
         Depth in the left image, with a reason for each hole.
 
     Raises:
-        InputError: if there is no right image, or as `starling.sim.stereo.measurement.measure`.
+        InputError: if there is no right image; see also `starling.sim.stereo.measurement.measure`.
     """
     if item.right is None:
         advice = "Use the camera's own depth, sensor_m."
@@ -44,7 +44,7 @@ def stereo_depth(item: Item, matcher: Matcher = D4XX) -> DepthMap:
         name="stereo pair",
         baseline_m=item.baseline_m,
         matcher=matcher,
-        **dataclasses.asdict(Pinhole.of(item.camera)),
+        **dataclasses.asdict(Pinhole.from_camera(item.camera)),
     )
     return measure(_grey(item.rgb), _grey(item.right), camera, causes={})
 

@@ -5,10 +5,11 @@
     ROOT/SceneNN/VARIATION/intrinsic.txt    frame cameraID K[0,0] K[1,1] K[0,2] K[1,2]; a header
 
 The archives unpack to `vkitti_2.0.3_rgb`, `vkitti_2.0.3_depth` and `vkitti_2.0.3_textgt` (the text
-files); these may stand side by side in ROOT, or be merged. Without text files the one camera there
-is counts: 725.0087 px, principal point 620.5, 187. Baseline 0.532725 m. Source: Cabon, Murray and
-Humenberger, Virtual KITTI 2, arXiv:2001.10773; names, step and numbers as public programs that
-load it have them.
+files). ROOT holds these three folders, or their merged content. Without text files the default
+camera is used: 725.0087 px, principal point 620.5, 187. Baseline 0.532725 m.
+
+Source: Cabon, Murray and Humenberger, Virtual KITTI 2, arXiv:2001.10773; names, depth unit and
+numbers as in public programs that read it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
-from starling.learning.completion.data.readers.item import Item, Source, code, colour, folder
+from starling.learning.completion.data.readers.item import (
+    Item,
+    ItemSource,
+    check_folder,
+    read_code,
+    read_colour,
+)
 from starling.patterns.errors import refuse
 from starling.sim.geometry.pinhole import Pinhole
 
@@ -30,54 +37,54 @@ _SKY = 65535
 _LEFT, _RIGHT = "Camera_0", "Camera_1"
 
 
-def sources(root: Path) -> list[Source]:
-    """Find the items of a folder, by name; images are read when asked for.
+def sources(root: Path) -> list[ItemSource]:
+    """List the items of a folder by name. Images are read on demand.
 
     All variations of a scene (weather, light, turned cameras) are one room.
 
     Args:
-        root: folder of the archives' folders, or of the merged scenes.
+        root: folder that holds the archives' folders or the merged scenes.
 
     Raises:
-        InputError: if there is no such folder, or no left image in it.
+        InputError: if the folder does not exist or has no left image.
     """
-    pictures = _part(folder(root), "rgb")
-    found = []
+    pictures = _part(check_folder(root), "rgb")
+    sources_found = []
     for path in sorted(pictures.glob(f"Scene*/*/frames/rgb/{_LEFT}/rgb_*.jpg")):
         scene, variation = path.relative_to(pictures).parts[:2]
         number = path.stem.removeprefix("rgb_")
-        files = _Files.of(root, f"{scene}/{variation}", number)
-        found.append(
-            Source(
+        files = _Files.from_names(root, f"{scene}/{variation}", number)
+        sources_found.append(
+            ItemSource(
                 name=f"{scene}/{variation}/{number}",
                 room=scene,
-                files=files.there,
+                files=files.existing,
                 load=partial(_load, files, int(number)),
             )
         )
-    if not found:
+    if not sources_found:
         rule = f"must hold SceneNN/VARIATION/frames/rgb/{_LEFT}/rgb_NNNNN.jpg"
         raise refuse("Virtual KITTI 2", rule, root, "Give the folder it was unpacked to.")
-    return found
+    return sources_found
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Files:
-    """Where one frame lies."""
+    """Paths of one frame."""
 
     left: Path
     right: Path
     depth: Path
-    text: Path  # Of the camera, for all frames; may be missing.
+    text: Path  # Intrinsics of all frames; optional.
 
     @property
-    def there(self) -> tuple[Path, ...]:
-        """All, the text only where there is one."""
+    def existing(self) -> tuple[Path, ...]:
+        """All paths; the text file only if it exists."""
         images = (self.left, self.right, self.depth)
         return (*images, self.text) if self.text.exists() else images
 
     @classmethod
-    def of(cls, root: Path, place: str, number: str) -> _Files:
+    def from_names(cls, root: Path, place: str, number: str) -> _Files:
         pictures = _part(root, "rgb") / place / "frames/rgb"
         depths = _part(root, "depth") / place / "frames/depth"
         return cls(
@@ -89,20 +96,20 @@ class _Files:
 
 
 def _part(root: Path, kind: str) -> Path:
-    """Folder of one archive."""
-    own = root / f"vkitti_2.0.3_{kind}"
-    return own if own.is_dir() else root
+    """Return the folder of one archive."""
+    archive = root / f"vkitti_2.0.3_{kind}"
+    return archive if archive.is_dir() else root
 
 
 def _load(files: _Files, number: int) -> Item:
-    rgb = colour(files.left)
-    steps = code(files.depth)
+    rgb = read_colour(files.left)
+    steps = read_code(files.depth)
     known = (steps > 0) & (steps < _SKY)
     fx, fy, cx, cy = _intrinsics(files.text, number)
     height, width = rgb.shape[:2]
     return Item(
         rgb=rgb,
-        right=colour(files.right),
+        right=read_colour(files.right),
         truth_m=np.where(known, steps * np.float32(_STEP_M), np.float32(np.nan)),
         camera=Pinhole(width=width, height=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy),
         baseline_m=BASELINE_M,
@@ -110,7 +117,7 @@ def _load(files: _Files, number: int) -> Item:
 
 
 def _intrinsics(path: Path, frame: int) -> tuple[float, float, float, float]:
-    """Of the left camera at one frame."""
+    """Return the intrinsics of the left camera for one frame."""
     if not path.exists():
         return _FOCAL_PX, _FOCAL_PX, _CX_PX, _CY_PX
     try:
@@ -121,4 +128,4 @@ def _intrinsics(path: Path, frame: int) -> tuple[float, float, float, float]:
     except (OSError, ValueError) as error:
         rule = "must have lines of frame, camera and four numbers"
         raise refuse("intrinsic.txt", rule, path, f"{error}.") from error
-    raise refuse("intrinsic.txt", f"must tell of frame {frame}", path, "Copy it again.")
+    raise refuse("intrinsic.txt", f"must have a line for frame {frame}", path, "Copy it again.")

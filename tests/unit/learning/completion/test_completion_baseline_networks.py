@@ -1,4 +1,4 @@
-"""Published networks behind the one interface, by tiny random weights of their kinds."""
+"""Published networks as completion methods, with tiny random weights."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ pytest.importorskip("diffusers", reason="the extra completion is not installed")
 from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, Dinov2Config
 
 from starling.learning.completion.baselines import depth_anything, marigold, marigold_dc
-from starling.learning.completion.frame import checked
+from starling.learning.completion.frame import make_frame
 from starling.learning.completion.method import complete
 from starling.patterns.errors import InputError
 from tests.unit.learning.completion import tiny_diffusion as tiny
@@ -54,7 +54,8 @@ def _depth_anything(folder: Path, kind: str = "relative") -> Path:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(3)
         network = DepthAnythingForDepthEstimation(config)
-        for values in network.parameters():  # What it draws itself is so small that all is zero.
+        # Default initial weights are so small that the output is 0.
+        for values in network.parameters():
             torch.nn.init.normal_(values, std=0.3)
     network.save_pretrained(folder)
     return folder
@@ -68,35 +69,35 @@ def _marigold(folder: Path, *, count: int) -> marigold.Marigold:
 def test_marigold_is_aligned_to_the_sensor(two_latents: Path) -> None:
     method = _marigold(two_latents, count=1)
     assert method.name == "marigold"
-    found = complete(method, FRAME.rgb, FRAME.depth_m, FRAME.valid)
-    residual = (found.depth_m - FRAME.depth_m)[FRAME.valid]
-    assert abs(residual.mean()) < 1e-3  # As of every least squares with a shift.
+    result = complete(method, FRAME.rgb, FRAME.depth_m, FRAME.valid)
+    residual = (result.depth_m - FRAME.depth_m)[FRAME.valid]
+    assert abs(residual.mean()) < 1e-3  # A property of least squares with a shift.
     assert residual.std() <= FRAME.depth_m[FRAME.valid].std()
-    assert np.isfinite(found.depth_m).all() and np.isnan(found.sigma_m).all()
+    assert np.isfinite(result.depth_m).all() and np.isnan(result.sigma_m).all()
 
 
-def test_marigold_tells_the_spread_of_several_in_metres(two_latents: Path) -> None:
-    """Of a scene three times as far, three times as much."""
+def test_marigold_spread_is_in_metres(two_latents: Path) -> None:
+    """A scene three times as far has three times the spread."""
     method = _marigold(two_latents, count=3)
-    found = method.fill(FRAME)
+    result = method.fill(FRAME)
     far = method.fill(dataclasses.replace(FRAME, depth_m=3 * FRAME.depth_m))
-    assert (found.sigma_m >= 0).all() and found.sigma_m.max() > 0
-    np.testing.assert_allclose(far.depth_m, 3 * found.depth_m, rtol=1e-4)
-    np.testing.assert_allclose(far.sigma_m, 3 * found.sigma_m, rtol=1e-4)
+    assert (result.sigma_m >= 0).all() and result.sigma_m.max() > 0
+    np.testing.assert_allclose(far.depth_m, 3 * result.depth_m, rtol=1e-4)
+    np.testing.assert_allclose(far.sigma_m, 3 * result.sigma_m, rtol=1e-4)
 
 
 def test_depth_anything_is_aligned_in_inverse_depth(tmp_path: Path) -> None:
     method = depth_anything.load(_depth_anything(tmp_path))
     assert method.name == "depth-anything"
     method = dataclasses.replace(method, shortest_px=28)
-    found = complete(method, FRAME.rgb, FRAME.depth_m, FRAME.valid)
-    residual = (1 / found.depth_m - 1 / FRAME.depth_m)[FRAME.valid]
+    result = complete(method, FRAME.rgb, FRAME.depth_m, FRAME.valid)
+    residual = (1 / result.depth_m - 1 / FRAME.depth_m)[FRAME.valid]
     assert abs(residual.mean()) < 1e-3 and residual.std() <= (1 / FRAME.depth_m[FRAME.valid]).std()
-    assert found.depth_m.shape == (13, 18) and np.isnan(found.sigma_m).all()
+    assert result.depth_m.shape == (13, 18) and np.isnan(result.sigma_m).all()
 
 
-class _Sees:
-    """A network that tells the red channel of what it is given."""
+class _RedChannel:
+    """A network that returns the red channel of its input."""
 
     class config:
         patch_size = 14
@@ -114,39 +115,41 @@ class _Sees:
 
 @pytest.mark.parametrize("nearest_m", [0.5, 20.0])
 def test_depth_anything_is_exact_where_the_network_is(nearest_m: float) -> None:
-    """Depth painted into the image as its inverse comes back, its size as published; of streets
-    too, whose depth a cap for rooms would cut.
+    """Inverse depth in the red channel is recovered, with the published input size.
+
+    Street depth, beyond a limit for rooms, is recovered as well.
     """
     depth = nearest_m * np.linspace(1, 8, 64, dtype=np.float32)[None].repeat(48, 0)
     red = (nearest_m / depth) / 2 + 0.2
     valid = np.ones_like(depth, bool)
     valid[10:30, 20:40] = False
-    frame = checked(np.repeat(red[..., None], 3, 2), depth, valid)
-    network = _Sees()
-    found = depth_anything.DepthAnything(network=network).fill(frame)
+    frame = make_frame(np.repeat(red[..., None], 3, 2), depth, valid)
+    network = _RedChannel()
+    result = depth_anything.DepthAnything(network=network).fill(frame)
     assert network.sizes == [(1, 3, 518, 686)]
     middle = float(network.predicted_depth[0, 250, 343])
-    assert abs(middle * 0.229 + 0.485 - float(red[24, 31:33].mean())) < 1e-3  # As it was learnt on.
-    np.testing.assert_allclose(found.depth_m[:, 2:-2], depth[:, 2:-2], rtol=0.01)
+    # The training normalisation.
+    assert abs(middle * 0.229 + 0.485 - float(red[24, 31:33].mean())) < 1e-3
+    np.testing.assert_allclose(result.depth_m[:, 2:-2], depth[:, 2:-2], rtol=0.01)
 
 
 def _guided(folder: Path, steps: int) -> marigold_dc.MarigoldDC:
     return dataclasses.replace(marigold_dc.load(folder, steps=steps), longest_px=24)
 
 
-def test_guidance_brings_depth_to_the_sensors(two_latents: Path) -> None:
-    """By an untrained network alone depth is far off; guided for longer, it comes nearer."""
+def test_guidance_reduces_the_error(two_latents: Path) -> None:
+    """An untrained network alone is far off; more guidance steps reduce the error."""
     errors = []
     for steps in (2, 40):
         method = _guided(two_latents, steps)
         assert method.name == "marigold-dc"
-        found = complete(method, FRAME.rgb, FRAME.depth_m, FRAME.valid)
-        errors.append(np.abs(found.depth_m - FRAME.depth_m)[FRAME.valid].mean())
+        result = complete(method, FRAME.rgb, FRAME.depth_m, FRAME.valid)
+        errors.append(np.abs(result.depth_m - FRAME.depth_m)[FRAME.valid].mean())
     assert errors[1] < 0.8 * errors[0], errors
 
 
-def test_guidance_sees_valid_pixels_alone(two_latents: Path) -> None:
-    """Equal results whatever stands in holes, others where a valid pixel differs."""
+def test_guidance_uses_valid_pixels_only(two_latents: Path) -> None:
+    """Values in holes have no effect, and a changed valid pixel has one."""
     method = _guided(two_latents, 3)
     first = complete(method, FRAME.rgb, FRAME.depth_m, FRAME.valid).depth_m
     filled = np.where(FRAME.valid, FRAME.depth_m, 55)
@@ -156,40 +159,38 @@ def test_guidance_sees_valid_pixels_alone(two_latents: Path) -> None:
     assert not np.array_equal(complete(method, FRAME.rgb, moved, FRAME.valid).depth_m, first)
 
 
-def test_guided_depth_begins_between_the_sensors_nearest_and_farthest(two_latents: Path) -> None:
-    """Equation 2 with s = t = 1, before Adam has moved them by more than a step of 0.005.
+def test_guided_depth_starts_in_the_range_of_the_sensor(two_latents: Path) -> None:
+    """Equation 2 with s = t = 1, before Adam has changed them by more than one step of 0.005.
 
-    Of a decoder that tells only the nearest and the farthest.
+    The decoder returns only the nearest and the farthest depth.
     """
     method = _guided(two_latents, 1)
     with torch.no_grad():
         method.vae.decoder.get_parameter("conv_out.weight").mul_(1e6)
-    found = method.fill(FRAME).depth_m
+    result = method.fill(FRAME).depth_m
     known = FRAME.depth_m[FRAME.valid]
-    np.testing.assert_allclose([found.min(), found.max()], [known.min(), known.max()], rtol=0.02)
+    np.testing.assert_allclose([result.min(), result.max()], [known.min(), known.max()], rtol=0.02)
 
 
-def test_every_gradient_is_given_its_length(
-    two_latents: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    kept: list[float] = []
+def test_every_gradient_is_rescaled(two_latents: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    remaining: list[float] = []
 
     def lengthen(latent: Any, clean: Any, share: torch.Tensor) -> None:
-        kept.append(float(share))
+        remaining.append(float(share))
 
     monkeypatch.setattr(marigold_dc, "_lengthen", lengthen)
     _guided(two_latents, 4).fill(FRAME)
-    assert len(kept) == 4 and kept == sorted(kept)  # Less and less noise.
+    assert len(remaining) == 4 and remaining == sorted(remaining)  # The noise decreases.
 
 
 def test_the_gradient_is_as_long_as_the_noise_in_the_latent() -> None:
     latent = torch.nn.Parameter(torch.randn(1, 4, 8, 8))
-    clean, kept = torch.randn(1, 4, 8, 8), torch.tensor(0.3)
+    clean, remaining = torch.randn(1, 4, 8, 8), torch.tensor(0.3)
     noise = torch.randn(1, 4, 8, 8)
-    latent.data = kept.sqrt() * clean + (1 - kept).sqrt() * noise
+    latent.data = remaining.sqrt() * clean + (1 - remaining).sqrt() * noise
     latent.grad = torch.randn(1, 4, 8, 8)
     direction = latent.grad / latent.grad.norm()
-    marigold_dc._lengthen(latent, clean, kept)
+    marigold_dc._lengthen(latent, clean, remaining)
     torch.testing.assert_close(latent.grad, direction * noise.norm())
 
 
@@ -205,12 +206,14 @@ def test_weights_refused(two_latents: Path, tmp_path: Path) -> None:
         assert str(error.value).startswith("weights must be a folder that exists; got ")
         assert f"hf download {published} --local-dir DIR" in str(error.value)
     plain = tiny.write(tmp_path / "plain")
-    with pytest.raises(InputError, match=r"^weights must be Marigold's, with 8 channels in; got 4"):
+    with pytest.raises(
+        InputError, match=r"^weights must be Marigold's, with 8 input channels; got 4"
+    ):
         marigold_dc.load(plain)
     with pytest.raises(InputError, match=r"^weights must be readable as DepthAnything"):
         depth_anything.load(two_latents)
     metric = _depth_anything(tmp_path / "metric", kind="metric")
-    with pytest.raises(InputError, match=r"^weights must tell relative depth; got metric in "):
+    with pytest.raises(InputError, match=r"^weights must predict relative depth; got metric in "):
         depth_anything.load(metric)
 
 

@@ -1,4 +1,4 @@
-"""Fills without learning: what they must get exactly right, and where they must stop."""
+"""Classical completion methods: exact cases and limits."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from starling.learning.completion.classical.morphological import Morphological
 from starling.learning.completion.classical.nearest import Nearest
 from starling.learning.completion.classical.poisson import Poisson
 from starling.learning.completion.classical.wls import WeightedLeastSquares
-from starling.learning.completion.method import Method, complete
+from starling.learning.completion.method import CompletionMethod, complete
 from starling.patterns.errors import InputError
 
-METHODS: tuple[Method, ...] = (
+METHODS: tuple[CompletionMethod, ...] = (
     Nearest(),
     Morphological(),
     Bilateral(),
     WeightedLeastSquares(),
     Poisson(),
 )
-GUIDED: tuple[Method, ...] = (Bilateral(), WeightedLeastSquares(), Poisson())
+GUIDED: tuple[CompletionMethod, ...] = (Bilateral(), WeightedLeastSquares(), Poisson())
 SHAPE = (72, 96)
 EVEN = np.full(SHAPE, 100, np.uint8)
 
 
-def named(method: Method) -> str:
+def name_of(method: CompletionMethod) -> str:
     return method.name
 
 
@@ -42,59 +42,59 @@ def noise() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_names_differ() -> None:
-    assert [named(one) for one in METHODS] == [
+    assert [name_of(method) for method in METHODS] == [
         *("nearest", "morphological", "bilateral", "wls", "poisson")
     ]
 
 
-@pytest.mark.parametrize("method", METHODS, ids=named)
-def test_valid_pixels_stay_and_every_hole_is_filled(method: Method) -> None:
+@pytest.mark.parametrize("method", METHODS, ids=name_of)
+def test_valid_pixels_stay_and_every_hole_is_filled(method: CompletionMethod) -> None:
     image, depth, valid = noise()
-    found = complete(method, image, depth, valid)
-    np.testing.assert_array_equal(found.depth_m[valid], depth[valid])
-    assert found.depth_m.dtype == np.float32
-    assert np.isfinite(found.depth_m).all() and np.isnan(found.sigma_m).all()
-    # Means of what is there lie between the least and the greatest.
-    assert found.depth_m.min() >= 0.49 and found.depth_m.max() <= 3.01
+    result = complete(method, image, depth, valid)
+    np.testing.assert_array_equal(result.depth_m[valid], depth[valid])
+    assert result.depth_m.dtype == np.float32
+    assert np.isfinite(result.depth_m).all() and np.isnan(result.sigma_m).all()
+    # Weighted means are between the least and the greatest depth.
+    assert result.depth_m.min() >= 0.49 and result.depth_m.max() <= 3.01
 
 
-@pytest.mark.parametrize("method", METHODS, ids=named)
+@pytest.mark.parametrize("method", METHODS, ids=name_of)
 @pytest.mark.parametrize("holes", [hole(), hole(slice(None), slice(40)), noise()[2]])
-def test_an_even_wall_is_filled_exactly(method: Method, holes: np.ndarray) -> None:
-    found = complete(method, noise()[0], np.full(SHAPE, 1.3), holes)
-    np.testing.assert_allclose(found.depth_m, 1.3, rtol=1e-4)
+def test_a_flat_wall_is_filled_exactly(method: CompletionMethod, holes: np.ndarray) -> None:
+    result = complete(method, noise()[0], np.full(SHAPE, 1.3), holes)
+    np.testing.assert_allclose(result.depth_m, 1.3, rtol=1e-4)
 
 
-@pytest.mark.parametrize("method", METHODS, ids=named)
-def test_one_valid_pixel_is_enough(method: Method) -> None:
+@pytest.mark.parametrize("method", METHODS, ids=name_of)
+def test_one_valid_pixel_is_enough(method: CompletionMethod) -> None:
     valid = np.zeros(SHAPE, bool)
     valid[10, 20] = True
-    found = complete(method, noise()[0], np.full(SHAPE, 0.8), valid)
-    np.testing.assert_allclose(found.depth_m, 0.8, rtol=1e-4)
+    result = complete(method, noise()[0], np.full(SHAPE, 0.8), valid)
+    np.testing.assert_allclose(result.depth_m, 0.8, rtol=1e-4)
 
 
-@pytest.mark.parametrize("method", METHODS, ids=named)
-def test_two_runs_agree_bit_for_bit(method: Method) -> None:
-    one, two = (complete(method, *noise()).depth_m for _ in range(2))
-    assert one.tobytes() == two.tobytes()
+@pytest.mark.parametrize("method", METHODS, ids=name_of)
+def test_results_are_reproducible_bit_for_bit(method: CompletionMethod) -> None:
+    item, two = (complete(method, *noise()).depth_m for _ in range(2))
+    assert item.tobytes() == two.tobytes()
 
 
-def test_a_slanted_plane_is_continued_exactly_by_the_membrane() -> None:
+def test_the_membrane_extends_a_slanted_plane_exactly() -> None:
     """Inverse depth of a plane is linear in the image, and linear is harmonic."""
     v, u = np.indices(SHAPE)
     depth = 1 / (0.4 + 0.003 * u + 0.005 * v)
-    found = complete(Poisson(), EVEN, depth, hole())
-    np.testing.assert_allclose(found.depth_m, depth, rtol=1e-5)
+    result = complete(Poisson(), EVEN, depth, hole())
+    np.testing.assert_allclose(result.depth_m, depth, rtol=1e-5)
 
 
-@pytest.mark.parametrize("method", GUIDED, ids=named)
-def test_a_hole_across_an_image_edge_gets_each_side_s_depth(method: Method) -> None:
+@pytest.mark.parametrize("method", GUIDED, ids=name_of)
+def test_a_hole_across_an_image_edge_takes_depth_from_each_side(method: CompletionMethod) -> None:
     image, depth = np.full(SHAPE, 60, np.uint8), np.full(SHAPE, 1.0)
     image[:, 40:], depth[:, 40:] = 200, 2.0
-    # Lopsided, so that the middle of the hole is not where the image has its edge.
+    # Asymmetric, so that the centre of the hole is not at the image edge.
     valid = hole()
-    found = complete(method, image, depth, valid).depth_m
-    off = np.abs(found - depth)
+    result = complete(method, image, depth, valid).depth_m
+    off = np.abs(result - depth)
     assert off[~valid].mean() < 0.05
     away = np.abs(np.arange(SHAPE[1]) - 39.5) > 5
     assert off[:, away].max() < 0.1
@@ -104,25 +104,25 @@ def test_a_hole_across_an_image_edge_gets_each_side_s_depth(method: Method) -> N
 
 def test_the_nearest_pixel_gives_its_depth() -> None:
     depth = np.broadcast_to(np.where(np.arange(SHAPE[1]) < 48, 1.0, 2.0), SHAPE)
-    found = complete(Nearest(), EVEN, depth, hole(slice(None), slice(40, 60))).depth_m
-    assert (found[:, :50] == 1).all() and (found[:, 50:] == 2).all()
+    result = complete(Nearest(), EVEN, depth, hole(slice(None), slice(40, 60))).depth_m
+    assert (result[:, :50] == 1).all() and (result[:, 50:] == 2).all()
 
 
-def test_morphology_lets_the_near_surface_grow() -> None:
+def test_morphology_extends_the_near_surface() -> None:
     depth = np.broadcast_to(np.where(np.arange(SHAPE[1]) < 48, 1.0, 2.0), SHAPE)
     valid = hole(slice(None), slice(46, 70))
-    found = complete(Morphological(), EVEN, depth, valid).depth_m
-    np.testing.assert_allclose(found[:, 46:60], 1.0, rtol=1e-3)
+    result = complete(Morphological(), EVEN, depth, valid).depth_m
+    np.testing.assert_allclose(result[:, 46:60], 1.0, rtol=1e-3)
 
 
-@pytest.mark.parametrize("method", METHODS, ids=named)
-def test_a_false_match_alone_in_a_hole_is_not_spread(method: Method) -> None:
-    """A few pixels of 9 m in a hole of a wall at 1 m: they stay, and nothing else is moved."""
+@pytest.mark.parametrize("method", METHODS, ids=name_of)
+def test_an_isolated_false_match_does_not_spread(method: CompletionMethod) -> None:
+    """A few pixels of 9 m in a hole of a wall at 1 m stay and do not affect other pixels."""
     depth, valid = np.full(SHAPE, 1.0), hole()
     depth[34:37, 40:46], valid[34:37, 40:46] = 9.0, True
-    found = complete(method, EVEN, depth, valid).depth_m
-    assert (found[34:37, 40:46] == 9).all()
-    np.testing.assert_allclose(found[~valid], 1.0, rtol=1e-3)
+    result = complete(method, EVEN, depth, valid).depth_m
+    assert (result[34:37, 40:46] == 9).all()
+    np.testing.assert_allclose(result[~valid], 1.0, rtol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -143,6 +143,6 @@ def test_a_false_match_alone_in_a_hole_is_not_spread(method: Method) -> None:
         (lambda: Poisson(guide_smoothing_px=-1.0), "guide_smoothing_px must be in"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(build, message: str) -> None:
+def test_invalid_settings_are_refused(build, message: str) -> None:
     with pytest.raises(InputError, match=message):
         build()

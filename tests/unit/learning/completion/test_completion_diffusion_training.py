@@ -1,4 +1,4 @@
-"""Training of diffusion: what counts, restarts to the same bits, refusals."""
+"""Training of diffusion: loss, batches, restarts and refusals."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ import torch
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
 from starling import command_line
-from starling.learning.completion.diffusion import model, training, weights
-from starling.learning.completion.diffusion.batch import Batch, draw
-from starling.learning.completion.diffusion.crop import cropped
+from starling.learning.completion.diffusion import VARIANTS, Variant, model, training, weights
+from starling.learning.completion.diffusion.data import (
+    DiffusionBatch,
+    TrainingSample,
+    draw_batches,
+    random_crop,
+)
 from starling.learning.completion.diffusion.method import Diffusion
-from starling.learning.completion.diffusion.samples import Sample
 from starling.learning.completion.diffusion.training import Settings, train
-from starling.learning.completion.diffusion.variants import VARIANTS, Variant
-from starling.learning.completion.frame import checked
+from starling.learning.completion.frame import make_frame
 from starling.patterns.errors import InputError
 from tests.unit.learning import capture_sets
 from tests.unit.learning.completion import tiny_diffusion as tiny
@@ -32,9 +34,11 @@ CPU = torch.device("cpu")
 SHORT = Settings(steps=5, batch=3, at_once=2, save_every=2, rate=1e-3)
 
 
-def _sample(seed: int, shape: tuple[int, int] = (13, 18)) -> Sample:
+def _sample(seed: int, shape: tuple[int, int] = (13, 18)) -> TrainingSample:
     frame = tiny.frame(shape, seed)
-    return Sample(frame, np.linspace(1, 2, shape[1], dtype=np.float32)[None].repeat(shape[0], 0))
+    return TrainingSample(
+        frame, np.linspace(1, 2, shape[1], dtype=np.float32)[None].repeat(shape[0], 0)
+    )
 
 
 SAMPLES = [_sample(seed) for seed in range(4)]
@@ -62,10 +66,10 @@ def _kill(after: int) -> Any:
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_killed_training_goes_on_to_the_same_bits(
+def test_resumed_training_is_bit_identical(
     published: Path, variant: Variant, tmp_path: Path
 ) -> None:
-    def run(folder: str, **how: Any) -> model.Model:
+    def run(folder: str, **how: Any) -> model.DiffusionModel:
         parts = weights.load(published)
         return train(parts, variant, HELD, SHORT, folder=tmp_path / folder, seed=3, **how)
 
@@ -73,86 +77,86 @@ def test_killed_training_goes_on_to_the_same_bits(
     with pytest.raises(_Killed):
         run("killed", track=_kill(after=3))
     resumed = run("killed")
-    read = model.trained(tmp_path / "killed" / training.WEIGHTS)
+    read = model.trained_model(tmp_path / "killed" / training.WEIGHTS)
     expected = whole.conditioning.networks.state_dict()
-    for other in (resumed, read):
-        assert other.conditioning.variant == variant
-        found = other.conditioning.networks.state_dict()
-        assert found.keys() == expected.keys()
+    for second in (resumed, read):
+        assert second.conditioning.variant == variant
+        result = second.conditioning.networks.state_dict()
+        assert result.keys() == expected.keys()
         for name, value in expected.items():
-            assert torch.equal(found[name], value), name
+            assert torch.equal(result[name], value), name
     curves = [(tmp_path / name / training.CURVE).read_text() for name in ("whole", "killed")]
     assert curves[0] == curves[1] and curves[0].count("\n") == 6
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_one_batch_is_learnt(published: Path, variant: Variant) -> None:
-    """Of one sample, at the same times and with the same noise."""
-    made = model.untrained(weights.load(published), variant, seed=0)
+def test_the_loss_of_one_batch_decreases(published: Path, variant: Variant) -> None:
+    """One sample, at fixed steps and with fixed noise."""
+    built = model.untrained_model(weights.load(published), variant, seed=0)
     batch = _batch(SAMPLES[:1], 6)
-    optimizer = torch.optim.Adam(training.trainable(made.conditioning), lr=3e-3)
+    optimizer = torch.optim.Adam(training.trainable_parameters(built.conditioning), lr=3e-3)
     losses = []
     for _ in range(25):
         optimizer.zero_grad()
-        loss = training.loss(made, batch, seed=0).mean()
+        loss = training.loss(built, batch, seed=0).mean()
         loss.backward()
         optimizer.step()
         losses.append(loss.item())
     assert losses[-1] < 0.8 * losses[0], losses
 
 
-def _batch(samples: Sequence[Sample], count: int) -> Batch:
-    (batch,) = draw(tiny.Held(samples), step=0, count=count, at_once=count, seed=0, **WHOLE)
+def _batch(samples: Sequence[TrainingSample], count: int) -> DiffusionBatch:
+    (batch,) = draw_batches(tiny.Held(samples), step=0, count=count, at_once=count, seed=0, **WHOLE)
     return batch
 
 
-def test_loss_of_a_network_that_tells_nothing_is_the_noises_variance(published: Path) -> None:
-    made = model.untrained(weights.load(published), "rgbd", seed=0)
-    for value in made.conditioning.networks["unet"].get_submodule("conv_out").parameters():
+def test_the_loss_of_a_zero_prediction_is_the_variance_of_the_noise(published: Path) -> None:
+    built = model.untrained_model(weights.load(published), "rgbd", seed=0)
+    for value in built.conditioning.networks["unet"].get_submodule("conv_out").parameters():
         torch.nn.init.zeros_(value)
-    loss = training.loss(made, _batch(SAMPLES, 40), seed=0)
+    loss = training.loss(built, _batch(SAMPLES, 40), seed=0)
     assert loss.shape == (40,)
-    # 4 x 6 x 9 cells of 4 numbers a sample (those at the padding do not count): sd < 0.02.
+    # 4 x 6 x 9 cells of 4 numbers a sample, without padding: std < 0.02.
     assert abs(loss.mean().item() - 1) < 0.1
 
 
 def test_only_cells_with_known_truth_count(published: Path) -> None:
-    """Noise told at other cells may be anything."""
+    """The noise predicted at other cells has no effect."""
     truth = SAMPLES[0].truth_m.copy()
     truth[:, 10:] = np.nan
-    sample = Sample(SAMPLES[0].frame, truth)
+    sample = TrainingSample(SAMPLES[0].frame, truth)
     assert _counted(published, "rgbd", sample) == {
         (row, column) for row in range(6) for column in range(5)
     }
 
 
-def test_with_the_mask_only_holes_count(published: Path) -> None:
+def test_only_holes_count_with_the_mask(published: Path) -> None:
     """The hole is at rows 4 to 7, columns 6 to 8 of pixels; a cell is 2x2."""
     assert _counted(published, "rgbd-mask", SAMPLES[0]) == {
         (row, column) for row in (2, 3) for column in (3, 4)
     }
 
 
-def _counted(published: Path, variant: Variant, sample: Sample) -> set[tuple[int, int]]:
-    """Cells where the noise told moves the loss."""
-    made = model.untrained(weights.load(published), variant, seed=0)
-    told: list[torch.Tensor] = []
+def _counted(published: Path, variant: Variant, sample: TrainingSample) -> set[tuple[int, int]]:
+    """Cells whose predicted noise has an effect on the loss."""
+    built = model.untrained_model(weights.load(published), variant, seed=0)
+    report: list[torch.Tensor] = []
 
-    def keep(module: Any, given: Any, output: Any) -> Any:
-        told.append(output[0])
+    def keep(module: Any, inputs: Any, output: Any) -> Any:
+        report.append(output[0])
         output[0].retain_grad()
         return output
 
-    made.conditioning.networks["unet"].register_forward_hook(keep)
-    training.loss(made, _batch([sample], 1), seed=0).sum().backward()
-    gradient = told[0].grad
+    built.conditioning.networks["unet"].register_forward_hook(keep)
+    training.loss(built, _batch([sample], 1), seed=0).sum().backward()
+    gradient = report[0].grad
     assert gradient is not None
     rows, columns = np.nonzero(gradient[0].abs().sum(dim=0).numpy())
     return {(int(row), int(column)) for row, column in zip(rows, columns, strict=True)}
 
 
-def test_a_step_is_the_same_however_many_the_device_holds(published: Path, tmp_path: Path) -> None:
-    """But for rounding."""
+def test_a_step_does_not_depend_on_the_batch_on_the_device(published: Path, tmp_path: Path) -> None:
+    """Up to rounding."""
     curves = []
     for at_once in (1, 3):
         settings = dataclasses.replace(SHORT, at_once=at_once, steps=2, rate=1e-4)
@@ -163,11 +167,11 @@ def test_a_step_is_the_same_however_many_the_device_holds(published: Path, tmp_p
     np.testing.assert_allclose(curves[0], curves[1], rtol=1e-4)
 
 
-def test_every_sample_comes_once_a_turn() -> None:
+def test_every_sample_occurs_once_per_epoch() -> None:
     seen = [
-        float(batch.seen.image[place].sum())
+        float(batch.inputs.image[place].sum())
         for step in range(4)
-        for batch in draw(HELD, step=step, count=2, at_once=2, seed=1, **WHOLE)
+        for batch in draw_batches(HELD, step=step, count=2, at_once=2, seed=1, **WHOLE)
         for place in range(2)
     ]
     assert len(set(seen[:4])) == 4 and sorted(seen[:4]) == sorted(seen[4:])
@@ -178,59 +182,59 @@ def test_defaults_are_the_papers() -> None:
     assert Settings().crop_px == (8 * 64, 8 * 64)
 
 
-def test_samples_of_unequal_sizes_share_a_batch_in_which_no_truth_is_known_beyond() -> None:
+def test_truth_is_unknown_in_the_padding_of_a_mixed_batch() -> None:
     batch = _batch([_sample(0, (9, 18)), _sample(1, (13, 10))], 2)
-    assert batch.truth.shape == batch.seen.image[:, :1].shape == (2, 1, 16, 20)
+    assert batch.truth.shape == batch.inputs.image[:, :1].shape == (2, 1, 16, 20)
     known = 1 - batch.unknown[:, 0]
     assert sorted(known.sum(dim=(1, 2)).tolist()) == [13 * 10, 9 * 18]
 
 
-def test_crops_are_of_image_depth_and_truth_alike_and_elsewhere_each_time() -> None:
+def test_crops_are_aligned_and_random() -> None:
     rows, columns = np.mgrid[:40, :60].astype(np.float32)
     depth = (1 + rows + 100 * columns) / 1000
-    frame = checked(depth / 10, depth, np.ones(depth.shape, bool))
-    whole = Sample(frame, depth)
+    frame = make_frame(depth / 10, depth, np.ones(depth.shape, bool))
+    whole = TrainingSample(frame, depth)
     corners = set()
     for seed in range(20):
-        part = cropped(whole, (16, 24), np.random.default_rng(seed))
+        part = random_crop(whole, (16, 24), np.random.default_rng(seed))
         assert part.frame.shape == part.truth_m.shape == (16, 24)
         np.testing.assert_array_equal(part.frame.depth_m, part.truth_m)
         np.testing.assert_allclose(part.frame.rgb[..., 0], part.truth_m / 10, rtol=1e-6)
         corners.add(float(part.truth_m[0, 0]))
     assert len(corners) > 15
-    assert cropped(whole, (512, 512), np.random.default_rng(0)) is whole
-    assert cropped(whole, (512, 24), np.random.default_rng(0)).frame.shape == (40, 24)
+    assert random_crop(whole, (512, 512), np.random.default_rng(0)) is whole
+    assert random_crop(whole, (512, 24), np.random.default_rng(0)).frame.shape == (40, 24)
 
 
-def test_a_crop_of_a_frame_with_hardly_any_depth_has_some() -> None:
+def test_a_crop_has_depth_even_if_the_frame_has_hardly_any() -> None:
     depth = np.full((40, 60), np.nan, np.float32)
     depth[39, 0] = 1
-    frame = checked(np.zeros(depth.shape), depth, np.isfinite(depth))
+    frame = make_frame(np.zeros(depth.shape), depth, np.isfinite(depth))
     for seed in range(5):
-        part = cropped(Sample(frame, depth), (16, 24), np.random.default_rng(seed))
+        part = random_crop(TrainingSample(frame, depth), (16, 24), np.random.default_rng(seed))
         assert part.frame.shape == (16, 24) and part.frame.valid.sum() == 1
 
 
 def test_trained_weights_complete(published: Path, tmp_path: Path) -> None:
     settings = dataclasses.replace(SHORT, steps=1)
-    made = train(weights.load(published), "rgbd", HELD, settings, folder=tmp_path, seed=0)
-    found = Diffusion(model=made, steps=2).fill(SAMPLES[0].frame)
-    assert found.depth_m.shape == (13, 18)
+    built = train(weights.load(published), "rgbd", HELD, settings, folder=tmp_path, seed=0)
+    result = Diffusion(model=built, steps=2).fill(SAMPLES[0].frame)
+    assert result.depth_m.shape == (13, 18)
 
 
-def _other_size() -> list[Sample]:
-    return [Sample(SAMPLES[0].frame, SAMPLES[0].truth_m[1:])]
+def _other_size() -> list[TrainingSample]:
+    return [TrainingSample(SAMPLES[0].frame, SAMPLES[0].truth_m[1:])]
 
 
-def _no_depth() -> list[Sample]:
+def _no_depth() -> list[TrainingSample]:
     frame = tiny.frame()
     blind = dataclasses.replace(frame, valid=np.zeros_like(frame.valid))
-    return [Sample(blind, SAMPLES[0].truth_m)]
+    return [TrainingSample(blind, SAMPLES[0].truth_m)]
 
 
-def _endless() -> list[Sample]:
+def _endless() -> list[TrainingSample]:
     frame = tiny.frame()
-    return [Sample(dataclasses.replace(frame, rgb=frame.rgb * np.inf), SAMPLES[0].truth_m)]
+    return [TrainingSample(dataclasses.replace(frame, rgb=frame.rgb * np.inf), SAMPLES[0].truth_m)]
 
 
 @pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
@@ -261,19 +265,19 @@ def test_settings_refused() -> None:
 def test_checkpoint_of_another_training_is_refused(published: Path, tmp_path: Path) -> None:
     settings = dataclasses.replace(SHORT, steps=1)
     train(weights.load(published), "rgbd", HELD, settings, folder=tmp_path, seed=0)
-    with pytest.raises(InputError, match=r"^checkpoint must be of this training, with the same "):
+    with pytest.raises(
+        InputError, match=r"^checkpoint must belong to this training, with the same "
+    ):
         train(weights.load(published), "rgbd", HELD, settings, folder=tmp_path, seed=1)
 
 
-def test_weights_without_their_checkpoint_are_not_taken_for_those_of_this_training(
-    published: Path, tmp_path: Path
-) -> None:
+def test_weights_without_checkpoint_are_refused(published: Path, tmp_path: Path) -> None:
     (tmp_path / training.WEIGHTS).mkdir()
     with pytest.raises(InputError, match=r"^folder must not hold weights/ of another training; "):
         train(weights.load(published), "rgbd", HELD, SHORT, folder=tmp_path, seed=0)
 
 
-def test_from_the_command_line_and_used_like_any_method(
+def test_training_and_completion_on_the_command_line(
     published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     captures, out = capture_sets.write(tmp_path / "set"), tmp_path / "trained"
@@ -283,11 +287,11 @@ def test_from_the_command_line_and_used_like_any_method(
     done = tmp_path / "done"
     arguments = ["complete", str(captures), "--method", method, "--out", str(done), "--json"]
     assert command_line.main(arguments) == 0
-    told = json.loads("{" + capsys.readouterr().out.rpartition("\n{")[2])
-    assert told["frames"] == 4 and told["method"] == method
+    report = json.loads("{" + capsys.readouterr().out.rpartition("\n{")[2])
+    assert report["frames"] == 4 and report["method"] == method
 
 
-def test_without_its_packages_it_says_what_to_install(
+def test_missing_packages_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     captures = capture_sets.write(tmp_path / "set")

@@ -1,4 +1,4 @@
-"""Diffusion draws frames from a disk: read when drawn, left out without depth, told from others."""
+"""Training samples that are read when they are drawn."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import pytest
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
 from starling.learning.completion.commands.train_diffusion import train_diffusion
-from starling.learning.completion.data.layouts import listed
-from starling.learning.completion.diffusion.unread import Unread
+from starling.learning.completion.data.layouts import list_frames
+from starling.learning.completion.diffusion.data import ListedSamples
 from starling.patterns.errors import InputError
 from starling.sim.captures import png
 from tests.unit.command_line import Capsys
@@ -33,8 +33,8 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tiny.write(tmp_path_factory.mktemp("weights"))
 
 
-def unread(captures: Path, holes: str = "camera") -> Unread:
-    return Unread(frames=listed(str(captures), "captures"), holes=holes, seed=0)
+def unread(captures: Path, holes: str = "camera") -> ListedSamples:
+    return ListedSamples(frames=list_frames(str(captures), "captures"), holes=holes, seed=0)
 
 
 def emptied(captures: Path, numbers: Sequence[int]) -> None:
@@ -58,7 +58,7 @@ def test_a_frame_is_read_when_it_is_drawn(captures: Path, monkeypatch: pytest.Mo
     assert drawn.shares == {2: pytest.approx(ndp.mean())}
 
 
-def test_one_without_depth_gives_its_place_to_the_next(captures: Path) -> None:
+def test_a_frame_without_depth_is_replaced_by_the_next(captures: Path) -> None:
     emptied(captures, [3])
     drawn, whole = unread(captures), unread(captures)
     np.testing.assert_array_equal(drawn[3].frame.rgb, whole[0].frame.rgb)
@@ -68,42 +68,46 @@ def test_one_without_depth_gives_its_place_to_the_next(captures: Path) -> None:
         unread(captures)[1]
 
 
-def test_random_holes_are_the_same_each_time(captures: Path) -> None:
+def test_random_holes_are_deterministic(captures: Path) -> None:
     first, again = (unread(captures, "random")[1].frame.valid for _ in range(2))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, unread(captures)[1].frame.valid)
     assert unread(captures, "random").identity != unread(captures).identity
 
 
-def test_a_frame_changed_in_the_middle_is_another_training(
+def test_a_changed_frame_changes_the_identity(
     captures: Path, published: Path, tmp_path: Path
 ) -> None:
     how = {"start": str(published), "variant": "rgbd", "at_once": 8, "seed": 0}
-    frames = listed(str(captures), "captures")
+    frames = list_frames(str(captures), "captures")
     folder = tmp_path / "out"
-    found = train_diffusion(frames, "camera", steps=1, folder=folder, **how)
-    assert found["frames"] == 4 and found["left_out"] == 0 and 0 < found["hole_share"] < 1
+    result = train_diffusion(frames, "camera", steps=1, folder=folder, **how)
+    assert result["frames"] == 4 and result["left_out"] == 0 and 0 < result["hole_share"] < 1
     train_diffusion(frames, "camera", steps=1, folder=folder, **how)
     emptied(captures, [1])
-    with pytest.raises(InputError, match="checkpoint must be of this training, with the same"):
+    with pytest.raises(InputError, match="checkpoint must belong to this training, with the same"):
         train_diffusion(frames, "camera", steps=1, folder=folder, **how)
 
 
 @pytest.mark.long
-def test_from_the_command_line_on_two_data_sets(
+def test_training_on_two_data_sets_on_the_command_line(
     published: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
-    """Of unequal sizes, as the paper's; then judged."""
+    """Data sets with unequal image sizes, as in the paper; then evaluated."""
     place = tiny_data_sets.write("irs", tmp_path / "irs")
     streets = tiny_data_sets.write("vkitti2", tmp_path / "streets")
     out = tmp_path / "out"
     flags = ("--layout", "irs", "--also", f"vkitti2={streets}", "--start", published)
     few = ("--steps", 1, "--at-once", 8, "--variant", "controlnet")
-    told = ran(capsys, "train", "completion", place, *flags, *few, "--out", out)
-    assert (told["method"], told["frames"], told["left_out"]) == ("diffusion", 4, 0)
-    kept = json.loads((out / "starling.json").read_text())["arguments"]
-    assert (kept["variant"], kept["at_once"], kept["layout"]) == ("controlnet", 8, "irs")
+    report = ran(capsys, "train", "completion", place, *flags, *few, "--out", out)
+    assert (report["method"], report["frames"], report["left_out"]) == ("diffusion", 4, 0)
+    remaining = json.loads((out / "starling.json").read_text())["arguments"]
+    assert (remaining["variant"], remaining["at_once"], remaining["layout"]) == (
+        "controlnet",
+        8,
+        "irs",
+    )
     method = ("--methods", "nearest", f"diffusion={out / 'weights'}")
     flags = ("--layout", "irs", "--align", "truth", "--frames", 1, "--out", tmp_path / "judged")
-    found = ran(capsys, "evaluate", "completion", place, *method, *flags)
-    assert found["frames"] == 1 and list(found["methods"])[1:] == list(method[1:])
+    result = ran(capsys, "evaluate", "completion", place, *method, *flags)
+    assert result["frames"] == 1 and list(result["methods"])[1:] == list(method[1:])

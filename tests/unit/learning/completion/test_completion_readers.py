@@ -1,4 +1,4 @@
-"""Data sets in their publishers' layouts: tiny ones written, and read back."""
+"""Readers of public data sets, on tiny data sets in their layouts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DISPARITY = RNG.uniform(4, 60, SHAPE).astype(np.float32)
 
 @pytest.fixture
 def rooms(tmp_path: Path) -> Path:
-    """IRS: two variants of one scene, one more scene; disparity as one channel, and as three."""
+    """IRS: two variants of one scene and one more scene; disparity as one and as three channels."""
     for scene, name in (("Home/Flat", "00001"), ("Home/Flat_Dark", "00001"), ("Store/Shop", "7")):
         folder = tmp_path / scene
         picture(folder / f"l_{name}.png", LEFT)
@@ -38,17 +38,17 @@ def rooms(tmp_path: Path) -> Path:
 
 
 def test_irs(rooms: Path) -> None:
-    found = irs.sources(rooms)
-    assert [one.name for one in found] == [
+    result = irs.sources(rooms)
+    assert [entry.name for entry in result] == [
         *("Home/Flat/l_00001", "Home/Flat_Dark/l_00001", "Store/Shop/l_7")
     ]
-    assert [one.room for one in found] == ["Flat", "Flat", "Shop"]
-    for source in found:
-        one = source.load()
-        np.testing.assert_array_equal(one.rgb, LEFT)
-        np.testing.assert_array_equal(one.right, RIGHT)
-        np.testing.assert_allclose(one.truth_m, 480 * 0.1 / DISPARITY, rtol=1e-6)
-        assert one.camera.cx_px == 19.5 and one.camera.cy_px == 11.5 and one.sensor_m is None
+    assert [entry.room for entry in result] == ["Flat", "Flat", "Shop"]
+    for source in result:
+        first = source.load()
+        np.testing.assert_array_equal(first.rgb, LEFT)
+        np.testing.assert_array_equal(first.right, RIGHT)
+        np.testing.assert_allclose(first.truth_m, 480 * 0.1 / DISPARITY, rtol=1e-6)
+        assert first.camera.cx_px == 19.5 and first.camera.cy_px == 11.5 and first.sensor_m is None
     assert len(irs.sources(rooms / "Store")) == 1
 
 
@@ -85,7 +85,7 @@ def test_irs_refuses(rooms: Path, tmp_path: Path) -> None:
 
 
 def streets(root: Path, *, merged: bool) -> np.ndarray:
-    """Virtual KITTI 2: one scene, two variations; its depth steps."""
+    """Virtual KITTI 2: one scene, two variations; returns the depth codes."""
     steps = RNG.integers(1, 60000, SHAPE).astype(np.uint16)
     steps[0] = 65535
     even = np.full((*SHAPE, 3), 90, np.uint8)
@@ -101,17 +101,17 @@ def streets(root: Path, *, merged: bool) -> np.ndarray:
 @pytest.mark.parametrize("merged", [False, True])
 def test_vkitti2(tmp_path: Path, merged: bool) -> None:
     steps = streets(tmp_path, merged=merged)
-    found = vkitti2.sources(tmp_path)
-    assert [one.name for one in found] == ["Scene01/clone/00003", "Scene01/fog/00003"]
-    assert {one.room for one in found} == {"Scene01"}
-    one = found[0].load()
-    assert one.right is not None and np.abs(one.rgb.astype(int) - 90).max() <= 2
-    assert np.isnan(one.truth_m[0]).all()
-    np.testing.assert_allclose(one.truth_m[1:], steps[1:] / 100, rtol=1e-6)
-    assert (one.camera.fx_px, one.camera.cx_px, one.baseline_m) == (725.0087, 620.5, 0.532725)
+    result = vkitti2.sources(tmp_path)
+    assert [entry.name for entry in result] == ["Scene01/clone/00003", "Scene01/fog/00003"]
+    assert {entry.room for entry in result} == {"Scene01"}
+    first = result[0].load()
+    assert first.right is not None and np.abs(first.rgb.astype(int) - 90).max() <= 2
+    assert np.isnan(first.truth_m[0]).all()
+    np.testing.assert_allclose(first.truth_m[1:], steps[1:] / 100, rtol=1e-6)
+    assert (first.camera.fx_px, first.camera.cx_px, first.baseline_m) == (725.0087, 620.5, 0.532725)
 
 
-def test_vkitti2_text_files_tell_the_camera(tmp_path: Path) -> None:
+def test_vkitti2_reads_intrinsics_from_text_files(tmp_path: Path) -> None:
     streets(tmp_path, merged=False)
     text = tmp_path / "vkitti_2.0.3_textgt/Scene01/clone/intrinsic.txt"
     text.parent.mkdir(parents=True)
@@ -122,7 +122,7 @@ def test_vkitti2_text_files_tell_the_camera(tmp_path: Path) -> None:
     assert (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px) == (700.5, 701.5, 20, 10)
     assert fog.load().camera.fx_px == 725.0087
     text.write_text(head + "4 0 700.5 701.5 20 10\n")
-    with pytest.raises(InputError, match=r"intrinsic.txt must tell of frame 3"):
+    with pytest.raises(InputError, match=r"intrinsic.txt must have a line for frame 3"):
         clone.load()
     text.write_text(head + "3 0 700.5\n")
     with pytest.raises(InputError, match=r"intrinsic.txt must have lines of frame, camera"):
@@ -140,7 +140,7 @@ def test_vkitti2_refuses(tmp_path: Path) -> None:
 
 
 def labelled(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """NYU Depth V2: two images as MATLAB writes them to HDF5; raw and filled depth, (2, h, w)."""
+    """NYU Depth V2: two images in MATLAB's HDF5 layout; raw and filled depth, (2, h, w)."""
     h5py = pytest.importorskip("h5py", reason="h5py reads NYU Depth V2")
     raw = RNG.uniform(1, 5, (2, *SHAPE)).astype(np.float32)
     filled = raw.copy()
@@ -159,27 +159,27 @@ def labelled(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def test_nyuv2(tmp_path: Path) -> None:
     raw, filled = labelled(tmp_path / "nyu.mat")
-    found = nyuv2.sources(tmp_path / "nyu.mat")
-    assert [(one.name, one.room) for one in found] == [
+    result = nyuv2.sources(tmp_path / "nyu.mat")
+    assert [(entry.name, entry.room) for entry in result] == [
         *(("0000", "kitchen_0004"), ("0001", "den_0001"))
     ]
-    for number, source in enumerate(found):
-        one = source.load()
-        np.testing.assert_array_equal(one.rgb, (LEFT, RIGHT)[number])
-        np.testing.assert_array_equal(one.truth_m, filled[number])
-        assert one.sensor_m is not None
-        assert one.sensor_m.flags.c_contiguous and one.truth_m.flags.c_contiguous
-        np.testing.assert_array_equal(np.nan_to_num(one.sensor_m), raw[number])
-        assert np.isnan(one.sensor_m[5, 10]) and one.camera.fx_px == pytest.approx(518.8579)
+    for number, source in enumerate(result):
+        first = source.load()
+        np.testing.assert_array_equal(first.rgb, (LEFT, RIGHT)[number])
+        np.testing.assert_array_equal(first.truth_m, filled[number])
+        assert first.sensor_m is not None
+        assert first.sensor_m.flags.c_contiguous and first.truth_m.flags.c_contiguous
+        np.testing.assert_array_equal(np.nan_to_num(first.sensor_m), raw[number])
+        assert np.isnan(first.sensor_m[5, 10]) and first.camera.fx_px == pytest.approx(518.8579)
 
 
-def test_nyuv2_without_scenes_has_a_room_an_image(tmp_path: Path) -> None:
+def test_nyuv2_without_scenes_has_one_room_per_image(tmp_path: Path) -> None:
     path = tmp_path / "nyu.mat"
     labelled(path)
     h5py = pytest.importorskip("h5py")
     with h5py.File(path, "a") as file:
         del file["scenes"]
-    assert [one.room for one in nyuv2.sources(path)] == ["0000", "0001"]
+    assert [source.room for source in nyuv2.sources(path)] == ["0000", "0001"]
     with h5py.File(path, "a") as file:
         del file["rawDepths"]
     with pytest.raises(InputError, match=r"must have images, rawDepths and depths; got .* without"):
@@ -189,14 +189,14 @@ def test_nyuv2_without_scenes_has_a_room_an_image(tmp_path: Path) -> None:
         nyuv2.sources(path)
 
 
-def test_nyuv2_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nyuv2_names_the_missing_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(InputError, match=r"NYU Depth V2 needs h5py; got none\. .*\[completion\]"):
         nyuv2.sources(tmp_path / "nyu.mat")
 
 
 def shifted(disparity_px: int) -> Item:
-    """A textured wall: the right image is the left one, moved."""
+    """A textured wall; the right image is the shifted left one."""
     shape = (96, 160)
     rng = np.random.default_rng(5)
     wide = rng.integers(0, 256, (shape[0], shape[1] + disparity_px, 3)).astype(np.uint8)
@@ -212,12 +212,12 @@ def shifted(disparity_px: int) -> Item:
 
 def test_a_shifted_texture_has_the_depth_of_its_shift() -> None:
     pair = shifted(12)
-    found = stereo_depth(pair)
-    inside = found.valid[:, 20:]
-    assert inside.mean() > 0.9 and not found.valid[:, :12].any()
-    np.testing.assert_allclose(found.depth_m[:, 20:][inside], pair.truth_m[0, 0], rtol=0.01)
-    assert ((found.reason == Reason.VALID) == np.isfinite(found.depth_m)).all()
-    assert (found.reason[:, :8] == Reason.OUTSIDE_OVERLAP).mean() > 0.5
+    result = stereo_depth(pair)
+    inside = result.valid[:, 20:]
+    assert inside.mean() > 0.9 and not result.valid[:, :12].any()
+    np.testing.assert_allclose(result.depth_m[:, 20:][inside], pair.truth_m[0, 0], rtol=0.01)
+    assert ((result.reason == Reason.VALID) == np.isfinite(result.depth_m)).all()
+    assert (result.reason[:, :8] == Reason.OUTSIDE_OVERLAP).mean() > 0.5
 
 
 def test_stereo_depth_needs_a_pair() -> None:

@@ -12,8 +12,8 @@ import pytest
 
 from starling import command_line
 from starling.learning.completion import methods
-from starling.learning.completion.evaluation.training_rooms import learnt_from
-from starling.learning.completion.frame import Frame
+from starling.learning.completion.evaluation.training_rooms import training_rooms
+from starling.learning.completion.frame import CompletionFrame
 from starling.learning.completion.method import Completed
 from starling.learning.completion.small import method as small
 from starling.learning.completion.small.method import Small
@@ -43,7 +43,7 @@ def captures(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    """Weights as training leaves them, unlearnt."""
+    """Untrained weights, as training saves them."""
     folder = tmp_path / "model"
     folder.mkdir()
     small.save(Small(initialised(SmallNetwork, 0)), folder)
@@ -57,27 +57,27 @@ def test_every_frame_is_completed(captures: Path, tmp_path: Path, capsys: Capsys
         (scene.path / "0" / "reason.png").write_bytes(label)
         (scene.path / "0" / "frame.json").write_text('{"timestamp": 7, "reasons": {"valid": 1}}')
         (scene.path / "scene.toml").write_text(KNOWN)
-    told = ran(capsys, "complete", captures, "--method", "poisson", "--out", tmp_path / "out")
-    assert told["frames"] == 4 and told["holes_before"] > 0 and told["holes_after"] == 0
+    report = ran(capsys, "complete", captures, "--method", "poisson", "--out", tmp_path / "out")
+    assert report["frames"] == 4 and report["holes_before"] > 0 and report["holes_after"] == 0
     before, after = (capture.open_set(path).scenes for path in (captures, tmp_path / "out"))
-    for one, other in zip(before, after, strict=True):
-        assert (one.name, one.room) == (other.name, other.room)
-        given, found = one.frame(0), other.frame(0)
-        assert given.depth_m is not None and found.depth_m is not None
-        valid = np.isfinite(given.depth_m)
-        np.testing.assert_array_equal(found.depth_m[valid], given.depth_m[valid])
-        assert np.isfinite(found.depth_m).all()
-        np.testing.assert_array_equal(found.ir_left, given.ir_left)
-        np.testing.assert_array_equal(one.truth_m(), other.truth_m())
-        assert found.record["completed_by"] == "poisson" and found.record["timestamp"] == 7
-        assert "reasons" not in found.record and not (other.path / "0" / "reason.png").exists()
-        np.testing.assert_array_equal(found.ir_right, given.ir_right)
-        np.testing.assert_array_equal(other.label(), one.label())
-        assert other.known() == one.known()
-        assert not (other.path / "0" / "sigma.png").exists()  # It tells none.
+    for item, second in zip(before, after, strict=True):
+        assert (item.name, item.room) == (second.name, second.room)
+        inputs, result = item.frame(0), second.frame(0)
+        assert inputs.depth_m is not None and result.depth_m is not None
+        valid = np.isfinite(inputs.depth_m)
+        np.testing.assert_array_equal(result.depth_m[valid], inputs.depth_m[valid])
+        assert np.isfinite(result.depth_m).all()
+        np.testing.assert_array_equal(result.ir_left, inputs.ir_left)
+        np.testing.assert_array_equal(item.truth_m(), second.truth_m())
+        assert result.record["completed_by"] == "poisson" and result.record["timestamp"] == 7
+        assert "reasons" not in result.record and not (second.path / "0" / "reason.png").exists()
+        np.testing.assert_array_equal(result.ir_right, inputs.ir_right)
+        np.testing.assert_array_equal(second.label(), item.label())
+        assert second.known() == item.known()
+        assert not (second.path / "0" / "sigma.png").exists()  # The method estimates none.
 
 
-def test_the_network_tells_its_error_too(
+def test_the_network_estimates_its_error(
     captures: Path, model: Path, tmp_path: Path, capsys: Capsys
 ):
     ran(capsys, "complete", captures, "--method", f"small={model}", "--out", tmp_path / "out")
@@ -85,31 +85,29 @@ def test_the_network_tells_its_error_too(
     assert (png.read(scene.path / "0" / "sigma.png", "sigma") > 0).all()
 
 
-def test_a_frame_without_depth_is_said_not_to_be_completed(
-    captures: Path, tmp_path: Path, capsys: Capsys
-):
+def test_a_frame_without_depth_is_reported(captures: Path, tmp_path: Path, capsys: Capsys):
     path = captures / "hall-view" / "0" / "depth.png"
     path.write_bytes(png.encode(np.zeros(capture_sets.SHAPE, np.uint16)))
-    told = ran(capsys, "complete", captures, "--method", "nearest", "--out", tmp_path / "out")
-    assert told["cannot"] == 1
+    report = ran(capsys, "complete", captures, "--method", "nearest", "--out", tmp_path / "out")
+    assert report["cannot"] == 1
     record = json.loads((tmp_path / "out" / "hall-view" / "0" / "frame.json").read_text())
     assert record["said"].startswith("cannot")
 
 
-def test_trained_and_judged(captures: Path, tmp_path: Path, capsys: Capsys):
+def test_training_and_evaluation(captures: Path, tmp_path: Path, capsys: Capsys):
     model, out = tmp_path / "trained", tmp_path / "judged"
     two = ("--rooms", "attic", "cellar")
-    told = ran(capsys, "train", "completion", captures, "--out", model, "--steps", 2, *two)
-    assert told["frames"] == 2 and told["hole_share"] > 0
+    report = ran(capsys, "train", "completion", captures, "--out", model, "--steps", 2, *two)
+    assert report["frames"] == 2 and report["hole_share"] > 0
     words = ("poisson", "morphological", f"small={model}")
     figures = ran(capsys, "evaluate", "completion", captures, "--methods", *words, "--out", out)
     assert list(figures["methods"]) == ["sensor", *words]
     for word in words:
-        found = figures["methods"][word]
-        assert found["hole"]["missing"] == 0 < found["hole"]["pixels"]
-        assert {"all", "hole", "valid", "edge", CAUSES} == set(found)
-        rooms = [one["hole"]["mae_m"] for one in figures["rooms"][word].values()]
-        assert found["hole"]["mae_m"] == pytest.approx(np.mean(rooms))
+        result = figures["methods"][word]
+        assert result["hole"]["missing"] == 0 < result["hole"]["pixels"]
+        assert {"all", "hole", "valid", "edge", CAUSES} == set(result)
+        rooms = [room["hole"]["mae_m"] for room in figures["rooms"][word].values()]
+        assert result["hole"]["mae_m"] == pytest.approx(np.mean(rooms))
     assert figures["methods"]["sensor"]["hole"]["mae_m"] is None
     assert figures["methods"]["poisson"]["valid"] == figures["methods"]["sensor"]["valid"]
     gain = figures["gains"][f"small={model}"]["hole"]["mae_m"]
@@ -120,15 +118,15 @@ def test_trained_and_judged(captures: Path, tmp_path: Path, capsys: Capsys):
     assert gain["gain_pct"] == pytest.approx(expected)
     assert gain["interval"][0] <= gain["gain_pct"] <= gain["interval"][1]
     assert (out / "worst.png").read_bytes().startswith(b"\x89PNG")
-    assert figures["sigma"]["poisson"]["hole"]["pixels"] == 0  # It tells none.
-    told = figures["sigma"][f"small={model}"]
+    assert figures["sigma"]["poisson"]["hole"]["pixels"] == 0  # The method estimates none.
+    report = figures["sigma"][f"small={model}"]
     for region in ("hole", "valid"):
         pixels = figures["methods"][f"small={model}"][region]["pixels"]
-        assert told[region]["pixels"] == pixels and 0 <= told[region]["within_sigma"] <= 1
+        assert report[region]["pixels"] == pixels and 0 <= report[region]["within_sigma"] <= 1
 
 
-def test_depth_that_a_code_cannot_hold_is_a_hole_still(captures: Path, tmp_path: Path, capsys):
-    """In steps of 5 um, 16 bits end at 0.33 m, nearer than some of what is filled in."""
+def test_depth_beyond_the_16_bit_range_stays_a_hole(captures: Path, tmp_path: Path, capsys):
+    """In steps of 5 um, 16 bits end at 0.33 m, nearer than part of the completed depth."""
     info = captures / "capture.toml"
     fine = dataclasses.replace(capture.open_set(captures).info, depth_unit_m=5e-6)
     info.write_text(capture_info.dumps(fine))
@@ -137,30 +135,30 @@ def test_depth_that_a_code_cannot_hold_is_a_hole_still(captures: Path, tmp_path:
         code = code.reshape(capture_sets.SHAPE)
         code[:, -9:] = 0
         (scene.path / "0" / "depth.png").write_bytes(png.encode(code))
-    told = ran(capsys, "complete", captures, "--method", "poisson", "--out", tmp_path / "out")
+    report = ran(capsys, "complete", captures, "--method", "poisson", "--out", tmp_path / "out")
     scenes = capture.open_set(tmp_path / "out").scenes
-    holes = [float(np.isnan(one.frame(0).depth_m).mean()) for one in scenes]
-    assert told["holes_after"] == pytest.approx(np.mean(holes))
+    holes = [float(np.isnan(scene.frame(0).depth_m).mean()) for scene in scenes]
+    assert report["holes_after"] == pytest.approx(np.mean(holes))
 
 
-def test_gains_count_pixels_that_all_methods_have_depth_of(
+def test_gains_use_pixels_with_depth_of_all_methods(
     captures: Path, model: Path, tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ):
-    """A method that leaves out what is hard is not better for it, and its picture is the worst."""
-    plain = methods.asked("nearest")
+    """Leaving out difficult pixels does not improve a method, and its picture is the worst."""
+    plain = methods.create("nearest")
 
     class Timid:
         name = "timid"
 
-        def fill(self, frame: Frame) -> Completed:
-            told = plain.fill(frame)
-            depth_m = told.depth_m.copy()
+        def fill(self, frame: CompletionFrame) -> Completed:
+            report = plain.fill(frame)
+            depth_m = report.depth_m.copy()
             depth_m[:, 20:] = np.nan
-            return Completed(depth_m=depth_m, sigma_m=told.sigma_m)
+            return Completed(depth_m=depth_m, sigma_m=report.sigma_m)
 
-    asked = methods.asked
+    requests = methods.create
     monkeypatch.setattr(
-        methods, "asked", lambda word: Timid() if word.startswith("small") else asked(word)
+        methods, "create", lambda word: Timid() if word.startswith("small") else requests(word)
     )
     words = ("nearest", f"small={model}")
     out = tmp_path / "out"
@@ -172,9 +170,7 @@ def test_gains_count_pixels_that_all_methods_have_depth_of(
     assert record["arguments"]["seed"] == 0
 
 
-def test_rooms_that_a_method_has_learnt_from_are_told(
-    captures: Path, tmp_path: Path, capsys: Capsys
-):
+def test_training_rooms_are_reported(captures: Path, tmp_path: Path, capsys: Capsys):
     model = tmp_path / "trained"
     rooms = ("--rooms", "attic", "cellar")
     ran(capsys, "train", "completion", captures, "--out", model, "--steps", 1, *rooms)
@@ -186,17 +182,17 @@ def test_rooms_that_a_method_has_learnt_from_are_told(
         words[1]: ["attic", "cellar"],
         "small": [],
     }
-    assert learnt_from(words[1], str(tmp_path), ["attic"]) == []
-    assert learnt_from(f"diffusion={model}/weights", str(captures), ["attic"]) == ["attic"]
+    assert training_rooms(words[1], str(tmp_path), ["attic"]) == []
+    assert training_rooms(f"diffusion={model}/weights", str(captures), ["attic"]) == ["attic"]
     (model / "starling.json").write_text("[]")
-    assert learnt_from(words[1], str(captures), ["attic"]) == []
+    assert training_rooms(words[1], str(captures), ["attic"]) == []
 
 
-def test_random_holes_are_learnt_as_a_control(captures: Path, tmp_path: Path, capsys: Capsys):
+def test_training_on_random_holes(captures: Path, tmp_path: Path, capsys: Capsys):
     flags = ("--steps", 1, "--holes", "random")
-    told = ran(capsys, "train", "completion", captures, "--out", tmp_path / "control", *flags)
-    own = ran(capsys, "train", "completion", captures, "--out", tmp_path / "own", "--steps", 1)
-    assert told["hole_share"] == pytest.approx(own["hole_share"], rel=0.5)
+    report = ran(capsys, "train", "completion", captures, "--out", tmp_path / "control", *flags)
+    original = ran(capsys, "train", "completion", captures, "--out", tmp_path / "own", "--steps", 1)
+    assert report["hole_share"] == pytest.approx(original["hole_share"], rel=0.5)
 
 
 @pytest.mark.parametrize(
@@ -209,7 +205,7 @@ def test_random_holes_are_learnt_as_a_control(captures: Path, tmp_path: Path, ca
         ("small=nowhere", "checkpoint must exist; got nowhere/weights.pt"),
     ],
 )
-def test_methods_that_are_not_to_be_had(
+def test_unavailable_methods_are_refused(
     word: str, message: str, captures: Path, tmp_path: Path, capsys: Capsys
 ):
     out = tmp_path / "out"
@@ -217,16 +213,16 @@ def test_methods_that_are_not_to_be_had(
     assert not out.exists()
 
 
-def test_packages_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch):
+def test_missing_packages_are_named(monkeypatch: pytest.MonkeyPatch):
     def absent(name: str) -> Any:
         raise ModuleNotFoundError("gone", name="diffusers")
 
     monkeypatch.setattr(methods, "import_module", absent)
     with pytest.raises(InputError, match=r"marigold needs diffusers; got none\. .*\[completion\]'"):
-        methods.asked("marigold=somewhere")
+        methods.create("marigold=somewhere")
 
 
-def test_what_cannot_be_learnt_from_or_judged(captures: Path, tmp_path: Path, capsys: Capsys):
+def test_frames_without_truth_are_refused(captures: Path, tmp_path: Path, capsys: Capsys):
     out = ("--out", tmp_path / "out")
     judged = ("evaluate", "completion", captures, *out, "--methods", "nearest")
     assert "room" in refused(*judged, "--rooms", "loft", capsys=capsys)
@@ -236,7 +232,7 @@ def test_what_cannot_be_learnt_from_or_judged(captures: Path, tmp_path: Path, ca
         assert "scene study-view must have truth.png; got none" in refused(*words, capsys=capsys)
 
 
-def test_without_methods_nothing_is_judged(captures: Path, tmp_path: Path):
+def test_evaluation_needs_a_method(captures: Path, tmp_path: Path):
     from starling.learning.completion.commands.judge_captures import judge_captures
 
     with pytest.raises(InputError, match="methods must be at least one; got none"):

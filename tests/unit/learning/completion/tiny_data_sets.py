@@ -26,7 +26,7 @@ def exr(path: Path, **channels: np.ndarray) -> None:
 
 
 def pair(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Left and right image of the walls, both textured, with an even patch that has no match."""
+    """Left and right image of the walls, textured, with a uniform patch without matches."""
     wide = np.random.default_rng(seed).integers(0, 256, (SHAPE[0], SHAPE[1] + 16, 3))
     wide = cv2.GaussianBlur(wide.astype(np.uint8), (0, 0), 0.8)
     wide[20:44, 70:110] = 128
@@ -36,7 +36,7 @@ def pair(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def write(layout: str, root: Path) -> Path:
-    """Write two frames, each in a room of its own; the path to give to a verb."""
+    """Write two frames in different rooms; returns the path for the command line."""
     return {"irs": _irs, "vkitti2": _vkitti2, "nyuv2": _nyuv2}[layout](root)
 
 

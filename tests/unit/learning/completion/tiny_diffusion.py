@@ -1,4 +1,4 @@
-"""Tiny random weights in the folders and under the names that published ones have."""
+"""Tiny random weights with the folders and names of published weights."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from diffusers import AutoencoderKL, UNet2DConditionModel
 from safetensors.torch import load_file, save_file
 from transformers import CLIPTextConfig, CLIPTextModel
 
-from starling.learning.completion.diffusion.samples import Sample
-from starling.learning.completion.frame import Frame, checked
+from starling.learning.completion.diffusion.data import TrainingSample
+from starling.learning.completion.frame import CompletionFrame, make_frame
 
 _OLD_NAMES = {
     ".to_q.": ".query.",
@@ -57,7 +57,7 @@ def unet(**changed: Any) -> UNet2DConditionModel:
 
 
 def autoencoder(**changed: Any) -> AutoencoderKL:
-    """An autoencoder that halves sizes once."""
+    """An autoencoder with a downsampling factor of two."""
     settings: dict[str, Any] = {
         "block_out_channels": (8, 8),
         "down_block_types": ("DownEncoderBlock2D",) * 2,
@@ -71,7 +71,7 @@ def autoencoder(**changed: Any) -> AutoencoderKL:
 
 
 def write(folder: Path, *, network: UNet2DConditionModel | None = None, **schedule: Any) -> Path:
-    """Write all parts; the autoencoder's and the text encoder's names are those of 2022."""
+    """Write all parts, with the autoencoder's and text encoder's names of 2022."""
     (network or unet()).save_pretrained(folder / "unet")
     autoencoder().save_pretrained(folder / "vae")
     _renamed(folder / "vae" / "diffusion_pytorch_model.safetensors", _old_name)
@@ -89,38 +89,40 @@ def write(folder: Path, *, network: UNet2DConditionModel | None = None, **schedu
     return folder
 
 
-def frame(shape: tuple[int, int] = (13, 18), seed: int = 0) -> Frame:
+def frame(shape: tuple[int, int] = (13, 18), seed: int = 0) -> CompletionFrame:
     """A slanted wall with a hole."""
     height, width = shape
     rng = np.random.default_rng(seed)
     depth = np.linspace(1, 2, width)[None] + 0.01 * rng.standard_normal(shape)
     valid = np.ones(shape, bool)
     valid[height // 3 : 2 * height // 3, width // 3 : width // 2] = False
-    return checked(rng.random((height, width, 3)), depth, valid)
+    return make_frame(rng.random((height, width, 3)), depth, valid)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Held:
     """Samples in memory."""
 
-    samples: Sequence[Sample]
+    samples: Sequence[TrainingSample]
 
     @property
     def identity(self) -> str:
-        arrays = [(one.frame.rgb, one.frame.depth_m, one.truth_m) for one in self.samples]
-        return str([zlib.crc32(np.ascontiguousarray(one).data) for row in arrays for one in row])
+        arrays = [
+            (sample.frame.rgb, sample.frame.depth_m, sample.truth_m) for sample in self.samples
+        ]
+        return str([zlib.crc32(np.ascontiguousarray(item).data) for row in arrays for item in row])
 
     def __len__(self) -> int:
         return len(self.samples)
 
-    def __getitem__(self, number: int) -> Sample:
+    def __getitem__(self, number: int) -> TrainingSample:
         return self.samples[number]
 
 
-def _seeded(kind: Any, *given: Any, **named: Any) -> Any:
+def _seeded(kind: Any, *inputs: Any, **named: Any) -> Any:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        return kind(*given, **named).eval()
+        return kind(*inputs, **named).eval()
 
 
 def _old_name(name: str) -> str:

@@ -1,4 +1,4 @@
-"""`starling export`: a folder whole or none."""
+"""`starling export` writes a complete folder or none."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ def test_a_set_is_exported(small_set: Path, tmp_path: Path, capsys: pytest.Captu
     out = tmp_path / "tum"
     flags = ["export", str(small_set), "--layout", "tum", "--out", str(out), "--json"]
     assert command_line.main(flags) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["frames"] == len(tum.read(out).moments) and told["layout"] == "tum"
+    report = json.loads(capsys.readouterr().out)
+    assert report["frames"] == len(tum.read(out).moments) and report["layout"] == "tum"
     assert json.loads((out / "starling.json").read_text())["verb"] == "export"
     assert command_line.main(flags) == 1  # Nothing is overwritten unasked.
     assert command_line.main([*flags, "--force"]) == 0
     capsys.readouterr()
 
 
-def test_of_a_set_without_objects_nothing_is_left(
+def test_refused_export_leaves_no_files(
     small_set: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     out = tmp_path / "bop"

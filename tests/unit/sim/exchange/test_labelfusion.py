@@ -1,4 +1,4 @@
-"""LabelFusion's layout: read as its own program reads it, and what is not it refused."""
+"""LabelFusion's layout: logs are read as by its own program; other files are refused."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def pose(number: int) -> frames.Pose:
 
 
 def row(number: int) -> str:
-    """As ElasticFusion prints a pose: seconds to six digits, quaternion x y z w."""
-    at = pose(number)
-    numbers = (*at[:3, 3], *quaternion.of(at))
-    return f"{UTIMES[number] / 1e6:.6f} " + " ".join(f"{one:.9g}" for one in numbers)
+    """Format a pose as ElasticFusion does: seconds to six digits, quaternion x y z w."""
+    matrix = pose(number)
+    numbers = (*matrix[:3, 3], *quaternion.from_pose(matrix))
+    return f"{UTIMES[number] / 1e6:.6f} " + " ".join(f"{value:.9g}" for value in numbers)
 
 
 @pytest.fixture
@@ -56,42 +56,42 @@ def test_depth_is_in_millimetres_and_zero_is_none(log: Path):
     np.testing.assert_array_equal(image(), RED)
 
 
-def test_poses_are_found_by_microseconds(log: Path):
+def test_poses_are_matched_by_microseconds(log: Path):
     """Times in the trajectory are seconds; a moment after its end has no pose."""
     moments = labelfusion.read(log).moments
-    assert [one.time_s for one in moments] == [utime / 1e6 for utime in UTIMES]
+    assert [moment.time_s for moment in moments] == [utime / 1e6 for utime in UTIMES]
     for number in range(2):
-        found = moments[number].world_from_camera
-        assert found is not None
-        np.testing.assert_allclose(found, pose(number), atol=1e-8)
+        result = moments[number].world_from_camera
+        assert result is not None
+        np.testing.assert_allclose(result, pose(number), atol=1e-8)
     assert moments[2].world_from_camera is None
 
 
-def test_the_smoothed_trajectory_is_taken_where_there_is_one(log: Path):
+def test_smoothed_trajectory_is_preferred(log: Path):
     (log / "posegraph_smoothed.posegraph").write_text(f"{UTIMES[0] / 1e6:.18e} 1 2 3 0 0 0 1\n")
-    found = labelfusion.read(log).moments[0].world_from_camera
-    assert found is not None
-    np.testing.assert_array_equal(found[:3, 3], [1, 2, 3])
+    result = labelfusion.read(log).moments[0].world_from_camera
+    assert result is not None
+    np.testing.assert_array_equal(result[:3, 3], [1, 2, 3])
 
 
-def test_the_camera_is_the_log_s_or_the_given_one(log: Path):
-    told = Pinhole(width=3, height=2, fx_px=528, fy_px=527, cx_px=320, cy_px=240)
-    assert labelfusion.read(log).camera == told
+def test_camera_comes_from_the_log_or_the_argument(log: Path):
+    logged = Pinhole(width=3, height=2, fx_px=528, fy_px=527, cx_px=320, cy_px=240)
+    assert labelfusion.read(log).camera == logged
     (log / "camera.cfg").unlink()
-    other = Pinhole(width=3, height=2, fx_px=3, fy_px=3, cx_px=1, cy_px=1)
-    assert labelfusion.read(log, other).camera == other
-    with pytest.raises(InputError, match=r"camera\.cfg must tell fx fy cx cy; got .*528 528"):
+    second = Pinhole(width=3, height=2, fx_px=3, fy_px=3, cx_px=1, cy_px=1)
+    assert labelfusion.read(log, second).camera == second
+    with pytest.raises(InputError, match=r"camera\.cfg must hold fx fy cx cy; got .*528 528"):
         labelfusion.read(log)
 
 
 def test_a_log_without_pictures_is_read(log: Path):
     for path in log.glob("images/*_rgb.png"):
         path.unlink()
-    assert all(one.image is None for one in labelfusion.read(log).moments)
+    assert all(moment.image is None for moment in labelfusion.read(log).moments)
 
 
 @pytest.mark.parametrize(
-    ("file", "content", "said"),
+    ("file", "content", "message"),
     [
         ("images/0000000002_utime.txt", "yesterday", "must hold microseconds; got 'yesterday'"),
         ("images/0000000002_utime.txt", None, "0000000002_utime.txt must be readable"),
@@ -100,19 +100,19 @@ def test_a_log_without_pictures_is_read(log: Path):
         ("posegraph.posegraph", "1 2 3 4 0 0 0 0", "must have lines TIME"),
         ("posegraph.posegraph", "1 2 3 4 0 0 0 nan", "must have lines TIME"),
         ("posegraph.posegraph", "a b c d e f g h", "must have lines TIME"),
-        ("camera.cfg", "528 528", "camera.cfg must tell fx fy cx cy"),
+        ("camera.cfg", "528 528", "camera.cfg must hold fx fy cx cy"),
     ],
 )
-def test_what_is_damaged_is_refused(log: Path, file: str, content: str | None, said: str):
+def test_damaged_files_are_refused(log: Path, file: str, content: str | None, message: str):
     if content is None:
         (log / file).unlink()
     else:
         (log / file).write_text(content)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         labelfusion.read(log)
 
 
-def test_images_that_are_no_images_are_refused_when_read(log: Path):
+def test_invalid_images_are_refused_when_read(log: Path):
     moment = labelfusion.read(log).moments[0]
     cv2.imwrite(str(log / "images" / "0000000001_depth.png"), CODES.astype(np.uint8))
     with pytest.raises(InputError, match="depth must be of 16 bits"):
@@ -132,8 +132,13 @@ def test_a_folder_without_depths_is_refused(log: Path, tmp_path: Path):
         labelfusion.read(log)
 
 
-def test_the_nearest_in_time_is_found():
+def test_nearest_item_in_time_is_returned():
     timed = [(0.0, "a"), (1.0, "b"), (1.01, "c")]
-    assert [nearest(timed, at) for at in (-0.01, 0.99, 1.009, 1.5)] == ["a", "b", "c", None]
+    assert [nearest(timed, position) for position in (-0.01, 0.99, 1.009, 1.5)] == [
+        "a",
+        "b",
+        "c",
+        None,
+    ]
     assert nearest(timed, 1.01 + 0.99 * NEAR_S) == "c"
     assert nearest([], 0.0) is None

@@ -20,8 +20,8 @@ typesys = pytest.importorskip("rosbags.typesys")
 CAMERA = "/camera/camera"
 
 
-def told(folder: Path, **more: Any) -> None:
-    """Write more into every frame's record; values are asked by the frame's place in order."""
+def edit_records(folder: Path, **more: Any) -> None:
+    """Add entries to every frame's record; `make(number)` returns the value for each frame."""
     places = [
         scene.path / str(number)
         for scene in capture.open_set(folder).scenes
@@ -30,82 +30,82 @@ def told(folder: Path, **more: Any) -> None:
     for place, path in enumerate(places):
         file = path / "frame.json"
         record = json.loads(file.read_text()) if file.exists() else {}
-        file.write_text(json.dumps({**record, **{key: of(place) for key, of in more.items()}}))
+        file.write_text(json.dumps({**record, **{key: make(place) for key, make in more.items()}}))
 
 
 def played(bag: Path) -> dict[str, list[Any]]:
     """Messages of each topic, in order."""
     types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    found: dict[str, list[Any]] = {}
+    result: dict[str, list[Any]] = {}
     with rosbag2.Reader(bag) as reader:
         for connection, time_ns, data in reader.messages():
             message = types.deserialize_cdr(data, connection.msgtype)
             header = getattr(message, "header", None) or message.transforms[0].header
             assert time_ns == header.stamp.sec * 10**9 + header.stamp.nanosec
-            found.setdefault(connection.topic, []).append(message)
-    return found
+            result.setdefault(connection.topic, []).append(message)
+    return result
 
 
 def image(message: Any) -> np.ndarray:
-    """As a node would read it."""
+    """Decode an image message as a ROS node does."""
     kind = {"mono8": "u1", "mono16": "<u2", "16UC1": "<u2"}[message.encoding]
     assert message.step == message.width * np.dtype(kind).itemsize and not message.is_bigendian
     return message.data.view(kind).reshape(message.height, message.width)
 
 
 def pose(transform: Any) -> np.ndarray:
-    """`parent_from_child` of a transform, by the formula of quaternions."""
+    """Return `parent_from_child` of a transform, by the quaternion formula."""
     q, t = transform.transform.rotation, transform.transform.translation
     x, y, z, w = q.x, q.y, q.z, q.w
-    found = np.eye(4)
-    found[:3, :3] = [
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    found[:3, 3] = [t.x, t.y, t.z]
-    return found
+    matrix[:3, 3] = [t.x, t.y, t.z]
+    return matrix
 
 
 def test_images_and_intrinsics_are_those_of_the_captures(small_set: Path, tmp_path: Path):
     captures = capture.open_set(small_set)
     count = ros2_bag.export(captures.scenes, tmp_path / "bag")
-    found = played(tmp_path / "bag")
+    result = played(tmp_path / "bag")
     readings = [scene.frame(number) for scene in captures.scenes for number in scene.frames]
     assert count == len(readings)
     names = {"depth": "depth_m", "infra1": "ir_left", "infra2": "ir_right"}
     for stream, name in names.items():
-        images = found[f"{CAMERA}/{stream}/image_rect_raw"]
-        infos = found[f"{CAMERA}/{stream}/camera_info"]
+        images = result[f"{CAMERA}/{stream}/image_rect_raw"]
+        infos = result[f"{CAMERA}/{stream}/camera_info"]
         assert len(images) == len(infos) == count
         for message, info, frame in zip(images, infos, readings, strict=True):
             assert message.header == info.header
-            seen, given = image(message), getattr(frame, name)
+            seen, inputs = image(message), getattr(frame, name)
             if stream == "depth":
-                known = np.isfinite(given)
-                np.testing.assert_allclose(seen[known] * 1e-3, given[known], atol=0.5001e-3)
+                known = np.isfinite(inputs)
+                np.testing.assert_allclose(seen[known] * 1e-3, inputs[known], atol=0.5001e-3)
                 assert (seen[~known] == 0).all()
             else:
-                np.testing.assert_array_equal(seen, given)
+                np.testing.assert_array_equal(seen, inputs)
     info = captures.info
-    right = found[f"{CAMERA}/infra2/camera_info"][0]
+    right = result[f"{CAMERA}/infra2/camera_info"][0]
     np.testing.assert_allclose(
         right.p.reshape(3, 4)[0], [info.fx_px, 0, info.cx_px, -info.fx_px * info.baseline_m]
     )
     assert right.header.frame_id == "camera_infra1_optical_frame"
-    assert found[f"{CAMERA}/depth/camera_info"][0].p[3] == 0
+    assert result[f"{CAMERA}/depth/camera_info"][0].p[3] == 0
 
 
-def test_a_point_is_where_the_frames_say(small_set: Path, tmp_path: Path):
-    """From world through TF's chain into the optical frame, as `left_from_world` takes it."""
+def test_a_point_has_the_position_given_by_the_frames(small_set: Path, tmp_path: Path):
+    """The TF chain from world to the optical frame equals `left_from_world`."""
     poses = {place: frames.pose((1, 2, 3), (10.0 * place, 20, 30)) for place in range(20)}
-    told(small_set, left_from_world=lambda place: np.linalg.inv(poses[place]).tolist())
+    edit_records(small_set, left_from_world=lambda place: np.linalg.inv(poses[place]).tolist())
     scenes = capture.open_set(small_set).scenes
     ros2_bag.export(scenes, tmp_path / "bag")
-    found = played(tmp_path / "bag")
-    fixed = {one.child_frame_id: one for one in found["/tf_static"][0].transforms}
+    result = played(tmp_path / "bag")
+    fixed = {frame.child_frame_id: frame for frame in result["/tf_static"][0].transforms}
     point = np.array([0.3, -0.2, 1.7, 1])
-    for place, message in enumerate(found["/tf"]):
+    for place, message in enumerate(result["/tf"]):
         (moved,) = message.transforms
         assert (moved.header.frame_id, moved.child_frame_id) == ("world", "camera_link")
         chain = pose(moved)
@@ -121,29 +121,33 @@ def test_a_point_is_where_the_frames_say(small_set: Path, tmp_path: Path):
     )
 
 
-def test_late_listeners_get_the_fixed_frames(small_set: Path, tmp_path: Path):
+def test_late_subscribers_receive_static_frames(small_set: Path, tmp_path: Path):
     ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
     with rosbag2.Reader(tmp_path / "bag") as reader:
-        (fixed,) = [one for one in reader.connections if one.topic == "/tf_static"]
+        (fixed,) = [
+            connection for connection in reader.connections if connection.topic == "/tf_static"
+        ]
         (quality,) = fixed.ext.offered_qos_profiles
         assert quality.durability.name == "TRANSIENT_LOCAL"
         assert reader.start_time == 10**9  # A stamp of 0 would mean "now" to tf2.
 
 
-def test_frames_go_by_the_times_they_tell(small_set: Path, tmp_path: Path):
-    told(small_set, timestamp=lambda place: 100.25 - place)
-    taken = sequence.of(capture.open_set(small_set).scenes)
-    assert [one.time_s for one in taken] == sorted(one.time_s for one in taken)
+def test_frames_are_ordered_by_their_time_stamps(small_set: Path, tmp_path: Path):
+    edit_records(small_set, timestamp=lambda place: 100.25 - place)
+    taken = sequence.in_time_order(capture.open_set(small_set).scenes)
+    assert [frame.time_s for frame in taken] == sorted(frame.time_s for frame in taken)
     assert taken[-1].time_s == 100.25 and taken[-1].number == 0
     ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
-    stamps = [one.header.stamp for one in played(tmp_path / "bag")[f"{CAMERA}/depth/camera_info"]]
+    stamps = [
+        frame.header.stamp for frame in played(tmp_path / "bag")[f"{CAMERA}/depth/camera_info"]
+    ]
     assert (stamps[-1].sec, stamps[-1].nanosec) == (100, 250_000_000)
-    told(small_set, timestamp=lambda place: 5.0)  # All at once: their order is the set's.
-    taken = sequence.of(capture.open_set(small_set).scenes)
-    assert [one.time_s for one in taken] == pytest.approx([n / 30 for n in range(len(taken))])
+    edit_records(small_set, timestamp=lambda place: 5.0)  # All at once: their order is the set's.
+    taken = sequence.in_time_order(capture.open_set(small_set).scenes)
+    assert [frame.time_s for frame in taken] == pytest.approx([n / 30 for n in range(len(taken))])
 
 
-def test_without_the_package_it_says_what_to_install(
+def test_missing_package_message_names_the_extra(
     small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setitem(__import__("sys").modules, "rosbags", None)
@@ -151,9 +155,7 @@ def test_without_the_package_it_says_what_to_install(
         ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
 
 
-def test_a_disk_that_fills_up_is_told(
-    small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_full_disk_is_refused(small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     import apsw
 
     def full(*_: object) -> None:

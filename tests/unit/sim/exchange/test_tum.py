@@ -1,4 +1,4 @@
-"""TUM's RGB-D layout: what is written is read, and read as its own tools read it."""
+"""TUM's RGB-D layout: round trip, and agreement with the benchmark's own tools."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture
 from starling.sim.captures.exchange import quaternion, tum
-from starling.sim.datasets.files import Files
+from starling.sim.datasets.files import MemoryFolder
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
 
@@ -22,31 +22,33 @@ from starling.sim.geometry.pinhole import Pinhole
 @given(st.lists(st.floats(-3, 3), min_size=3, max_size=3))
 def test_quaternions_are_rotations(turn: list[float]):
     pose = frames.pose((1.0, 2.0, 3.0), tuple(np.rad2deg(turn)))
-    back = quaternion.pose(pose[:3, 3], np.array(quaternion.of(pose)))
+    back = quaternion.pose(pose[:3, 3], np.array(quaternion.from_pose(pose)))
     np.testing.assert_allclose(back, pose, atol=1e-12)
-    assert quaternion.of(pose)[3] >= 0
+    assert quaternion.from_pose(pose)[3] >= 0
 
 
 def test_a_quarter_turn_about_z_by_hand():
     half = np.sqrt(0.5)
-    assert quaternion.of(frames.pose((0, 0, 0), (0, 0, 90))) == pytest.approx((0, 0, half, half))
+    assert quaternion.from_pose(frames.pose((0, 0, 0), (0, 0, 90))) == pytest.approx(
+        (0, 0, half, half)
+    )
 
 
 def posed(folder: Path) -> list[np.ndarray]:
-    """Give every frame of a set a pose; the poses, in the order of scenes and frames."""
-    found = []
+    """Give every frame of a set a pose; return the poses in the order of scenes and frames."""
+    result = []
     for number, scene in enumerate(capture.open_set(folder).scenes):
         for repeat in scene.frames:
             pose = frames.pose((0.1 * number, 0.2, -0.3), (0, 5.0 * number, 10.0 * repeat))
             path = scene.path / str(repeat) / "frame.json"
-            told = json.loads(path.read_text()) if path.exists() else {}
-            path.write_text(json.dumps({**told, "left_from_world": np.linalg.inv(pose).tolist()}))
-            found.append(pose)
-    return found
+            record = json.loads(path.read_text()) if path.exists() else {}
+            path.write_text(json.dumps({**record, "left_from_world": np.linalg.inv(pose).tolist()}))
+            result.append(pose)
+    return result
 
 
 def written(small_set: Path, out: Path) -> int:
-    files = Files(out)
+    files = MemoryFolder(out)
     count = tum.export(capture.open_set(small_set).scenes, files)
     for name, data in files.content.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
@@ -54,23 +56,23 @@ def written(small_set: Path, out: Path) -> int:
     return count
 
 
-def test_what_is_exported_is_read_back(small_set: Path, tmp_path: Path):
+def test_export_round_trip(small_set: Path, tmp_path: Path):
     poses = posed(small_set)
     count = written(small_set, tmp_path / "tum")
     stream = tum.read(tmp_path / "tum")
     captures = capture.open_set(small_set)
-    assert stream.camera == Pinhole.of(captures.info)
+    assert stream.camera == Pinhole.from_camera(captures.info)
     assert len(stream.moments) == count == len(poses)
     readings = [scene.frame(number) for scene in captures.scenes for number in scene.frames]
-    for one, frame, pose in zip(stream.moments, readings, poses, strict=True):
-        assert one.world_from_camera is not None and one.image is not None
-        np.testing.assert_allclose(one.world_from_camera, pose, atol=1e-7)
+    for moment, frame, pose in zip(stream.moments, readings, poses, strict=True):
+        assert moment.world_from_camera is not None and moment.image is not None
+        np.testing.assert_allclose(moment.world_from_camera, pose, atol=1e-7)
         assert frame.depth_m is not None
-        np.testing.assert_allclose(one.depth(), frame.depth_m, atol=0.5 * tum.UNIT_M + 1e-6)
-        np.testing.assert_array_equal(one.image(), frame.ir_left)
+        np.testing.assert_allclose(moment.depth(), frame.depth_m, atol=0.5 * tum.UNIT_M + 1e-6)
+        np.testing.assert_array_equal(moment.image(), frame.ir_left)
 
 
-def test_files_are_what_the_benchmark_s_own_tools_take(small_set: Path, tmp_path: Path):
+def test_files_follow_the_benchmark_s_format(small_set: Path, tmp_path: Path):
     """Its scripts split lines at blanks, skip #, and divide depth by 5000."""
     posed(small_set)
     written(small_set, tmp_path)
@@ -88,7 +90,7 @@ def test_files_are_what_the_benchmark_s_own_tools_take(small_set: Path, tmp_path
     np.testing.assert_allclose(np.linalg.norm(trajectory[:, 4:], axis=1), 1)
 
 
-def test_pictures_and_poses_are_those_near_in_time(tmp_path: Path):
+def test_pictures_and_poses_are_the_nearest_in_time(tmp_path: Path):
     (tmp_path / "depth.txt").write_text("# t f\n2.0 d2.png\n1.0 d1.png\n")
     (tmp_path / "rgb.txt").write_text("1.015 a.png\n2.5 b.png\n")
     (tmp_path / "groundtruth.txt").write_text("1.99 1 2 3 0 0 0 1\n5 0 0 0 0 0 0 1\n")
@@ -108,37 +110,37 @@ def test_pictures_and_poses_are_those_near_in_time(tmp_path: Path):
     cv2.imwrite(str(tmp_path / "a.png"), deep)
     np.testing.assert_array_equal(first.image(), deep)
     (tmp_path / "rgb.txt").unlink()
-    assert all(one.image is None for one in tum.read(tmp_path, camera).moments)
+    assert all(item.image is None for item in tum.read(tmp_path, camera).moments)
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
+    ("name", "text", "message"),
     [
         ("depth.txt", None, r"depth\.txt must be readable"),
         ("depth.txt", "1.0\n", r"depth\.txt must have lines of a time and 1 more; got '1.0'"),
         ("groundtruth.txt", "1 0 0 0 0 0 x 1\n", r"groundtruth\.txt must have lines of a time"),
         ("groundtruth.txt", "nan 0 0 0 0 0 0 1\n", r"groundtruth\.txt must have lines"),
-        ("groundtruth.txt", "1 0 0 0 0 0 0 0\n", r"groundtruth\.txt must turn by quaternions"),
-        ("camera.txt", "1 2 3", r"camera\.txt must tell fx fy cx cy width height"),
-        ("camera.txt", None, r"camera\.txt must tell fx fy cx cy width height"),
+        ("groundtruth.txt", "1 0 0 0 0 0 0 0\n", r"groundtruth\.txt must have quaternions"),
+        ("camera.txt", "1 2 3", r"camera\.txt must hold fx fy cx cy width height"),
+        ("camera.txt", None, r"camera\.txt must hold fx fy cx cy width height"),
     ],
 )
-def test_what_is_damaged_is_refused(small_set: Path, tmp_path: Path, name, text, said):
+def test_damaged_files_are_refused(small_set: Path, tmp_path: Path, name, text, message):
     written(small_set, tmp_path / "tum")
     if text is None:
         (tmp_path / "tum" / name).unlink()
     else:
         (tmp_path / "tum" / name).write_text(text)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         tum.read(tmp_path / "tum")
 
 
-def test_what_is_no_sequence_is_not_exported(small_set: Path, tmp_path: Path):
+def test_scenes_of_two_cameras_are_not_exported(small_set: Path, tmp_path: Path):
     scenes = capture.open_set(small_set).scenes
     (scenes[0].path / "0" / "depth.png").unlink()
     with pytest.raises(InputError, match="must have depth; got none"):
-        tum.export(scenes, Files(tmp_path))
+        tum.export(scenes, MemoryFolder(tmp_path))
     info = capture.capture_info.dumps(scenes[1].info).replace("fx_px = ", "fx_px = 1")
     (scenes[1].path / "camera.toml").write_text(info)
     with pytest.raises(InputError, match="scenes must be of one camera"):
-        tum.export(capture.open_set(small_set).scenes[1:] + scenes[:1], Files(tmp_path))
+        tum.export(capture.open_set(small_set).scenes[1:] + scenes[:1], MemoryFolder(tmp_path))

@@ -1,4 +1,4 @@
-"""A plane and a ball, seen in closed form."""
+"""Depth images of a plane and a ball in closed form."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MIDDLE_M, RADIUS_M = np.array([0.05, 0.02, 1.0]), 0.25
 
 
 def poses(count: int, turn_deg: float = 17.0) -> list[Pose]:
-    """About a point 1 m before the origin."""
+    """Return poses around a point 1 m in front of the origin."""
     turns = np.linspace(-turn_deg, turn_deg, count)
     back = frames.pose((0, 0, -1.0))
     return [frames.pose((0, 0, 1.0), (0.3 * turn, turn, 0.1 * turn)) @ back for turn in turns]
@@ -29,7 +29,7 @@ def plane(pose: Pose) -> NDArray[np.float32]:
 
 
 def ball(pose: Pose) -> NDArray[np.float32]:
-    """Depth (h, w) of the ball, NaN beside it."""
+    """Depth (h, w) of the ball, NaN outside it."""
     way, start = _ways() @ pose[:3, :3].T, pose[:3, 3] - MIDDLE_M
     a, b, c = (way**2).sum(-1), way @ start, start @ start - RADIUS_M**2
     inside = b**2 - a * c

@@ -1,4 +1,4 @@
-"""Plans: what they say, what they refuse, and what is drawn of them."""
+"""Plans: parsing, error messages, and drawing of views."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from starling.patterns.errors import InputError
 from starling.sim.datasets import draw
 from starling.sim.datasets import plan as plans
-from starling.sim.datasets.source import Heap, Word
+from starling.sim.datasets.source import Pile, SceneSpecifier
 from starling.sim.datasets.view import view
 
 SMALL: dict[str, Any] = {
@@ -46,23 +46,23 @@ def plan(**others: Any) -> plans.Plan:
 
 
 @given(st.floats(-5, 5), st.floats(0, 5), st.booleans(), st.integers(0, 2**32))
-def test_what_is_drawn_lies_between_its_ends(low: float, width: float, whole: bool, seed: int):
+def test_drawn_values_lie_within_the_range(low: float, width: float, whole: bool, seed: int):
     low, high = (np.floor(low), np.ceil(low + width)) if whole else (low, low + width)
-    one = draw.read({"low": float(low), "high": float(high), "whole": whole}, "x")
-    value = one.drawn(np.random.default_rng(seed))
+    first = draw.read({"low": float(low), "high": float(high), "whole": whole}, "x")
+    value = first.drawn(np.random.default_rng(seed))
     assert low <= value <= high and (type(value) is int or not whole)
 
 
-def test_logarithmic_ranges_are_even_in_the_logarithm():
-    one = draw.read({"low": 0.01, "high": 100.0, "log": True}, "x")
+def test_logarithmic_ranges_are_uniform_in_the_logarithm():
+    first = draw.read({"low": 0.01, "high": 100.0, "log": True}, "x")
     rng = np.random.default_rng(0)
-    drawn = np.log10([one.drawn(rng) for _ in range(4000)])
+    drawn = np.log10([first.drawn(rng) for _ in range(4000)])
     assert drawn.min() >= -2 and drawn.max() <= 2
     np.testing.assert_allclose(np.histogram(drawn, 4)[0] / 4000, 0.25, atol=0.03)
 
 
 @pytest.mark.parametrize(
-    ("value", "said"),
+    ("value", "message"),
     [
         ({"low": 2, "high": 1}, "x.high must be >= x.low = 2; got 1"),
         ({"low": 1}, "x.high must be given"),
@@ -73,24 +73,24 @@ def test_logarithmic_ranges_are_even_in_the_logarithm():
         ({"low": 0.5, "high": 1, "whole": True}, "x must have whole ends"),
         ({"low": 0, "high": 1, "log": "yes"}, "x.log must be true or false"),
         ({"of": []}, "x.of must list"),
-        ({"of": [1], "low": 2}, "x must have no other key beside of"),
+        ({"of": [1], "low": 2}, "x must have no key other than of"),
     ],
 )
-def test_what_holds_nothing_is_refused(value: Any, said: str):
-    with pytest.raises(InputError, match=said):
+def test_empty_ranges_and_choices_are_refused(value: Any, message: str):
+    with pytest.raises(InputError, match=message):
         draw.read(value, "x")
 
 
 def test_a_plan_is_read_from_its_file(tmp_path: Path):
     path = tmp_path / "plan.toml"
     path.write_text(tomli_w.dumps(SMALL))
-    found = plans.read(path)
-    assert found == plan() and found.count == 240
-    assert found.layers == ("infrared", "truth") and found.missing == "stop"
+    result = plans.read(path)
+    assert result == plan() and result.count == 240
+    assert result.layers == ("infrared", "truth") and result.missing == "stop"
 
 
 @pytest.mark.parametrize(
-    ("others", "said"),
+    ("others", "message"),
     [
         ({"sceens": 3}, "key in plan must be a known name; got 'sceens'. Known: scenes"),
         ({"scenes": None}, "scenes must be given"),
@@ -130,44 +130,46 @@ def test_a_plan_is_read_from_its_file(tmp_path: Path):
         ({"pose": {"turn_deg": [0, 0, "x"]}}, "pose.turn_deg.z must be in"),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(others: dict[str, Any], said: str):
+def test_invalid_plans_are_refused_in_one_line(others: dict[str, Any], message: str):
     table = {key: value for key, value in {**SMALL, **others}.items() if value is not None}
-    with pytest.raises(InputError, match=said) as refused:
+    with pytest.raises(InputError, match=message) as refused:
         plans.from_table(table, Path("."))
     assert "\n" not in str(refused.value)
 
 
-def test_a_view_follows_from_plan_and_number_alone():
-    one, other = plan(), plan(scenes=1000)
+def test_view_depends_on_plan_and_number_only():
+    item, changed = plan(), plan(scenes=1000)
     for number in (0, 5, 119):
-        first, second = view(one, number), view(other, number)
+        first, second = view(item, number), view(changed, number)
         np.testing.assert_array_equal(first.own_from_left, second.own_from_left)
         assert first.setting == second.setting and first.seed == second.seed
         assert (first.fields, first.effects) == (second.fields, second.effects)
-    assert view(plan(seed=8), 0).seed != view(one, 0).seed
+    assert view(plan(seed=8), 0).seed != view(item, 0).seed
 
 
-def test_one_more_value_moves_no_other():
+def test_additional_value_changes_no_other_value():
     sensors = [{**SMALL["sensor"][0], "effects": {"veil": {"low": 0, "high": 0.1}}}]
-    one, other = view(plan(sensor=SMALL["sensor"][:1]), 3), view(plan(sensor=sensors), 3)
-    assert one.fields == other.fields and one.seed == other.seed
-    assert one.effects.keys() == {"lens_blur", "motion.y"} and other.effects.keys() == {"veil"}
+    first, second = view(plan(sensor=SMALL["sensor"][:1]), 3), view(plan(sensor=sensors), 3)
+    assert first.fields == second.fields and first.seed == second.seed
+    assert first.effects.keys() == {"lens_blur", "motion.y"} and second.effects.keys() == {"veil"}
 
 
 def test_views_of_one_scene_share_it_and_nothing_else():
     views = [view(plan(), number) for number in range(120)]
     for scene in range(40):
-        own = views[3 * scene : 3 * scene + 3]
-        assert len({one.setting for one in own}) == len({one.room for one in own}) == 1
-        assert len({one.seed for one in own}) == 3
-    words = [one.setting.text for one in views[::3] if isinstance(one.setting, Word)]
+        expected = views[3 * scene : 3 * scene + 3]
+        assert (
+            len({item.setting for item in expected}) == len({item.room for item in expected}) == 1
+        )
+        assert len({item.seed for item in expected}) == 3
+    words = [item.setting.text for item in views[::3] if isinstance(item.setting, SceneSpecifier)]
     walls = sum(word.startswith("wall") for word in words)
     assert len(words) == 40 and 5 <= walls <= 22  # A third of them, by weight.
-    assert len({one.name for one in views}) == 120
-    assert {one.preset for one in views} == {"d435", "d415"}
+    assert len({item.name for item in views}) == 120
+    assert {item.preset for item in views} == {"d435", "d415"}
 
 
-def test_meshes_of_a_folder_are_dropped_by_lot(tmp_path: Path):
+def test_meshes_of_a_folder_are_dropped_at_random(tmp_path: Path):
     for name in ("a.ply", "deep/b.glb", "c.stl"):
         (tmp_path / "things" / name).parent.mkdir(exist_ok=True, parents=True)
         trimesh.creation.box((1, 1, 1)).export(tmp_path / "things" / name)
@@ -177,18 +179,18 @@ def test_meshes_of_a_folder_are_dropped_by_lot(tmp_path: Path):
         "count": {"low": 2, "high": 6, "whole": True},
         "reflectance": {"low": 0.1, "high": 0.9},
     }
-    found = plans.from_table({**SMALL, "source": [source]}, tmp_path)
-    heaps = [view(found, number).setting for number in range(0, 120, 3)]
-    assert all(isinstance(one, Heap) and 2 <= len(one.paths) <= 6 for one in heaps)
-    names = {path.name for one in heaps if isinstance(one, Heap) for path in one.paths}
+    result = plans.from_table({**SMALL, "source": [source]}, tmp_path)
+    heaps = [view(result, number).setting for number in range(0, 120, 3)]
+    assert all(isinstance(pile, Pile) and 2 <= len(pile.paths) <= 6 for pile in heaps)
+    names = {path.name for pile in heaps if isinstance(pile, Pile) for path in pile.paths}
     assert names == {"a.ply", "b.glb"}
-    for others, said in (
+    for others, message in (
         ({"count": 0}, r"source 1.count must be in \[1"),
         ({"count": 1.5}, "source 1.count must be whole"),
         ({"count": {"low": 1, "high": 3}}, "source 1.count must be whole"),
         ({"reflectance": 1.5}, r"source 1.reflectance must be in \[0, 1\]"),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             plans.from_table({**SMALL, "source": [{**source, **others}]}, tmp_path)
 
 
@@ -196,8 +198,12 @@ def test_files_and_captures_are_drawn_too(tmp_path: Path, small_set: Path):
     trimesh.creation.box((1, 1, 1)).export(tmp_path / "a.ply")
     files = {"kind": "files", "paths": ["a.ply"]}
     captured = {"kind": "captures", "folder": str(small_set)}
-    found = plans.from_table({**SMALL, "source": [files, captured]}, tmp_path)
-    words = {view(found, number).setting for number in range(0, 120, 3)}
-    known = {one.room: one.known for one in words if isinstance(one, Word)}
+    result = plans.from_table({**SMALL, "source": [files, captured]}, tmp_path)
+    words = {view(result, number).setting for number in range(0, 120, 3)}
+    known = {
+        specifier.room: specifier.known
+        for specifier in words
+        if isinstance(specifier, SceneSpecifier)
+    }
     assert known.pop("a") is True and known and not any(known.values())
-    assert dataclasses.is_dataclass(found)
+    assert dataclasses.is_dataclass(result)

@@ -1,0 +1,84 @@
+"""Explained gaps, and segments without any difference."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from starling.diagnosis.which.candidates import Segment
+from starling.diagnosis.which.segment import (
+    SegmentResult,
+    _no_feature_off,
+    diagnose_segment,
+    restrict_to_families,
+)
+from tests.unit.diagnosis.made_gaps import (
+    BASE,
+    FEATURES,
+    SCENES,
+    SIGNATURES,
+    FakeTable,
+    noise,
+    screening,
+)
+
+
+class Captured(FakeTable):
+    """A fake table with features of captures."""
+
+    names = tuple(f"feature {number}" for number in range(FEATURES))
+
+    def __init__(self, real: np.ndarray, segment: Segment = Segment.IMAGE) -> None:
+        super().__init__()
+        self.segment = segment
+        self._real = real
+
+    def real(self) -> np.ndarray:
+        return self._real
+
+
+def diagnose(
+    settings: dict[str, float], *, noise_size: float, segment: Segment = Segment.IMAGE
+) -> SegmentResult:
+    change = FakeTable().change(settings)
+    assert change is not None
+    table: Any = Captured(change + noise(7), segment)
+    return diagnose_segment(table, screening(*SIGNATURES, noise=noise_size))
+
+
+@pytest.mark.parametrize(
+    "segment, share", [(Segment.IMAGE, 0.04), (Segment.WHOLE, 0.04), (Segment.DEPTH, 0.1)]
+)
+@pytest.mark.parametrize("noise_size, most", [(0.2, 0.55), (0.5, 0.65), (0.9, 0.9)])
+def test_a_gap_is_explained_up_to_the_noise_and_a_share_of_its_size(
+    noise_size: float, most: float, segment: Segment, share: float
+):
+    result = diagnose({"crosstalk": 0.4}, noise_size=noise_size, segment=segment)
+    before, _ = result.sizes
+    assert before > 5
+    assert result.explained_below == pytest.approx(most + share * before)
+
+
+def test_no_effect_is_searched_below_the_noise_size():
+    result = diagnose({"crosstalk": 0.4}, noise_size=0.9)
+    before, _ = result.sizes
+    assert result.settings and not diagnose({"crosstalk": 0.4}, noise_size=before + 1).settings
+
+
+def test_a_gap_that_no_effect_makes_is_unexplained():
+    """Every second feature is off by an equal amount, which no effect of the table does."""
+    table: Any = Captured(noise(7) + 0.5 * (-1.0) ** np.arange(FEATURES))
+    screened = screening(*SIGNATURES, noise=0.9)
+    assert diagnose_segment(table, screened).unexplained
+    assert not diagnose({"crosstalk": 0.4}, noise_size=0.9).unexplained
+    untried = diagnose_segment(table, restrict_to_families(screened, ()))
+    assert not untried.unexplained
+
+
+def test_one_feature_that_is_off_is_noticed():
+    off = 0.99 * BASE.deviation
+    assert _no_feature_off(Captured(BASE.mean + off), BASE)  # type: ignore[arg-type]
+    off[SCENES - 1, FEATURES - 1] *= -1.02
+    assert not _no_feature_off(Captured(BASE.mean + off), BASE)  # type: ignore[arg-type]

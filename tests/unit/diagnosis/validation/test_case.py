@@ -1,0 +1,304 @@
+"""Cases: the effect table, the random draw, and the seal."""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from starling.diagnosis.validation.camera.catalogue import ROWS, Strengths
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol import case, seal
+from starling.diagnosis.validation.protocol.case import Case, draw
+from starling.diagnosis.validation.protocol.limits import DetectionLimits
+from starling.diagnosis.which.candidates import LEFT_OUT
+from starling.sim import effects
+
+DOCS = Path(__file__).parents[4] / "docs"
+PAGES = DOCS / "effects"
+FAMILIES = {row.name: row.family for row in effects.table()}
+COUNTS: dict[case.CaseKind, int] = {"null": 4, "single": 90, "pair": 12, "unknown": 9}
+
+
+def test_effects_have_the_names_of_their_pages() -> None:
+    pages = {path.stem for path in PAGES.glob("*.md")}
+    for row in ROWS.values():
+        assert (row.name in pages) == (row.kind != "outside"), row.name
+    assert len([row for row in ROWS.values() if row.kind == "outside"]) >= 8
+
+
+def test_excluded_effects_are_documented() -> None:
+    """The list and the counts of decision 0021 agree with the table."""
+    tried = {row.name for row in effects.table()} - LEFT_OUT
+    missing = tried - ROWS.keys()
+    note = (DOCS / "decisions" / "0021-check-on-withheld-effects.md").read_text(encoding="utf-8")
+    listed = note.split("### Effects that are never withheld")[1].split("`dot_defocus`")[0]
+    assert {*re.findall(r"`(\w+)`", listed)} == missing
+    counts = [len(tried), len(tried - missing), len(missing)]
+    pattern = r"Of the (\d+) rows .* tries (\d+) can be withheld; .* Of the other (\d+) "
+    assert re.findall(pattern, listed) == [tuple(map(str, counts))]
+
+
+def test_units_are_those_of_the_pages() -> None:
+    for row in ROWS.values():
+        if row.kind == "outside":
+            continue
+        page = (PAGES / f"{row.name}.md").read_text(encoding="utf-8")
+        first = page.split("| --- | --- | --- | --- | --- |\n")[1].splitlines()[0]
+        assert first.split("|")[5].strip() == row.unit, row.name
+
+
+def test_image_effects_stay_in_the_ranges_of_their_pages(camera: Nominal) -> None:
+    """The diagnosis searches only between the ends of the page's range, or from its neutral."""
+    for row in (row for row in ROWS.values() if row.kind == "image" and row.scale != "choice"):
+        first = effects.named(row.name).parameters[0]
+        assert first.low is not None and first.high is not None
+        low = first.low if first.neutral is None else min(first.low, float(first.neutral))
+        for sign in row.signs:
+            end = row.value(camera, row.reach(camera, sign), sign)
+            assert low - 1e-9 <= end <= first.high * (1 + 1e-9), row.name
+
+
+@pytest.mark.parametrize("name", [r.name for r in ROWS.values() if r.scale != "choice"])
+@given(share=st.floats(0.0, 1.0))
+@settings(max_examples=10)
+def test_departure_inverts_value(name: str, share: float, camera: Nominal) -> None:
+    row = ROWS[name]
+    assert row.low < row.high
+    for sign in row.signs:
+        departure = share * row.reach(camera, sign)
+        value = row.value(camera, departure, sign)
+        assert row.departure(camera, value) == pytest.approx(departure, rel=1e-6, abs=1e-9)
+        assert row.least - 1e-9 <= value <= row.most + 1e-9
+
+
+def test_cases_are_drawn_by_kind(camera: Nominal) -> None:
+    drawn = draw(camera, COUNTS, families=FAMILIES, entropy=7)
+    assert [drawn_case.number for drawn_case in drawn] == list(range(115))
+    kinds = [drawn_case.kind for drawn_case in drawn]
+    assert {kind: kinds.count(kind) for kind in COUNTS} == COUNTS
+    assert kinds[:4] != ["null"] * 4
+    assert len({drawn_case.seed for drawn_case in drawn}) == len(drawn)
+    singles = collections.Counter(next(iter(c.settings)) for c in drawn if c.kind == "single")
+    assert max(singles.values()) - min(singles.values()) <= 1
+    for drawn_case in drawn:
+        Strengths(nominal=camera, values=drawn_case.settings)
+        rows = [ROWS[name] for name in drawn_case.settings]
+        assert len(rows) == {"null": 0, "single": 1, "pair": 2, "unknown": 1}[drawn_case.kind]
+        assert len({FAMILIES.get(row.name, row.name) for row in rows}) == len(rows)
+        for row in rows:
+            assert (row.kind == "outside") == (drawn_case.kind == "unknown")
+            departure = row.departure(camera, drawn_case.settings[row.name])
+            assert departure > 0
+            assert row.scale == "choice" or departure >= row.low * (1 - 1e-9)
+
+
+def test_strengths_are_log_uniform_from_the_limit(camera: Nominal) -> None:
+    limit = DetectionLimits(
+        departures={("vertical_offset", 1): 0.3, ("vertical_offset", -1): 0.3}, choices={}
+    )
+    others = [row.name for row in ROWS.values() if row.name != "vertical_offset"]
+    drawn = draw(camera, {"single": 800}, limits=limit, leave_out=others, entropy=1)
+    values = np.array([drawn_case.settings["vertical_offset"] for drawn_case in drawn])
+    assert abs(np.mean(values > 0) - 0.5) < 0.06
+    place = np.log(np.abs(values) / 0.3) / math.log(1.5 / 0.3)
+    assert place.min() > 0 and place.max() < 1
+    assert np.mean(place) == pytest.approx(0.5, abs=0.04)
+    assert np.var(place) == pytest.approx(1 / 12, rel=0.12)
+
+
+def test_each_side_has_its_own_limit(camera: Nominal) -> None:
+    """A side without detectable departures is not drawn and does not limit the other side."""
+    others = [row.name for row in ROWS.values() if row.name != "vertical_offset"]
+
+    def drawn(above: float, below: float) -> np.ndarray:
+        departures = {("vertical_offset", 1): above, ("vertical_offset", -1): below}
+        limit = DetectionLimits(departures=departures, choices={})
+        cases = draw(camera, {"single": 300}, limits=limit, leave_out=others, entropy=1)
+        return np.array([drawn_case.settings["vertical_offset"] for drawn_case in cases])
+
+    values = drawn(1.0, 0.2)
+    assert 1.0 <= values[values > 0].min() < 1.02 and -0.22 < values[values < 0].max() <= -0.2
+    assert drawn(0.2, math.inf).min() > 0
+
+
+def test_undetectable_choices_are_not_drawn(camera: Nominal) -> None:
+    limits = DetectionLimits(departures={}, choices={"median": (), "hole_filling": (1, 3)})
+    post = [row for row in ROWS.values() if row.name in {"median", "hole_filling"}]
+    others = [row.name for row in ROWS.values() if row not in post]
+    drawn = draw(
+        camera, {"single": 40}, limits=limits, kinds=("post",), leave_out=others, entropy=1
+    )
+    assert {tuple(drawn_case.settings.items()) for drawn_case in drawn} == {
+        (("hole_filling", 1.0),),
+        (("hole_filling", 3.0),),
+    }
+
+
+def test_other_kinds_of_effects_can_be_drawn(camera: Nominal) -> None:
+    drawn = draw(camera, {"single": 60}, kinds=("post", "image"), entropy=1)
+    assert {ROWS[name].kind for drawn_case in drawn for name in drawn_case.settings} == {
+        "post",
+        "image",
+    }
+    for drawn_case in drawn:
+        Strengths(nominal=camera, values=drawn_case.settings)
+
+
+def test_effects_that_cannot_be_removed_are_drawn_upwards(camera: Nominal) -> None:
+    others = [row.name for row in ROWS.values() if row.name != "read_noise"]
+    rule = {"leave_out": others, "entropy": 3}
+    free = draw(camera, {"single": 40}, **rule)
+    bound = draw(camera, {"single": 40}, upwards=["read_noise"], **rule)
+    assert min(drawn_case.settings["read_noise"] for drawn_case in free) < camera.read_noise_e
+    assert min(drawn_case.settings["read_noise"] for drawn_case in bound) > camera.read_noise_e
+
+
+def test_draws_are_random_without_a_seed(camera: Nominal) -> None:
+    assert draw(camera, {"null": 3}) != draw(camera, {"null": 3})
+    assert draw(camera, COUNTS, entropy=3) == draw(camera, COUNTS, entropy=3)
+
+
+def test_effects_that_the_camera_cannot_show_are_not_drawn(camera: Nominal) -> None:
+    dark = dataclasses.replace(camera, ambient_w_m2=0.0)
+    drawn = draw(dark, {"single": 200}, entropy=2)
+    assert not any("ambient_gradient" in drawn_case.settings for drawn_case in drawn)
+    assert all(drawn_case.settings.get("ambient", 1.0) > 0 for drawn_case in drawn)
+
+
+def test_json_round_trip(camera: Nominal) -> None:
+    drawn = draw(camera, COUNTS, families=FAMILIES, entropy=7)
+    assert case.loads(case.dumps(drawn)) == drawn
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"lens_blurr": 1.0}, "effect must be one of the table; got lens_blurr"),
+        ({"lens_blur": math.nan}, "lens_blur must be finite; got nan"),
+        ({"lens_blur": -1.0}, "lens_blur must not be below its range; got -1.0"),
+        ({"exposure": 0.0}, "exposure must not be below its range; got 0.0"),
+        ({"veil": 1.5}, "veil must be at most 1; got 1.5"),
+        ({"median": 4}, "median must be one of"),
+        ({"range": math.inf}, "range must be finite; got inf"),
+    ],
+)
+def test_invalid_strengths_are_refused(
+    values: dict[str, float], words: str, camera: Nominal
+) -> None:
+    with pytest.raises(WithheldError, match=words):
+        Strengths(nominal=camera, values=values)
+
+
+def test_invalid_cases_are_refused(camera: Nominal) -> None:
+    with pytest.raises(WithheldError, match="kind must be one of"):
+        Case(number=0, kind="triple", seed=1)  # type: ignore[arg-type]
+    with pytest.raises(WithheldError, match="number and seed must be >= 0"):
+        Case(number=-1, kind="null", seed=1)
+    with pytest.raises(WithheldError, match="count of pair must be >= 0"):
+        draw(camera, {"pair": -1})
+    with pytest.raises(WithheldError, match="must have effects to draw from"):
+        draw(camera, {"single": 1}, kinds=())
+    for text in ("{", '[{"number": 1}]', "[3]"):
+        with pytest.raises(WithheldError, match="cases must be a JSON list"):
+            case.loads(text)
+    with pytest.raises(WithheldError, match="effect must be one of the table"):
+        case.loads('[{"number": 1, "kind": "null", "settings": {"x": 1}, "seed": 2}]')
+
+
+PUBLIC_FILES = {"families.json": b"{}", "asked.json": b"[1]"}
+
+
+def test_a_seal_is_verified(tmp_path: Path, camera: Nominal) -> None:
+    hidden, public = tmp_path / "hidden", tmp_path / "public"
+    drawn = draw(camera, COUNTS, families=FAMILIES, entropy=7)
+    digest = seal.seal(drawn, PUBLIC_FILES, hidden, public)
+    first, *others = (public / "truth.sha256").read_text().splitlines()
+    assert first == f"{digest}  truth.json"
+    assert [line.split("  ")[1] for line in others] == [*PUBLIC_FILES, "code"]
+    assert {path.name for path in public.iterdir()} == {"truth.sha256", *PUBLIC_FILES}
+    assert seal.verify(PUBLIC_FILES, hidden, public) == drawn
+    assert seal.code_is_sealed(public)
+
+
+def test_unsealed_cases_are_drawn_again(tmp_path: Path, camera: Nominal) -> None:
+    hidden, public = tmp_path / "hidden", tmp_path / "public"
+    seal.seal(draw(camera, {"null": 2}), PUBLIC_FILES, hidden, public)
+    (public / "truth.sha256").unlink()
+    cases = draw(camera, {"null": 3})
+    seal.seal(cases, PUBLIC_FILES, hidden, public)
+    assert seal.verify(PUBLIC_FILES, hidden, public) == cases
+
+
+def test_changed_code_breaks_the_seal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, content in (("sim/a.py", "1"), ("sim/b.toml", "2"), ("diagnosis/a.json", "3")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(content)
+    monkeypatch.setattr(seal, "_ROOT", tmp_path)
+    seal.seal((), PUBLIC_FILES, tmp_path / "hidden", tmp_path / "public")
+    (tmp_path / "sim" / "weights.bin").touch()
+    assert seal.code_is_sealed(tmp_path / "public")
+    seal.log_code(tmp_path / "public")
+    assert seal.code_is_sealed(tmp_path / "public")
+    (tmp_path / "sim" / "b.toml").write_text("3")
+    assert not seal.code_is_sealed(tmp_path / "public")
+    seal.log_code(tmp_path / "public")  # Verdicts of the changed code may exist.
+    (tmp_path / "sim" / "b.toml").write_text("2")
+    assert not seal.code_is_sealed(tmp_path / "public")
+
+
+def test_files_of_other_inputs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seal.record_inputs(tmp_path / "set-0", {"scenes": ["b"]}, exists=False)
+    seal.record_inputs(
+        tmp_path / "set-0", {"scenes": ["a"]}, exists=False
+    )  # Nothing was made from the first.
+    seal.record_inputs(tmp_path / "set-0", {"scenes": ["a"]}, exists=True)
+    with pytest.raises(WithheldError, match=r'folder must be made of what .*made\.json.*"b"'):
+        seal.record_inputs(tmp_path / "set-0", {"scenes": ["b"]}, exists=True)
+    monkeypatch.setattr(seal, "code_digest", lambda: "another")
+    with pytest.raises(WithheldError, match="folder must be made of what"):
+        seal.record_inputs(tmp_path / "set-0", {"scenes": ["a"]}, exists=True)
+    with pytest.raises(WithheldError, match="folder must be made of what"):
+        seal.record_inputs(tmp_path / "set-1", {"scenes": ["a"]}, exists=True)
+
+
+def test_broken_seals_are_refused(tmp_path: Path, camera: Nominal) -> None:
+    hidden, public = tmp_path / "hidden", tmp_path / "public"
+    with pytest.raises(WithheldError, match="seal must have digests"):
+        seal.verify(PUBLIC_FILES, hidden, public)
+    with pytest.raises(WithheldError, match="must be two folders"):
+        seal.seal((), PUBLIC_FILES, hidden, hidden)
+    seal.seal(draw(camera, {"null": 2}), PUBLIC_FILES, hidden, public)
+    with pytest.raises(WithheldError, match="seal must not be broken"):
+        seal.seal((), PUBLIC_FILES, tmp_path / "other", public)
+    for name, rule in (("families.json", "families"), ("asked.json", "asked")):
+        with pytest.raises(WithheldError, match=rf"{rule}.json must be what .* has; got \[2\]"):
+            seal.verify({**PUBLIC_FILES, name: b"[2]"}, hidden, public)
+    with pytest.raises(WithheldError, match=r"got 1{300} \.\.\."):
+        seal.verify({"asked.json": b"1" * 301}, hidden, public)
+    truth = hidden / "truth.json"
+    truth.write_text(truth.read_text().replace("null", "pair", 1))
+    with pytest.raises(WithheldError, match="truth must be the one sealed"):
+        seal.verify(PUBLIC_FILES, hidden, public)
+    truth.unlink()
+    with pytest.raises(WithheldError, match="seal must have a truth"):
+        seal.verify(PUBLIC_FILES, hidden, public)
+    (public / "truth.sha256").write_text("none")
+    with pytest.raises(WithheldError, match="seal must have digests"):
+        seal.verify(PUBLIC_FILES, hidden, public)
+
+
+def test_families_are_parsed_from_the_sealed_file() -> None:
+    public_files = b'{"a": {"family": "x", "twins": []}, "b": {"family": "y", "twins": ["a"]}}'
+    assert seal.parse_families(public_files) == {"a": "x", "b": "y"}
+    for damaged in (b"", b"[1]", b'{"a": 1}', b'{"a": {}}'):
+        with pytest.raises(WithheldError, match="families must be a table of effects"):
+            seal.parse_families(damaged)
