@@ -20,9 +20,8 @@ import pytest
 
 from starling import command_line
 from starling.diagnosis.report import group_names as groups
-from starling.diagnosis.scenes import estimated
+from starling.diagnosis.scenes import estimated, scene_model
 from starling.diagnosis.scenes import observation as reading
-from starling.diagnosis.scenes import scene_model as load_scene_model
 from starling.diagnosis.validation.adapters import light_sets, own_depth
 from starling.diagnosis.validation.protocol import case, shoot
 from starling.diagnosis.which import attribution as named
@@ -314,7 +313,7 @@ def test_residual_is_evaluated_on_held_out_scenes(place, diagnosed, monkeypatch)
         assert result["howfar"][name]["after"] is not None
     gain = result["absorption"]
     assert None not in (gain["gain_before"], gain["gain_after"], gain["gain_floor"])
-    assert "A learned residual takes" in result["says"][2]
+    assert "A learned residual changes" in result["says"][2]
     result = diagnosed(place / "bent" / "clutter-1", "--residual")
     assert any(
         "No residual was learned: held-out scenes must" in limit for limit in result["limits"]
@@ -370,7 +369,7 @@ def test_estimated_reflectance_absorbs_light(place, diagnosed, tmp_path):
         "Only effects of these families were tried: veil" in entry for entry in result["limits"]
     )
     assert all("ambient" in fitted for fitted in result["fitted"].values())
-    scene = load_scene_model.load_scene_model(capture.open_set(guessed).scenes[0], sensor())
+    scene = scene_model.load_scene_model(capture.open_set(guessed).scenes[0], sensor())
     table = feature_table.build_feature_table([scene], Segment.IMAGE)
     changes = table.estimate_changes()
     assert len(changes) == len(scene.estimates) == 4
@@ -379,7 +378,7 @@ def test_estimated_reflectance_absorbs_light(place, diagnosed, tmp_path):
     floor = null.simulate_base(table, seeds=2).floor
     for change in changes:
         assert (floor >= np.abs(np.nan_to_num(change)) - 1e-12).all()
-    known = load_scene_model.load_scene_model(capture.open_set(place / "null").scenes[0], sensor())
+    known = scene_model.load_scene_model(capture.open_set(place / "null").scenes[0], sensor())
     assert (
         known.estimates == ()
         and feature_table.build_feature_table([known], Segment.IMAGE).estimate_changes() == []

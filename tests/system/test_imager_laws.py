@@ -277,7 +277,9 @@ def test_gamma_inverts(gamma: float, ceiling: int):
     """The inverse gamma restores the signal (1e-4 of full scale); 0 and the ceiling are fixed."""
     signal = np.linspace(-0.02, 1.0, 500, dtype=np.float32)[None] * ceiling
     bent = converter.apply_gamma(signal, gamma, ceiling)
-    assert converter.apply_gamma(bent, 1 / gamma, ceiling) == pytest.approx(signal, abs=1e-4 * ceiling)
+    assert converter.apply_gamma(bent, 1 / gamma, ceiling) == pytest.approx(
+        signal, abs=1e-4 * ceiling
+    )
     ends = converter.apply_gamma(np.array([[0.0, ceiling]], np.float32), gamma, ceiling)
     assert ends == pytest.approx(np.array([[0.0, ceiling]]), rel=1e-5)
 
