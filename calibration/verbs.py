@@ -53,6 +53,3 @@ def calibrate(
             track=track,
         )
     shell.say(result, json=common.json)
-
-
-VERBS = (calibrate,)

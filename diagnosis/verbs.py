@@ -128,6 +128,3 @@ def withheld(
     finished = subprocess.run([*command, *tools, *flags], check=False)
     if finished.returncode:
         sys.exit(finished.returncode)
-
-
-VERBS = (diagnose, withheld)

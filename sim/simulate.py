@@ -8,33 +8,26 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
-import numpy as np
-
 from starling.patterns import errors
-from starling.sim.arrays import Image, Mask
+from starling.sim.arrays import Image
+from starling.sim.causes import geometric_causes, photometric_causes
 from starling.sim.geometry import motion
 from starling.sim.imaging import imager
 from starling.sim.imaging.imager import Infrared
 from starling.sim.imaging.lens_input import combine_light
 from starling.sim.imaging.optics import image as optics
-from starling.sim.reason import Reason
 from starling.sim.render import direct
-from starling.sim.render.layers import Layers, Truth, ViewLayers
+from starling.sim.render.layers import Layers, ViewLayers
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.post import refuse_single_frame
 from starling.sim.sensor.sensor import Imager, Sensor
-from starling.sim.stereo.depth import DepthMap, disparity_from_depth
+from starling.sim.stereo.depth import DepthMap
 from starling.sim.stereo.measurement import measure
 from starling.sim.stereo.post.temporal import History
 from starling.sim.stereo.registration import refuse_without, register
 
 Side = Literal["left", "right"]
-
-_WINDOW_PX = 9  # Side of the window that is tested for light [px].
-_DARK_SNR = 2.0  # A window below this mean signal over noise is LOW_SIGNAL.
-_BURNT_SHARE = 0.25  # A window with a larger share of full pixels is SATURATED.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -151,7 +144,9 @@ def expose(
         past: `depth.history` of the previous frame, the state of a temporal filter.
     """
     pair = infrared(layers, scene, sensor, seed=seed, frame=frame)
-    causes = _geometric_causes(layers.truth, sensor) | _photometric_causes(sensor.left, pair)
+    causes = geometric_causes(layers.truth, sensor) | photometric_causes(
+        sensor.left, pair.electrons, pair.left, exposure_s=pair.exposure.exposure_s
+    )
     depth = measure(pair.matched_left, pair.matched_right, sensor, causes=causes, past=past)
     return Shot(
         layers=layers,
@@ -241,36 +236,3 @@ def render_layers(
 
         layers = indirect.add(layers, mi_scene, sensor, samples=samples, seed=seed)
     return layers
-
-
-def _geometric_causes(truth: Truth, sensor: Sensor) -> dict[Reason, Mask]:
-    """Masks of the causes that follow from geometry."""
-    surface = np.isfinite(truth.depth_m)
-    causes = {
-        Reason.NO_SURFACE: ~surface,
-        Reason.SHADOWED: surface & ~truth.lit & (sensor.projector.power_w > 0),
-    }
-    if sensor.kind == "structured_light":  # No right imager, so no occlusion.
-        return causes
-    true_baseline_m = sensor.baseline_m * (1 + sensor.baseline_error)
-    disparity = disparity_from_depth(
-        truth.depth_m, focal_px=sensor.fx_px, baseline_m=true_baseline_m
-    )
-    outside = surface & (np.arange(sensor.width, dtype=np.float32) - disparity < -0.5)
-    causes[Reason.OUTSIDE_OVERLAP] = outside
-    causes[Reason.OCCLUDED] = surface & ~truth.right_sees & ~outside
-    return causes
-
-
-def _photometric_causes(device: Imager, pair: InfraredPair) -> dict[Reason, Mask]:
-    """Masks of the causes that follow from the amount of light."""
-    window = (_WINDOW_PX, _WINDOW_PX)
-    mean = np.asarray(cv2.blur(pair.electrons, window), np.float32)
-    step_e = 1 / device.dn_per_electron
-    noise_e = imager.noise_e(device, mean, pair.exposure.exposure_s)
-    noise = np.sqrt(noise_e**2 + np.float32(step_e * step_e / 12))
-    burnt = (pair.left >= device.saturation_dn).astype(np.float32)
-    return {
-        Reason.LOW_SIGNAL: mean < _DARK_SNR * noise,
-        Reason.SATURATED: cv2.blur(burnt, window) > _BURNT_SHARE,
-    }

@@ -80,7 +80,7 @@ __all__ = [
 def list_sensors() -> list[str]:
     """Return the names of the sensor presets.
 
-    Example:
+    Examples:
         >>> starling.list_sensors()
         ['d415', 'd435', 'd455', 'kinect-v1', 'xtion']
     """
@@ -99,7 +99,7 @@ def load_sensor(name: str, *, edits: Iterable[str] = ()) -> Sensor:
     Raises:
         InputError: unknown preset, unreadable file, unknown field or refused value.
 
-    Example:
+    Examples:
         >>> sensor = starling.load_sensor("d435", edits=["projector.power_w=0.2"])
         >>> sensor.baseline_m, sensor.projector.power_w
         (0.05015, 0.2)
@@ -122,7 +122,7 @@ def load_scene(specifier: str, sensor: Sensor) -> Scene:
     Raises:
         InputError: unknown or unreadable scene.
 
-    Example:
+    Examples:
         >>> scene = starling.load_scene("wall:2", starling.load_sensor("d435"))
         >>> len(scene.bodies)
         1
@@ -135,7 +135,7 @@ def load_scene(specifier: str, sensor: Sensor) -> Scene:
 def list_effects() -> list[str]:
     """Return the names of all effects: departures of a real camera from an ideal one.
 
-    Example:
+    Examples:
         >>> "lens_blur" in starling.list_effects()
         True
     """
@@ -157,7 +157,7 @@ def apply_effects(
     Raises:
         InputError: unknown effect, or a strength out of range.
 
-    Example:
+    Examples:
         >>> sensor = starling.load_sensor("d435")
         >>> scene = starling.load_scene("wall", sensor)
         >>> blurred, scene = starling.apply_effects(sensor, scene, {"lens_blur": 0.8})
@@ -184,7 +184,7 @@ def simulate(
     Raises:
         InputError: unknown scene or sensor, or a sensor that one frame cannot serve.
 
-    Example:
+    Examples:
         >>> shot = starling.simulate("wall", "d435", seed=1)
         >>> shot.depth.depth_m.shape
         (480, 848)
@@ -225,7 +225,7 @@ def simulate_captures(
     Raises:
         InputError: unknown scene, existing folder, or refused effect.
 
-    Example:
+    Examples:
         >>> written = starling.simulate_captures("wall", starling.load_sensor("d435"), "out/wall")
         >>> starling.open_captures("out/wall").scenes[0].frame(0).ir_left.shape
         (480, 848)
@@ -253,7 +253,7 @@ def match(ir_left: NDArray[Any], ir_right: NDArray[Any] | None, sensor: Sensor) 
     Raises:
         InputError: images of different shape or type, or smaller than 16 x 16.
 
-    Example:
+    Examples:
         >>> sensor = starling.load_sensor("d435")
         >>> shot = starling.simulate("wall", sensor)
         >>> depth = starling.match(shot.ir_left, shot.ir_right, sensor)
@@ -271,7 +271,7 @@ def open_captures(path: Path | str) -> CaptureSet:
     Raises:
         InputError: no such folder, or no capture set.
 
-    Example:
+    Examples:
         >>> _ = starling.simulate_captures("wall", starling.load_sensor("d435"), "out/captures")
         >>> [scene.name for scene in starling.open_captures("out/captures").scenes]
         ['wall']
@@ -294,7 +294,7 @@ def compare(real: CaptureSet | Path | str, simulated: CaptureSet | Path | str) -
     Raises:
         InputError: no common scene, or images of different size.
 
-    Example:
+    Examples:
         >>> sensor = starling.load_sensor("d435")
         >>> for seed in (1, 2):
         ...     _ = starling.simulate_captures("wall", sensor, f"out/{seed}", seed=seed)
@@ -329,7 +329,7 @@ def calibrate(
     Raises:
         InputError: captures that cannot be calibrated, unknown groups or rooms.
 
-    Example:
+    Examples:
         >>> sensor = starling.load_sensor("d435", edits=SMALL)
         >>> _ = starling.simulate_captures("tabletop", sensor, "out/table")
         >>> fit = starling.calibrate("out/table", sensor, free=["baseline"], folder="out")
@@ -371,7 +371,7 @@ def diagnose(
     Raises:
         InputError: damaged captures, unknown families, or a sensor that is no stereo camera.
 
-    Example:
+    Examples:
         >>> camera = starling.load_sensor("d435", edits=SMALL)
         >>> _ = starling.simulate_captures("clutter:1", camera, "out/dim", effects={"gain": 0.5})
         >>> diagnosis = starling.diagnose("out/dim", camera, families=["gain"])
@@ -407,7 +407,7 @@ def complete(
     Raises:
         InputError: unknown method, images of different size, or missing PyTorch.
 
-    Example:
+    Examples:
         >>> shot = starling.simulate("wall", "d435")
         >>> filled = starling.complete(shot.ir_left, shot.depth.depth_m, method="nearest")
         >>> bool(np.isfinite(filled.depth_m).all())
@@ -432,7 +432,7 @@ def generate(plan: Path | str, out: Path | str, *, workers: int = 1) -> dict[str
     Raises:
         InputError: refused plan, or a folder with another plan's data.
 
-    Example:
+    Examples:
         >>> generated = starling.generate(PLAN, "out/set")
         >>> generated["frames"]
         2
@@ -454,7 +454,7 @@ def verify(out: Path | str, *, sample: int = 0) -> dict[str, Any]:
     Raises:
         InputError: no data set in the folder.
 
-    Example:
+    Examples:
         >>> _ = starling.generate(PLAN, "out/verified")
         >>> starling.verify("out/verified", sample=1)["differing"]
         0
@@ -477,7 +477,7 @@ def draw(captures: Path | str, out: Path | str, *, frame: int = 0) -> dict[str, 
     Raises:
         InputError: no captures, or an existing picture.
 
-    Example:
+    Examples:
         >>> _ = starling.simulate_captures("wall", starling.load_sensor("d435"), "out/drawn")
         >>> _ = starling.draw("out/drawn/wall", "out/wall.png")
     """

@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[1]
 _LONG = {  # Up to a minute each.
     *("02-what-a-real-camera-adds", "03-new-camera", "04-calibrate"),
     *("05-learn-the-holes", "06-diagnose", "07-data-sets", "08-complete-depth"),
+    "09-validate-the-diagnosis",
 }
 TUTORIALS = [
     pytest.param(page, id=page.stem, marks=[pytest.mark.long] * (page.stem in _LONG))

@@ -167,6 +167,3 @@ def evaluate_completion(
             track=track,
         )
     shell.say(result, json=common.json)
-
-
-VERBS = (complete, train_completion, evaluate_completion)

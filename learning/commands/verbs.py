@@ -241,6 +241,3 @@ def _simulation(
 
     camera = resolve.load(sensor, captures=captures, edits=edits)
     return Simulation(sensor=camera, draws=draws, seed=seed, even=even, cache=cache)
-
-
-VERBS = (train, evaluate, compare)

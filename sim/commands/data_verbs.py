@@ -152,6 +152,3 @@ def fuse(
             track=track,
         )
     shell.say(result, json=common.json)
-
-
-VERBS = (generate, verify, export, fuse)

@@ -318,16 +318,3 @@ def bench(*, common: Shared = Common()) -> None:
     with progress.on_stderr() as track:
         result = benchmark.bench(track=track)
     shell.say(result, json=common.json)
-
-
-VERBS = (
-    doctor,
-    sensors,
-    effects,
-    simulate,
-    match,
-    show,
-    atlas,
-    sweep,
-    bench,
-)

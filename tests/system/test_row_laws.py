@@ -106,7 +106,7 @@ def test_power_scales_laser_light_alone(power_w):
         projector_direct=rng.random(shape, np.float32),
         projector_indirect=0 * ones,
         ambient=ones,
-        second=0 * ones,
+        other=0 * ones,
         depth_m=ones,
         body=ones.astype(np.uint32),
     )
