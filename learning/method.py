@@ -48,8 +48,8 @@ class Method(Protocol):
             track: wraps long loops.
 
         Raises:
-            InputError: if there is no example, an example has no known holes, all pixels or no
-                pixel lack depth, or a loss is not finite (the message names the batch).
+            InputError: if there is no example, an example has no known holes or has only one class
+                of pixels; or a loss is not finite (the message names the batch).
         """
         ...
 

@@ -157,8 +157,8 @@ def _spots(light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _merge(rays: np.ndarray, power: np.ndarray, sigma: float) -> np.ndarray:
     """Merge spots whose pairwise sum has one maximum; return their unit vectors (m, 3).
 
-    Two Gaussians of one width at distance 2 d sigma and power ratio q have two maxima if and
-    only if d > 1 and |ln q| < 2 d sqrt(d^2 - 1) + 2 ln(d - sqrt(d^2 - 1)). Source: Behboodian,
+    Two Gaussians of one width at distance 2 d sigma and power ratio q have two maxima only if
+    `d > 1 and |ln q| < 2 d sqrt(d^2 - 1) + 2 ln(d - sqrt(d^2 - 1))`. Source: Behboodian,
     On the modes of a mixture of two normal distributions, Technometrics 12 (1970).
     """
     from scipy.sparse import coo_array

@@ -52,8 +52,8 @@ PRONOUNS = frozenset(
 )
 _WORD = re.compile(r"[A-Za-z][A-Za-z'\-]*")
 _LITERAL = re.compile(r"^ {2,}.*$", re.MULTILINE)  # Indented lines of a module's docstring.
-_CODE = re.compile(r"`[^`\n]*`")
-_END = re.compile(r"(?<=[.!?:;])\s+(?=[A-Z`(\[\"'-])|\n\s*\n|\n\s*(?=[-*|#>]|\d+\. |\w+: )")
+_CODE = re.compile(r"`[^`]{1,400}`")
+_END = re.compile(r"(?<=[.!?:])\s+(?=[A-Z`(\[\"'-])|;\s|\n\s*\n|\n\s*(?=[-*|#>]|\d+\. |\w+: )")
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ def document(text: str) -> str:
 
 
 def sentences(text: str) -> Iterator[str]:
-    """Split prose into sentences; a colon or semicolon before a capital ends one as well."""
-    for sentence in _END.split(_CODE.sub("x", text)):
+    """Split prose into sentences. A semicolon ends one, and a colon before a capital."""
+    for sentence in _END.split(_CODE.sub("X", text)):
         yield " ".join(sentence.split())
 
 
@@ -165,7 +165,7 @@ def rates(paths: list[Path]) -> Rates:
         python = path.suffix == ".py"
         for _, text in prose(source) if python else [(1, document(source))]:
             words += len(_WORD.findall(text))
-            banned += len(BANNED.findall(_CODE.sub("x", text)))
+            banned += len(BANNED.findall(_CODE.sub("X", text)))
             long += sum(1 for _ in too_long(text))
         for _, name in names(source) if python else ():
             bound += 1

@@ -1,10 +1,10 @@
 """Alignment of objects in the depth of methods and of a real D415, after a paper's Table I.
 
-Sweeney, Izatt and Tedrake, ICRA 2019. Objects are segmented in the scanner's surface, their poses
-disturbed, and aligned by ICP in the depth image of each method and in the real one. A method's
-depth image is the reference with the holes that it samples, and with the simulator's errors if the
-method uses physics. Probabilities come from an evaluation by room, so that no method was trained on
-the room.
+Sweeney, Izatt and Tedrake, ICRA 2019. Objects are segmented in the scanner's surface, and their
+poses are disturbed. ICP aligns them in the depth image of each method and in the real one. A
+method's depth image is the reference with the holes that it samples, and with the simulator's
+errors if the method uses physics. Probabilities come from an evaluation by room, so that no
+method was trained on the room.
 
     STARLING_CAPTURES=... starling evaluate ... --out EVALUATION
     STARLING_CAPTURES=... python benchmarks/learning/ndp_icp.py EVALUATION --sensor TEMPLATE

@@ -116,8 +116,8 @@ def evaluate(
         methods: trained for each held-out room on the other rooms.
         models: folders of `starling train`, or the shipped hybrid-varied, network-varied; evaluated
             without training, on any data they were trained on.
-        sensor: preset or sensor file, for the methods that use physics. {room} in its name is
-            replaced by the held-out room, so that the sensor can be calibrated without it.
+        sensor: preset or sensor file, for the methods that use physics. `{room}` in its name
+            stands in for the held-out room. The sensor can then be calibrated without it.
         rooms: held-out rooms; all if not given.
         learn_from: number of training rooms, the next ones in order; all others if not given.
         steps: training steps of a network; its default if not given.

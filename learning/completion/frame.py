@@ -42,8 +42,8 @@ def make_frame(
         valid: (h, w) True where there is depth.
 
     Raises:
-        InputError: if there is no image, shapes differ, valid depth is not a number above zero or
-            seems to be in millimetres, or the image is empty, of another type, or out of range.
+        InputError: if there is no image or shapes differ; valid depth is not a number above zero or
+            seems to be in millimetres, ; the image is empty, of another type, or out of range.
     """
     if rgb is None:
         advice = "Give the image that the depth is registered to; an infrared one will do."

@@ -44,8 +44,8 @@ def check_learnable(examples: Sequence[Example]) -> None:
     """Refuse examples that cannot be learnt from.
 
     Raises:
-        InputError: if there is no example, an example has no known holes or no counted pixel, or
-            all or none of the counted pixels of all examples have depth.
+        InputError: if there is no example, an example has no known holes or no counted pixel;
+            depth is known at all counted pixels or nowhere.
     """
     if not examples:
         raise refuse("examples", "must be at least one", 0, "Give captures for training.")

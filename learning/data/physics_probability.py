@@ -33,7 +33,7 @@ def physics_probability(physics: Physics, *, place_px: float = PLACE_PX) -> Imag
 def drawn_probability(ndp: NDArray, draws: int, *, place_px: float = PLACE_PX) -> Image:
     """Estimate the probability (h, w) of no depth from k of n draws: (k' + a m) / (n + a), a = 1.
 
-    k' is k smoothed by a Gaussian, because holes are accurate to a matching window only. m is the
+    k' is k smoothed by a Gaussian, because holes are accurate to a matching window only; m is the
     share of holes in all draws of the scene. It keeps the probability away from 0 and 1, which few
     draws cannot support. A prior of 1/2 instead would predict 6 % of holes in regions without any.
 

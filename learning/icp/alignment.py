@@ -63,7 +63,7 @@ def scene_pixels(piece: Piece, reference: Surface, draw: np.random.Generator) ->
     """Draw the pixels around an object from which scene points are made.
 
     They are drawn in the reference, so that all depth images of a view are compared at the same
-    pixels, and equal images give equal clouds.
+    pixels. Equal images then give equal clouds.
 
     Args:
         piece: the object.

@@ -43,8 +43,8 @@ class Piece:
 def information(surface: Cloud) -> float:
     """Measure how well point-to-plane alignment determines the six degrees of freedom of a surface.
 
-    This is the smallest eigenvalue of the mean of j j', j = (p x n, n), with points p relative to
-    their mean in units of their root mean square distance (N. Gelfand et al., Geometrically Stable
+    This is the smallest eigenvalue of the mean of j j', j = (p x n, n), . Points p are relative to
+    their mean, in units of their root mean square distance (N. Gelfand et al., Geometrically Stable
     Sampling for the ICP Algorithm, 3DIM 2003). It is 0 for surfaces that can slide along
     themselves, such as planes, cylinders and balls, and 2/15 for a cube.
     """
@@ -86,8 +86,9 @@ def by_label(
 def in_room(depth_m: Image, info: CaptureInfo, *, scene: str, room: str) -> list[Piece]:
     """Find objects in a scanned room.
 
-    An object is a convex piece of the surface (`segments`), 0.1 to 0.6 m long, right of the left
-    band, of 1500 pixels or more, whose shape determines its pose (`information` of 0.01 or more).
+    An object is a convex piece of the surface (`segments`), 0.1 to 0.6 m long. It lies right of
+    the left band and has 1500 pixels or more. Its shape determines its pose: `information` is 0.01
+    or more.
 
     Args:
         depth_m: (h, w) reference depth z [m] of a scanner, NaN where unknown.

@@ -59,8 +59,8 @@ class HybridPredictor:
         """Correct the simulated probability, (h, w).
 
         Raises:
-            InputError: if the example has no physics or another size than the training images, no
-                reference depth is known, or its reflectance is required but missing.
+            InputError: if the example has no physics or another size than the training images; no
+                reference depth is known; its reflectance is required but missing.
         """
         check_same_size(example, self.shape)
         inputs = channels(example, with_reflectance=self.with_reflectance, with_physics=True)

@@ -115,8 +115,8 @@ def standard(
 class _Ramp:
     """Contributions of the lattice's nodes along one axis of `n` pixels.
 
-    The noise is separable: sum over nodes of g_x m(x) w(y) + g_y w(x) m(y) for gradients g, with
-    w the fade of a node's influence and m(x) = x w(x).
+    The noise is separable: sum over nodes of g_x m(x) w(y) + g_y w(x) m(y) for gradients g. Here w
+    is the fade of a node's influence and m(x) = x w(x).
     """
 
     nodes: int

@@ -88,8 +88,8 @@ def _changes(settings: Mapping[str, Value]) -> dict[str, tuple[str, Value]]:
 def value(parameter: Parameter, sensor: Sensor, scene: Scene | None = None) -> Value | None:
     """Return the current value of a parameter.
 
-    It is None if the sensor has no such field (other matchers have other fields), or if the field
-    belongs to the scene and `scene` is None.
+    It is None if the sensor has no such field (other matchers have other fields). It is also None
+    if the field belongs to the scene and `scene` is None.
     """
     path = _spread(parameter.paths)[0]
     tree = scene if path.startswith(_SCENE) else sensor

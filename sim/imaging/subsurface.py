@@ -38,7 +38,7 @@ def spread(
         The spread light, or the input array if no light spreads.
 
     Source: exponential profile of the dipole (Jensen et al., A practical model for subsurface
-    light transport, 2001, eq. 4), replaced by a Gaussian with the same second moment.
+    light transport, 2001, eq. 4). A Gaussian with the same second moment replaces it.
     """
     finish = scene.finish
     if finish.subsurface_m == 0 or not light.any():

@@ -19,7 +19,7 @@ from starling.sim.sensor.emitter import Emitter
 from starling.sim.sensor.sensor import Projector
 
 # Lattices of a D415's two emitters, fitted to one unit in nine rooms
-# (docs/results/calibration.md): cycles per unit of direction cosine, and angle from x towards y.
+# (docs/results/calibration.md). Cycles per unit of direction cosine, and angle from x towards y.
 # Each lattice is 0.4 degrees off square; the numbers are means over its directions. The angles of
 # another unit differ by -0.6 and 0.8 degrees. The dots' powers spread by less than 9 % including
 # noise, so they are taken as equal.

@@ -74,7 +74,7 @@ def _sweep_down(cost, total, p1, p2, state, floor, start):  # pragma: no cover -
 
     Args:
         state: (2, 3, w + 2, search + 2) costs of each path along the last even and the last odd
-            row, with a margin of one column and one disparity on each side.
+            row. They have a margin of one column and one disparity on each side.
         floor: (2, 3, w + 2) least cost of each path.
         start: image row of the first row of `cost`.
     """

@@ -42,8 +42,8 @@ def trusted(frame: CompletionFrame) -> Mask:
 def inverse(depth_m: Image, known: Mask) -> Image:
     """Inverse depth [1/m], 0 where unknown.
 
-    Inverse depth is averaged and smoothed because it is linear over the image of a plane, and
-    because a stereo camera's noise is uniform in it.
+    Inverse depth is averaged and smoothed because it is linear over the image of a plane. A stereo
+    camera's noise is uniform in it.
     """
     out = np.zeros(known.shape, np.float32)
     np.divide(np.float32(1), depth_m, out=out, where=known)

@@ -95,7 +95,7 @@ def train(
 
     Raises:
         InputError: see `untrained_model` and `draw_batches`; or if there is no sample, a loss is
-            not finite, the checkpoint is damaged or of another training, or the folder has weights
+            not finite; the checkpoint is damaged or of another training, or the folder has weights
             but no checkpoint.
     """
     if not len(samples):

@@ -1,7 +1,7 @@
 """Islands of false depth in holes, which are frequent in real captures and rare in simulated ones.
 
 A real stereo camera at times matches a stretch of a hole to a wrong place, smoothly and with
-confidence. This is most frequent in the band that the other imager does not see, because the true
+confidence. This is most frequent in the band that the other imager does not see. There, the true
 match is not in the image and the remaining candidates are farther away. In five rooms of d415-faro
 such islands have 10 to 1,000 pixels and are 3 to 25 times too far away. Training must include them
 so that the network learns to reject islands.

@@ -2,7 +2,7 @@
 
 This is the control that measures the value of simulated holes. The camera's noise stays where it
 has depth. Its holes are filled with the noise-free truth, and an equal share of pixels is removed
-at random, half as rectangles and half as single pixels.
+at random. Half of it is removed as rectangles and half as single pixels.
 """
 
 from __future__ import annotations

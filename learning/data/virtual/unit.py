@@ -1,8 +1,8 @@
 """The virtual camera: simulates an assumed scene under its true conditions.
 
 `camera.toml` is the true unit. `effects.toml` holds its true settings and their variation from
-capture to capture. Both were chosen from the effect table's text by a person who had not seen the
-sensors that train on it (README.md in this folder).
+capture to capture. Both were chosen from the effect table's text by a person who did not know the
+training sensors (README.md in this folder).
 """
 
 from __future__ import annotations

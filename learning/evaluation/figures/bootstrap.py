@@ -50,8 +50,8 @@ def paired_difference(
 
     Scenes of one room are not independent, so that they are averaged first and resampled together
     (cluster bootstrap; Davison and Hinkley, Bootstrap Methods and their Application, 1997, sec.
-    3.8). With few rooms the percentile interval is too narrow: its variance is too small by (n - 1)
-    / n and it has the tails of a normal distribution. The percentiles are therefore widened to
+    3.8). With few rooms the percentile interval is too narrow. Its variance is too small by (n -
+    1) / n and it has the tails of a normal distribution. The percentiles are therefore widened to
     those of Student's distribution (expanded percentile interval; Hesterberg, What Teachers Should
     Know About the Bootstrap, The American Statistician 69, 2015). The interval does not cover kinds
     of rooms that are not among the n rooms.

@@ -160,8 +160,8 @@ def draw(
     crops are flipped vertically. Crops are never mirrored, because the right imager is on the
     right. Depth is not scaled, because disparity and holes would change with it.
 
-    In a share `hidden` of the crops all hideable channels are uninformative, so that the network
-    also learns from the other channels alone (Neverova et al., ModDrop, PAMI 2016).
+    In a share `hidden` of the crops all hideable channels are uninformative. The network thus
+    learns from the other channels alone as well (Neverova et al., ModDrop, PAMI 2016).
     """
     rng = generator(seed, step, "training", part)
     hide = generator(seed, step, "training", f"{part} hidden").random(count) < hidden

@@ -36,9 +36,9 @@ def shot_and_read(part: Imager, charge: Image, *, die: Die, seed: int, frame: in
     """Add shot and read noise as one draw; the identity if both are 0.
 
     A Poisson count plus a Gaussian is approximated by a transformed normal deviate with the same
-    mean, variance and, nearly, third moment (first term of the Cornish-Fisher expansion). It holds
-    for a few electrons too, and takes a tenth of the time of a Poisson draw. Single electrons are
-    not resolved; they would show only with read noise below 0.5 electrons.
+    mean and variance. The third moment nearly agrees (first term of the Cornish-Fisher expansion).
+    It holds for a few electrons too, and takes a tenth of the time of a Poisson draw. Single
+    electrons are not resolved; they would show only with read noise below 0.5 electrons.
 
     Source: EMVA Standard 1288, release 4.0 (noise model); Abramowitz and Stegun, 26.2.49.
     """

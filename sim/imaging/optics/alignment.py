@@ -16,7 +16,7 @@ order, with (x, y) = p - c and f the focal length:
 - roll turns the imager clockwise (as it looks) and the image the other way: a point moves by
   roll (y, -x).
 
-If the images of a pair move by (dx_l, dy_l) and (dx_r, dy_r), the disparity x_left - x_right
+Let the images of a pair move by (dx_l, dy_l) and (dx_r, dy_r). The disparity x_left - x_right
 becomes d' = d + dx_l - dx_r, and rows differ by dy_l - dy_r:
 
 - An offset o of the right imager gives d' = d - o, a yaw gives d' = d + f yaw. The depth error is

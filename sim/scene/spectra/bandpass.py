@@ -1,8 +1,8 @@
 """The band-pass filter in front of a lens: transmission and its shift with the angle.
 
-At an angle a, the transmission curve of a thin-film stack shifts to shorter wavelengths by the
-factor s = sqrt(1 - (sin a / n)^2). n is the stack's effective index. Towards the image's corners a
-laser therefore leaves the band; broadband light does not.
+At an angle a, the transmission curve of a thin-film stack shifts to shorter wavelengths. The
+factor is s = sqrt(1 - (sin a / n)^2); n is the stack's effective index. Towards the image's
+corners a laser therefore leaves the band; broadband light does not.
 
 Source: Smith, Modern Optical Engineering, sec. 11 (the shift); Macleod, Thin-Film Optical
 Filters, ch. 7 (n, and bands of coupled cavities); checked against `tests/oracles/multilayer.py`.

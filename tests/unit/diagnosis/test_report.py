@@ -1,7 +1,4 @@
-"""The report page of small, constructed diagnoses: sentences, numbers, pictures.
-
-Other tests check the figures themselves.
-"""
+"""The report page of small, constructed diagnoses: sentences, numbers, pictures."""
 
 from __future__ import annotations
 

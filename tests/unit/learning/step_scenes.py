@@ -28,7 +28,7 @@ INFO = CaptureInfo(
 def step_scene(number: int, *, room: str | None = None) -> Example:
     """A pillar at 0.25 to 0.4 m before a wall at 1 to 2 m.
 
-    Left of the pillar, the right imager does not see a band of the wall that is as wide as the
+    Left of the pillar, the right imager does not see a band of the wall . Its width is the
     difference of the disparities, 6 to 14 pixels. Pillars are at random places. Only columns that
     can be half-occluded equally often are counted, so that the column alone is uninformative.
     """

@@ -115,7 +115,7 @@ def test_flags_of_train_are_passed_on(captures, tmp_path, sensors, monkeypatch, 
     assert isinstance(simulation, Simulation)
     assert (simulation.draws, simulation.even) == (3, True)
     assert simulation.cache == tmp_path / "kept"
-    del item["tell"]
+    del item["track"]
     assert item == {
         "method": "hybrid", "captures": str(captures), "out": tmp_path / "out",
         "rooms": ("hall", "attic"), "steps": 5, "seed": 2, "force": True,

@@ -93,7 +93,7 @@ def test_a_set_has_one_scene_for_each_camera(tmp_path, shot, monkeypatch):
         return shot
 
     monkeypatch.setattr(varied_cameras.simulate, "simulate", simulated)
-    monkeypatch.setattr(varied_cameras, "SceneStage", lambda scene: scene)
+    monkeypatch.setattr(varied_cameras, "MitsubaScene", lambda scene: scene)
     monkeypatch.setattr(varied_cameras, "ATTEMPTS", 3)
     rates = varied_cameras.write(tmp_path / "set", ["clutter:1", "clutter:2"], BELIEVED, seed=5)
     assert rates == {"clutter-1": 1.0, "clutter-2": 1.0}

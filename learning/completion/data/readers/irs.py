@@ -7,9 +7,9 @@
 Focal length 480 px, baseline 0.1 m, principal point at the image centre. N has five digits in the
 lists, and no leading zeros in some archives.
 
-Source: Wang et al., IRS: a large naturalistic indoor robotics stereo dataset, ICME 2021, and
-github.com/HKBU-HPML/IRS: lists/*.list, dataloader/IRSLoader.py (size, focal length),
-scripts/EXRloader.py (channels), scripts/disp2pcd.py (channel, baseline, principal point).
+Source: Wang et al., IRS: a large naturalistic indoor robotics stereo dataset, ICME 2021.
+The layout follows github.com/HKBU-HPML/IRS: `lists/*.list`; `dataloader/IRSLoader.py` (size, focal
+length); `scripts/EXRloader.py` (channels); `scripts/disp2pcd.py` (baseline, principal point).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Depth of a rendered stereo pair by our own matcher.
 
 Cuaran et al. (Enhancing stereo depth maps through RGBD-conditioned generative models, section 4.2)
-compute the camera's depth of IRS and Virtual KITTI in the same way, because these have stereo pairs
-but no depth camera. There is no projector: holes of passive stereo are mostly surfaces without
+compute the camera's depth of IRS and Virtual KITTI in the same way. These have stereo pairs but no
+depth camera. There is no projector: holes of passive stereo are mostly surfaces without
 texture, unlike those of an active camera.
 """
 

@@ -43,7 +43,7 @@ def _sample(seed: int, shape: tuple[int, int] = (13, 18)) -> TrainingSample:
 
 SAMPLES = [_sample(seed) for seed in range(4)]
 HELD = tiny.Held(SAMPLES)
-WHOLE: Any = {"crop_px": (512, 512), "multiple": 4, "where": CPU}
+WHOLE: Any = {"crop_px": (512, 512), "multiple": 4, "device": CPU}
 
 
 @pytest.fixture(scope="module")

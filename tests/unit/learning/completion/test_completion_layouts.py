@@ -212,7 +212,7 @@ def test_frames_without_depth_are_left_out(holes: str, tmp_path: Path, capsys: C
     assert (report["frames"], report["left_out"]) == (3, 1) and report["hole_share"] < 1
     emptied(captures, capture_sets.SCENES)
     message = refused(*train, tmp_path / "other", capsys=capsys)
-    assert "frames must have depth; got none in all 4. Give others" in message
+    assert "frames must have depth; got none in all 4. Give other frames" in message
 
 
 @pytest.mark.parametrize(
@@ -230,13 +230,13 @@ def test_options_of_generators_need_a_generator(
 def test_missing_torch_is_named(tmp_path: Path) -> None:
     captures = capture_sets.write(tmp_path / "set")
     program = (
-        "import sys, starling\n"
+        "import sys\nfrom starling import command_line\n"
         "class Absent:\n"
         "    def find_spec(self, name, *rest):\n"
         "        if name == 'torch': raise ModuleNotFoundError('gone', name=name)\n"
         "sys.meta_path.insert(0, Absent())\n"
         f"given = ['train', 'completion', {str(captures)!r}, '--out', {str(tmp_path / 'out')!r}]\n"
-        "sys.exit(starling.main(given))"
+        "sys.exit(command_line.main(given))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
