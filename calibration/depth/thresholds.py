@@ -33,10 +33,10 @@ CHECKS = ("uniqueness", "texture_threshold", "left_right_threshold")
 _SCAN = (0.0, 0.25, 0.5, 0.75, 1.0)  # Grid of each threshold before the search.
 _TRIALS = 40  # Maximum number of trials of the simplex search.
 _SIMPLEX = 0.12  # Initial side of the simplex.
-_BETTER = 0.98  # Minimum relative improvement of the score that changes a threshold.
+_BETTER = 0.98  # A threshold changes only if the score falls below this share of the lowest.
 _FINE = 0.01  # Resolution of the search.
 _STEP = 0.08  # Half step of the finite differences for the covariance.
-_BLIND = 0.6  # Relative to `_RANGE_SD`: a parameter with a larger deviation is unidentifiable.
+_BLIND = 0.6  # Unidentifiable: standard deviation above this share of `_RANGE_SD`.
 _RANGE_SD = 1 / np.sqrt(12)  # Standard deviation of a uniform distribution over the range.
 
 

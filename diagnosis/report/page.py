@@ -18,7 +18,7 @@ from starling.diagnosis.which import null
 from starling.diagnosis.which.attribution import ROOMS_PER_TEST_ROOM
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.likelihood import TAU
-from starling.diagnosis.which.segment import BEYOND_NOISE, OF_BEFORE, UNEXPLAINED
+from starling.diagnosis.which.segment import NOISE_ALLOWANCE, NOISE_LIMIT, SHARE_OF_INITIAL
 from starling.sim.report.elements import counted, listed, number, sentences, table
 from starling.sim.report.style import STYLE as COMMON
 
@@ -117,9 +117,9 @@ def _method(diagnosis: Diagnosis) -> str:
             "The unexplained part of a gap is what remains after allowing for an error of "
             f"{number(100 * TAU, '.0f')} % in the predicted effects. A gap counts as explained if "
             "this part is below a limit. The limit is the size that noise alone makes plus "
-            f"{number(BEYOND_NOISE, '.2f')}, at most {number(UNEXPLAINED, '.2f')}, plus "
-            f"{number(100 * OF_BEFORE[Segment.IMAGE], '.0f')} % of the gap before "
-            f"({number(100 * OF_BEFORE[Segment.DEPTH], '.0f')} % for matcher and filters)."
+            f"{number(NOISE_ALLOWANCE, '.2f')}, at most {number(NOISE_LIMIT, '.2f')}, plus "
+            f"{number(100 * SHARE_OF_INITIAL[Segment.IMAGE], '.0f')} % of the gap before "
+            f"({number(100 * SHARE_OF_INITIAL[Segment.DEPTH], '.0f')} % for matcher and filters)."
         )
         + prose(
             f"One room in {ROOMS_PER_TEST_ROOM} is held out at random; of eight or more rooms, at "

@@ -17,9 +17,9 @@ from starling.sim.sensor.sensor import Sensor
 
 _NODES = 4  # Nodes of a range; to each side for effects of both signs.
 _LEAST = 1 / 30  # Ratio of the weakest to the strongest departure, for effects of both signs.
-_WIDE = 4.0  # Ratio of the ends of a range from which nodes have a constant ratio.
+_WIDE = 4.0  # Ranges around 1 with high / low from this get geometric spacing.
 _EQUAL = 0.01  # Relative difference up to which a measured value equals the base.
-# Effects that do nothing without a partner, that only repeats show, or that change the image size.
+# Effects that do nothing without a partner, that show only in repeats, or that change the image size.
 LEFT_OUT = frozenset({"rolling_shutter", "temporal_filter", "decimation", "registration"})
 _DEPTH_ONLY = frozenset({"dropped_bits"})  # Output images lack these bits; only depth shows them.
 _MOTIONS = frozenset({"motion", "turning"})
@@ -111,8 +111,8 @@ def with_measured_node(candidate: Candidate, value: float) -> Candidate:
 def nodes(parameter: Parameter, base: Value, *, whole: bool = False) -> tuple[Value, ...]:
     """Choose the values at which an effect is simulated, without the base.
 
-    Values have a constant ratio from the least to the largest worth trying. Effects of both signs
-    depart from the base to both sides.
+    Spacing is geometric, or linear if the range starts at 0. Effects of both signs get values on
+    both sides of the base.
 
     Args:
         parameter: parameter of the effect.

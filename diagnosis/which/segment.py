@@ -30,10 +30,10 @@ from starling.sim.effects.effect import Value
 
 # A gap is explained if its unexplained size is at most: noise size + allowance + a share of the
 # initial size. The share is needed because no effect is simulated exactly.
-BEYOND_NOISE = 0.35  # Allowance on top of the noise size.
-UNEXPLAINED = 0.65  # Upper limit of noise size plus allowance, unless noise alone exceeds it.
+NOISE_ALLOWANCE = 0.35  # Allowance on top of the noise size.
+NOISE_LIMIT = 0.65  # Upper limit of noise size plus allowance, unless noise alone exceeds it.
 # Share of the initial size, larger for matchers, which are simulated less exactly.
-OF_BEFORE = {Segment.IMAGE: 0.04, Segment.DEPTH: 0.1, Segment.WHOLE: 0.04}
+SHARE_OF_INITIAL = {Segment.IMAGE: 0.04, Segment.DEPTH: 0.1, Segment.WHOLE: 0.04}
 _QUANTISED = "subpixel_steps"  # Effect that leaves terraces in device depth.
 
 
@@ -216,8 +216,8 @@ def diagnose_segment(table: FeatureTable, screening: Screening) -> SegmentResult
     )
     promising = worth_refining(alone, screening.threshold)
     before = likelihood.size(likelihood.no_change)
-    most = max(screening.noise, min(screening.noise + BEYOND_NOISE, UNEXPLAINED))
-    explained_below = most + OF_BEFORE[table.segment] * before
+    most = max(screening.noise, min(screening.noise + NOISE_ALLOWANCE, NOISE_LIMIT))
+    explained_below = most + SHARE_OF_INITIAL[table.segment] * before
     context = SearchContext(
         table=table,
         likelihood=likelihood,

@@ -43,7 +43,7 @@ def make_frame(
 
     Raises:
         InputError: if there is no image or shapes differ; valid depth is not a number above zero or
-            seems to be in millimetres, ; the image is empty, of another type, or out of range.
+            seems to be in millimetres; the image is empty, of another type, or out of range.
     """
     if rgb is None:
         advice = "Give the image that the depth is registered to; an infrared one will do."

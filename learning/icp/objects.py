@@ -43,7 +43,7 @@ class Piece:
 def information(surface: Cloud) -> float:
     """Measure how well point-to-plane alignment determines the six degrees of freedom of a surface.
 
-    This is the smallest eigenvalue of the mean of j j', j = (p x n, n), . Points p are relative to
+    This is the smallest eigenvalue of the mean of j j', j = (p x n, n). Points p are relative to
     their mean, in units of their root mean square distance (N. Gelfand et al., Geometrically Stable
     Sampling for the ICP Algorithm, 3DIM 2003). It is 0 for surfaces that can slide along
     themselves, such as planes, cylinders and balls, and 2/15 for a cube.

@@ -28,7 +28,7 @@ from starling.sim.differentiable.rig import AXES, RAY, Rig, Steps
 from starling.sim.geometry.motion import moments
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render import backend
-from starling.sim.render.beam import ProjectorLight, between
+from starling.sim.render.beam import ProjectorLight, shadow_ray
 from starling.sim.render.lights import towards_viewer
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.render.rays import JitPose, opaque, pixels
@@ -287,7 +287,7 @@ def _hits(
     for emission, place in zip(light.emissions, light.places, strict=True):
         source = left.origin + _to_world(left, rig.traced(rig.source(place)))
         covered = si.is_valid() & emission.covers(rig.local(actual, place))
-        shadow = between(source, si.p, mi_scene.scene.shadow_tolerance)
+        shadow = shadow_ray(source, si.p, mi_scene.scene.shadow_tolerance)
         reached = mi_scene.transmittance(shadow, covered) > 0
         toward = si.to_local(dr.normalize(source - si.p))
         brdf_cosine.append(si.bsdf().eval(mi.BSDFContext(), si, toward, reached)[0])

@@ -118,7 +118,7 @@ class Beam:
         """Share of the light that reaches a point; 0 outside the field."""
         covered = active & self.emission.covers(self.place.local(point))
         return mi_scene.transmittance(
-            between(self.place.origin, point, mi_scene.scene.shadow_tolerance), covered
+            shadow_ray(self.place.origin, point, mi_scene.scene.shadow_tolerance), covered
         )
 
     def reflected(self, mi_scene: MitsubaScene, si: Any) -> Any:
@@ -195,7 +195,7 @@ def _texture(kind: str, image: NDArray[np.float32]) -> Any:
     return getattr(mi, kind)(mi.TensorXf(image[..., None]), use_accel=False)
 
 
-def between(origin: Any, point: Any, tolerance: float) -> Any:
+def shadow_ray(origin: Any, point: Any, tolerance: float) -> Any:
     """Ray from origin to point that ends a share `tolerance` of its length early."""
     mi, dr = backend.mitsuba(), backend.drjit()
     along = point - origin

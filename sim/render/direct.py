@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from starling.sim.arrays import Image
 from starling.sim.geometry import motion, placement
 from starling.sim.render import backend
-from starling.sim.render.beam import ProjectorLight, between
+from starling.sim.render.beam import ProjectorLight, shadow_ray
 from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.render.lights import Lights, towards_viewer
 from starling.sim.render.mirrors_and_glass import Specular
@@ -171,7 +171,7 @@ def _truth(
     si = mi_scene.mitsuba.ray_intersect(left.ray(pixels(left.size)))
     hit, normal = si.is_valid(), towards_viewer(si)
     faced = hit & right.sees(si.p)
-    sight = between(right.place.origin, si.p, mi_scene.scene.shadow_tolerance)
+    sight = shadow_ray(right.place.origin, si.p, mi_scene.scene.shadow_tolerance)
     place = left.place
     columns = (
         left.place.local(si.p).z,

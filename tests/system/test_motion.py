@@ -1,7 +1,7 @@
 """Motion blur and rolling shutter of a moving sensor, compared with f v t / z.
 
-Rationale: the image of a plane at z moves by f v t / z pixels in time t. The sensor moves parallel
-to it at v. The dots move with the sensor.
+Rationale: the sensor moves parallel to a plane at z with speed v. The plane's image moves by
+f v t / z pixels in time t. The dots move with the sensor.
 """
 
 from __future__ import annotations

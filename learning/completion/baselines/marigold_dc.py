@@ -38,7 +38,7 @@ class MarigoldDC:
     """Compares the final depth that each step predicts with the sensor's valid depth.
 
     The loss is the mean of |e| + e^2 over valid pixels. Adam optimises the latent, scale s and
-    shift t. Metres are = s^2 (c_max - c_min) d + t^2 c_min (equation 2), where c is the sensor's
+    shift t. Metres are s^2 (c_max - c_min) d + t^2 c_min (equation 2), where c is the sensor's
     depth.
     """
 

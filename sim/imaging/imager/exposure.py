@@ -45,12 +45,12 @@ def read_exposure(record: Mapping[str, Any]) -> Exposure | None:
 def electrons_per_radiance(imager: Imager, wavelength_nm: float, exposure_s: float) -> float:
     """Return the mean electrons in a pixel on the axis for a radiance of 1 W m^-2 sr^-1.
 
-        The image irradiance is pi L T / (4 N^2) for a thin lens and a distant object. The charge is
-    this times pixel area,
-        integration time and quantum efficiency, over the photon energy h c / lambda.
+    The image irradiance is pi L T / (4 N^2) for a thin lens and a distant object. The charge is
+    this times pixel area, integration time and quantum efficiency, over the photon energy
+    h c / lambda.
 
-        Source: EMVA Standard 1288, release 4.0, eqs. 1 to 4; image irradiance: Horn, Robot Vision,
-        sec. 10.3.
+    Source: EMVA Standard 1288, release 4.0, eqs. 1 to 4; image irradiance: Horn, Robot Vision,
+    sec. 10.3.
     """
     irradiance = np.pi * imager.lens.transmission / (4 * imager.lens.f_number**2)
     photon_j = _PLANCK_J_S * _LIGHT_M_S / (wavelength_nm * 1e-9)

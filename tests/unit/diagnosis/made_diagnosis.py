@@ -18,7 +18,7 @@ from starling.diagnosis.which import search
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.response import Signature
 from starling.diagnosis.which.rows import Columns
-from starling.diagnosis.which.segment import OF_BEFORE, UNEXPLAINED, Screening, SegmentResult
+from starling.diagnosis.which.segment import NOISE_LIMIT, SHARE_OF_INITIAL, Screening, SegmentResult
 from starling.diagnosis.which.table import FeatureTable
 from tests.unit.diagnosis import made_gaps as made
 from tests.unit.diagnosis.test_features import GROUND
@@ -89,7 +89,7 @@ def segment_result(
         ),
         likelihood=made.likelihood_of({}, 9),
         search=searched,
-        explained_below=UNEXPLAINED + OF_BEFORE[segment] * 10,
+        explained_below=NOISE_LIMIT + SHARE_OF_INITIAL[segment] * 10,
         lead=leads[0],
         varying=leads[1],
     )

@@ -1,4 +1,4 @@
-"""How scenes are partition among processes."""
+"""How scenes are partitioned among processes."""
 
 from __future__ import annotations
 
