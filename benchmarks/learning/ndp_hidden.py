@@ -17,7 +17,7 @@ from starling.learning.data import captured
 from starling.learning.evaluation.figures.classification import classification
 from starling.learning.evaluation.figures.judged import judge, pool
 from starling.learning.methods.hybrid import Hybrid
-from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.settings import TrainingSettings
 from starling.sim.captures import capture
 from starling.sim.console import progress
 
@@ -37,7 +37,9 @@ def main() -> None:
             simulation = ndp_faro.simulation(options, room, path)
             examples = captured.examples(opened, simulation=simulation)
             for share in options.shares:
-                predictor = Hybrid(settings=dataclasses.replace(Settings(), hidden=share)).fit(
+                predictor = Hybrid(
+                    settings=dataclasses.replace(TrainingSettings(), hidden=share)
+                ).fit(
                     [example for example in examples if example.room != room],
                     folder=options.out / f"{room}-{share:g}",
                     seed=0,

@@ -2,9 +2,8 @@
 
     python benchmarks/matcher/structured_light.py [--sensor kinect-v1]
 
-Captures: `kinect-v1-tables` in the folder $STARLING_CAPTURES. Each real table is a plane. The same
-plane is simulated and measured in the same part of the image. Parameters were chosen on `learn*`
-frames only; all frames had been viewed before.
+Captures: `kinect-v1-tables` in $STARLING_CAPTURES. Each real table is a plane, which is simulated
+and measured in the same part of the image. Parameters were chosen on `learn*` frames only.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ _NODES = 4  # Nodes of a range; to each side for effects of both signs.
 _LEAST = 1 / 30  # Ratio of the weakest to the strongest departure, for effects of both signs.
 _WIDE = 4.0  # Ranges around 1 with high / low from this get geometric spacing.
 _EQUAL = 0.01  # Relative difference up to which a measured value equals the base.
-# Effects that do nothing without a partner, that show only in repeats, or that change the image size.
+# Effects that do nothing without a partner, show only in repeats, or change the image size.
 LEFT_OUT = frozenset({"rolling_shutter", "temporal_filter", "decimation", "registration"})
 _DEPTH_ONLY = frozenset({"dropped_bits"})  # Output images lack these bits; only depth shows them.
 _MOTIONS = frozenset({"motion", "turning"})

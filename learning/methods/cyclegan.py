@@ -23,7 +23,7 @@ from starling.learning.networks.training.learner import (
     mixed_precision,
 )
 from starling.learning.networks.training.samples import Batch
-from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.settings import TrainingSettings
 from starling.learning.networks.training.translation import (
     ADVERSARIAL,
     DEPTH,
@@ -52,7 +52,7 @@ class CycleGanLearner(Learner[Batch]):
         self,
         generators: Sequence[nn.Module],
         discriminators: Sequence[nn.Module],
-        settings: Settings,
+        settings: TrainingSettings,
     ) -> None:
         names, networks = (*_GENERATORS, *_DISCRIMINATORS), (*generators, *discriminators)
         optimizers = [adversary(*generators), adversary(*discriminators)]
@@ -97,7 +97,7 @@ class CycleGan:
     """CycleGAN with its settings."""
 
     name: ClassVar[str] = "cyclegan"
-    settings: Settings = ADVERSARIAL
+    settings: TrainingSettings = ADVERSARIAL
 
     def fit(
         self,

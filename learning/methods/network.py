@@ -19,11 +19,11 @@ from starling.learning.networks.training import weights
 from starling.learning.networks.training.channels import channels, names
 from starling.learning.networks.training.hole_network import fit_hole_network
 from starling.learning.networks.training.samples import check_same_size
-from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.settings import TrainingSettings
 from starling.learning.networks.unet import UNet
 from starling.sim.console import progress
 
-_DEFAULTS = Settings()
+_DEFAULTS = TrainingSettings()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +51,7 @@ class Network:
     """Network with its inputs and settings."""
 
     with_reflectance: bool = False  # The network also uses the smoothed infrared image.
-    settings: Settings = _DEFAULTS
+    settings: TrainingSettings = _DEFAULTS
 
     @property
     def name(self) -> str:

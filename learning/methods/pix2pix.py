@@ -33,7 +33,7 @@ from starling.learning.networks.training.learner import (
     one_cycle,
 )
 from starling.learning.networks.training.samples import Batch
-from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.settings import TrainingSettings
 from starling.learning.networks.training.translation import (
     PatchDiscriminator,
     TranslationPredictor,
@@ -48,7 +48,7 @@ from starling.learning.networks.unet import UNet
 from starling.sim.console import progress
 
 SQUARE_WEIGHT = 100.0  # Relative to the discriminator's loss (Isola et al., sec. 3.3).
-SETTINGS = Settings(steps=1000, batch=4, rate=1e-3)
+SETTINGS = TrainingSettings(steps=1000, batch=4, rate=1e-3)
 _DISCRIMINATOR_RATE = 0.2  # Learning rate of the discriminator over that of the generator.
 _KEPT = 4.0  # Logit of keeping a depth before training.
 
@@ -81,7 +81,9 @@ class Keeper(nn.Module):
 class Pix2PixLearner(Learner[Batch]):
     """A generator, and a discriminator of pairs of its input and output."""
 
-    def __init__(self, generator: nn.Module, discriminator: nn.Module, settings: Settings) -> None:
+    def __init__(
+        self, generator: nn.Module, discriminator: nn.Module, settings: TrainingSettings
+    ) -> None:
         networks = {"generator": generator, "discriminator": discriminator}
         super().__init__(networks, [adversary(generator), adversary(discriminator)])
         self.settings = settings
@@ -115,7 +117,7 @@ class Pix2Pix:
     """pix2pix with its settings."""
 
     name: ClassVar[str] = "pix2pix"
-    settings: Settings = SETTINGS
+    settings: TrainingSettings = SETTINGS
 
     def fit(
         self,

@@ -1,8 +1,4 @@
-"""`starling diagnose` on captures of a second camera implementation with one effect.
-
-**Rationale.** Images are small and effects are few: the tests check that the parts work together.
-`starling withheld` measures how often the right effect is identified.
-"""
+"""`starling diagnose` on small captures of a second camera implementation with one effect."""
 
 from __future__ import annotations
 
@@ -354,7 +350,6 @@ def test_unusable_captures_are_refused(place, tmp_path, capsys):
 
 @pytest.mark.long
 def test_estimated_reflectance_absorbs_light(place, diagnosed, tmp_path):
-    """A change that another estimate explains is not attributed to an effect."""
     guessed = tmp_path / "guessed"
     guessed.mkdir()
     shutil.copy(place / "null" / "capture.toml", guessed)

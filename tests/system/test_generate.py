@@ -190,7 +190,7 @@ def test_killed_worker_stops_the_run_without_losses(plan: Path, whole: Path):
     script = (
         "import os, sys\n"
         "from pathlib import Path\n"
-        "from starling.sim.datasets import local\n"
+        "from starling.sim.datasets import local_workers as local\n"
         "from starling.sim.datasets.generate import generate\n"
         "from starling.sim.datasets.task import make\n"
         "def die(plan, info, out, task):\n"

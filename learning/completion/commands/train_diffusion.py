@@ -50,7 +50,7 @@ def train_diffusion(
     """
     options = {"steps": steps, "at_once": at_once}
     changes = {name: value for name, value in options.items() if value is not None}
-    settings = dataclasses.replace(training.Settings(), **changes)
+    settings = dataclasses.replace(training.DiffusionSettings(), **changes)
     samples = ListedSamples(frames=frames, holes=holes, seed=seed)
     training.train(
         weights.load(start), variant, samples, settings, folder=folder, seed=seed, track=track

@@ -12,7 +12,7 @@ from starling.learning.completion.data.layouts import ListedFrame, read_frames
 from starling.learning.completion.data.training_frame import Holes, none_has_depth, training_frame
 from starling.learning.completion.small import method
 from starling.learning.completion.small.crops import FrameSample
-from starling.learning.completion.small.settings import Settings
+from starling.learning.completion.small.settings import SmallSettings
 from starling.sim.console import progress
 
 
@@ -53,7 +53,7 @@ def train_small(
             )
     if not samples:
         raise none_has_depth(len(frames))
-    settings = Settings() if steps is None else Settings(steps=steps)
+    settings = SmallSettings() if steps is None else SmallSettings(steps=steps)
     method.fit(samples, settings, folder=folder, seed=seed, track=track)
     return {
         "frames": len(samples),

@@ -41,7 +41,7 @@ _KIND = "diffusion for completion"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Settings:
+class DiffusionSettings:
     """Training settings. The defaults are the paper's (appendix B): three days on an A100."""
 
     steps: int = 36_000
@@ -73,7 +73,7 @@ def train(
     parts: Weights,
     variant: Variant,
     samples: TrainingSamples,
-    settings: Settings,
+    settings: DiffusionSettings,
     *,
     folder: Path,
     seed: int,
@@ -152,7 +152,9 @@ def loss(model: DiffusionModel, batch: DiffusionBatch, *, seed: int) -> Tensor:
     return error.sum(dim=(1, 2, 3)) / counted.sum(dim=(1, 2, 3)).clamp(min=1)
 
 
-def _step(run: _Run, samples: TrainingSamples, settings: Settings, seed: int, step: int) -> float:
+def _step(
+    run: _Run, samples: TrainingSamples, settings: DiffusionSettings, seed: int, step: int
+) -> float:
     run.optimizer.zero_grad()
     total = 0.0
     for batch in draw_batches(

@@ -18,7 +18,7 @@ from starling.learning.completion.data.window import window_start
 from starling.learning.completion.frame import Image, Mask, make_frame
 from starling.learning.completion.small.false_islands import with_false_islands
 from starling.learning.completion.small.inputs import SmallInput, small_input
-from starling.learning.completion.small.settings import Settings
+from starling.learning.completion.small.settings import SmallSettings
 from starling.learning.networks.training import turns
 from starling.patterns.errors import refuse
 from starling.sim.randomness import generator
@@ -57,7 +57,7 @@ class FrameCrops:
     """Training data. Frames come in an order that is shuffled in each epoch."""
 
     samples: Sequence[FrameSample]
-    settings: Settings
+    settings: SmallSettings
     seed: int
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from torch.nn import functional
 
 from starling.learning.completion.small.crops import SmallBatch
 from starling.learning.completion.small.network import SmallNetwork, SmallOutput
-from starling.learning.completion.small.settings import Settings
+from starling.learning.completion.small.settings import SmallSettings
 from starling.learning.networks.training.learner import (
     STEEPEST,
     Draw,
@@ -28,7 +28,7 @@ _OWN, _BELOW, _JUDGED, _METRES = 0.2, 0.2, 1.0, 0.5
 class SmallLearner(Learner[SmallBatch]):
     """Trains `networks["small"]`."""
 
-    def __init__(self, network: SmallNetwork, settings: Settings) -> None:
+    def __init__(self, network: SmallNetwork, settings: SmallSettings) -> None:
         self.settings = settings
         super().__init__({"small": network}, [decaying_adam(network, settings.weight_decay)])
 

@@ -15,7 +15,7 @@ from starling.learning.completion.small.crops import FrameCrops, FrameSample
 from starling.learning.completion.small.inputs import small_input
 from starling.learning.completion.small.learner import SmallLearner
 from starling.learning.completion.small.network import SmallNetwork, final_log_depth
-from starling.learning.completion.small.settings import Settings
+from starling.learning.completion.small.settings import SmallSettings
 from starling.learning.networks import checkpoint
 from starling.learning.networks.training.learner import initialised, mixed_precision, to_device
 from starling.learning.networks.training.loop import train
@@ -62,7 +62,7 @@ class Small:
 
 def fit(
     samples: Sequence[FrameSample],
-    settings: Settings,
+    settings: SmallSettings,
     *,
     folder: Path,
     seed: int,

@@ -8,7 +8,7 @@ from starling.learning.networks.training.settings import Schedule
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Settings(Schedule):
+class SmallSettings(Schedule):
     """Training settings. The defaults take less than half an hour on one processor core."""
 
     steps: int = 1500

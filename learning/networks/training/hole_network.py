@@ -16,14 +16,14 @@ from starling.learning.networks.training import weights
 from starling.learning.networks.training.channels import ODD, channels, names, uninformative
 from starling.learning.networks.training.learner import HoleLearner, initialised
 from starling.learning.networks.training.loop import train
-from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.settings import TrainingSettings
 from starling.sim.console import progress
 
 
 def fit_hole_network(
     examples: Sequence[Example],
     build: Callable[[float], nn.Module],
-    settings: Settings,
+    settings: TrainingSettings,
     *,
     name: str,
     with_reflectance: bool,

@@ -12,9 +12,9 @@ from torch import Tensor, nn, optim
 from torch.nn import functional
 
 from starling.learning.networks.training.samples import Batch
-from starling.learning.networks.training.settings import Schedule, Settings
+from starling.learning.networks.training.settings import Schedule, TrainingSettings
 
-_Batch = TypeVar("_Some")
+_Batch = TypeVar("_Batch")
 _Network = TypeVar("_Network", bound=nn.Module)
 Draw = Callable[[str], _Batch]  # Draws the batch of one part of a step, by name.
 
@@ -101,7 +101,7 @@ class HoleLearner(Learner[Batch]):
     weights would shift. Starting the bias at the logit of the share of holes avoids a slow start.
     """
 
-    def __init__(self, network: nn.Module, settings: Settings) -> None:
+    def __init__(self, network: nn.Module, settings: TrainingSettings) -> None:
         self.settings = settings
         super().__init__({"holes": network}, [decaying_adam(network, settings.weight_decay)])
 

@@ -27,7 +27,7 @@ CHECKPOINT = "training.pt"
 CURVE = "loss.csv"
 
 
-_Batch = TypeVar("_Some", covariant=True)
+_Batch = TypeVar("_Batch", covariant=True)
 
 
 class BatchSource(Protocol[_Batch]):

@@ -15,7 +15,7 @@ from starling.learning.data.example import Example, Image, Mask
 from starling.learning.data.learnable import check_learnable, known_holes
 from starling.learning.networks.training import turns
 from starling.learning.networks.training.channels import check_size
-from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.settings import TrainingSettings
 from starling.patterns.errors import refuse
 from starling.sim.console import progress
 from starling.sim.randomness import generator
@@ -53,7 +53,7 @@ class Crops:
     """Source of the crops of a training."""
 
     samples: Sequence[SceneSample]  # At least one.
-    settings: Settings
+    settings: TrainingSettings
     seed: int  # Seed of all crops.
 
     @property

@@ -31,7 +31,7 @@ class Schedule:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Settings(Schedule):
+class TrainingSettings(Schedule):
     """Settings of networks that predict no-depth pixels; training takes minutes on two cores."""
 
     steps: int = 600

@@ -19,7 +19,7 @@ from starling.learning.networks.training.channels import check_size
 from starling.learning.networks.training.learner import Learner
 from starling.learning.networks.training.loop import train
 from starling.learning.networks.training.samples import Batch, SceneSample, check_same_size
-from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.settings import TrainingSettings
 from starling.learning.networks.unet import UNet
 from starling.patterns.errors import refuse
 from starling.sim.console import progress
@@ -27,7 +27,7 @@ from starling.sim.console import progress
 UNIT_M = 4.0  # Depth of image value 1 [m].
 FARTHEST_M = 16.0  # Greater depths are clipped [m].
 # Learning rate of Isola et al. and Zhu et al.; training diverges at ten times this rate.
-ADVERSARIAL = Settings(steps=3000, batch=4, rate=2e-4)
+ADVERSARIAL = TrainingSettings(steps=3000, batch=4, rate=2e-4)
 _BETAS = (0.5, 0.999)  # Adam's decay rates of Isola et al. and Zhu et al.
 
 
@@ -139,7 +139,7 @@ def fit_translation(
     examples: Sequence[Example],
     learner: Learner[Batch],
     generator: str,
-    settings: Settings,
+    settings: TrainingSettings,
     *,
     inputs: TranslatorInput,
     name: str,
@@ -195,6 +195,6 @@ def _samples(
     return drawing.collect(examples, inputs.see, odd=inputs.odd, target=target, track=track)
 
 
-def linear_decay(step: int, settings: Settings) -> float:
+def linear_decay(step: int, settings: TrainingSettings) -> float:
     """Return the learning rate: constant for half of the steps, then linear to 0 (Zhu et al.)."""
     return settings.rate * min(1.0, 2 * (1 - step / settings.steps))

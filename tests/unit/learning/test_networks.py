@@ -21,7 +21,7 @@ from starling.learning.methods.hybrid import Hybrid, HybridPredictor, corrected
 from starling.learning.methods.network import Network
 from starling.learning.networks.inference import apply
 from starling.learning.networks.training.channels import channels
-from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.settings import TrainingSettings
 from starling.learning.networks.unet import UNet
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.long  # These tests train networks.
 
 LEARNT_FROM = [step_scene(number) for number in range(24)]
 UNSEEN = [step_scene(number) for number in range(100, 116)]
-QUICK = Settings(steps=60, batch=4, rate=5e-3, averaging=0.9)
+QUICK = TrainingSettings(steps=60, batch=4, rate=5e-3, averaging=0.9)
 
 
 def _area(predictor: Predictor) -> float:

@@ -19,14 +19,14 @@ from starling.learning.methods.network import Network
 from starling.learning.methods.pix2pix import Pix2Pix
 from starling.learning.networks.training import loop
 from starling.learning.networks.training.learner import one_cycle
-from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.settings import TrainingSettings
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import step_scene
 
 pytestmark = pytest.mark.long  # These tests train networks.
 
 SCENES = [step_scene(number) for number in range(6)]
-SHORT = Settings(steps=9, batch=2, crop_px=(32, 32), save_every=2, rate=5e-3)
+SHORT = TrainingSettings(steps=9, batch=2, crop_px=(32, 32), save_every=2, rate=5e-3)
 METHODS = [
     Network(settings=SHORT),
     Hybrid(settings=SHORT, with_reflectance=True),
@@ -146,7 +146,7 @@ def test_writes_the_loss_curve(tmp_path: Path) -> None:
 
 
 def test_the_rate_rises_and_falls() -> None:
-    settings = Settings(steps=1000, rate=2e-3)
+    settings = TrainingSettings(steps=1000, rate=2e-3)
     rates = np.array([one_cycle(step, settings) for step in range(1000)])
     top = int(rates.argmax())
     assert 90 <= top <= 110
@@ -170,4 +170,4 @@ def test_the_rate_rises_and_falls() -> None:
 )
 def test_refuses_impossible_settings(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Settings(**changes)
+        TrainingSettings(**changes)

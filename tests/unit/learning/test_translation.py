@@ -16,7 +16,7 @@ from starling.learning.evaluation.figures.judged import judge, pool
 from starling.learning.evaluation.figures.roc import roc
 from starling.learning.methods.cyclegan import CycleGan, CycleGanLearner
 from starling.learning.methods.pix2pix import INPUTS, SETTINGS, Keeper, Pix2Pix, Pix2PixLearner
-from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.settings import TrainingSettings
 from starling.learning.networks.training.translation import (
     DEPTH,
     FARTHEST_M,
@@ -38,7 +38,7 @@ UNSEEN = [step_scene(number) for number in range(100, 116)]
 
 
 def test_both_networks_are_small() -> None:
-    build, settings = PatchDiscriminator, Settings()
+    build, settings = PatchDiscriminator, TrainingSettings()
     pix2pix = Pix2PixLearner(Keeper(), build(2), settings)
     cyclegan = CycleGanLearner([Translator(), Translator()], [build(1), build(1)], settings)
     assert 100_000 < parameter_count(pix2pix.networks) < 200_000
@@ -99,7 +99,7 @@ def test_untrained_networks_are_the_identity() -> None:
 
 
 def test_the_learning_rate_is_constant_and_then_decreases() -> None:
-    settings = Settings(steps=100, rate=1e-3)
+    settings = TrainingSettings(steps=100, rate=1e-3)
     assert {linear_decay(step, settings) for step in range(51)} == {1e-3}
     assert linear_decay(75, settings) == pytest.approx(0.5e-3)
     assert linear_decay(100, settings) == 0
@@ -118,7 +118,7 @@ def test_unknown_references_are_refused(changes: Any, message: str) -> None:
 
 
 def test_refuses_another_size_and_another_method(tmp_path: Path) -> None:
-    method = Pix2Pix(settings=Settings(steps=1, batch=1))
+    method = Pix2Pix(settings=TrainingSettings(steps=1, batch=1))
     predictor = method.fit(LEARNT_FROM[:2], folder=tmp_path, seed=0)
     with pytest.raises(InputError, match="size of the training scenes, 64x40"):
         dataclasses.replace(predictor, shape=(40, 64)).probability(UNSEEN[0])
@@ -129,7 +129,7 @@ def test_refuses_another_size_and_another_method(tmp_path: Path) -> None:
 
 def test_a_step_changes_every_network() -> None:
     """A generator or a discriminator that is not trained would not change."""
-    settings = Settings(steps=10, rate=1e-2)
+    settings = TrainingSettings(steps=10, rate=1e-2)
     torch.manual_seed(0)
     build = partial(PatchDiscriminator, 1)
     learner = CycleGanLearner([Translator(), Translator()], [build(), build()], settings)

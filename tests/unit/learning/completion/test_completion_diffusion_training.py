@@ -24,14 +24,14 @@ from starling.learning.completion.diffusion.data import (
     random_crop,
 )
 from starling.learning.completion.diffusion.method import Diffusion
-from starling.learning.completion.diffusion.training import Settings, train
+from starling.learning.completion.diffusion.training import DiffusionSettings, train
 from starling.learning.completion.frame import make_frame
 from starling.patterns.errors import InputError
 from tests.unit.learning import capture_sets
 from tests.unit.learning.completion import tiny_diffusion as tiny
 
 CPU = torch.device("cpu")
-SHORT = Settings(steps=5, batch=3, at_once=2, save_every=2, rate=1e-3)
+SHORT = DiffusionSettings(steps=5, batch=3, at_once=2, save_every=2, rate=1e-3)
 
 
 def _sample(seed: int, shape: tuple[int, int] = (13, 18)) -> TrainingSample:
@@ -178,8 +178,12 @@ def test_every_sample_occurs_once_per_epoch() -> None:
 
 
 def test_defaults_are_the_papers() -> None:
-    assert (Settings().steps, Settings().batch, Settings().rate) == (36_000, 32, 3e-5)
-    assert Settings().crop_px == (8 * 64, 8 * 64)
+    assert (DiffusionSettings().steps, DiffusionSettings().batch, DiffusionSettings().rate) == (
+        36_000,
+        32,
+        3e-5,
+    )
+    assert DiffusionSettings().crop_px == (8 * 64, 8 * 64)
 
 
 def test_truth_is_unknown_in_the_padding_of_a_mixed_batch() -> None:
@@ -255,11 +259,11 @@ def test_samples_refused(published: Path, samples: Any, message: str, tmp_path: 
 
 def test_settings_refused() -> None:
     with pytest.raises(InputError, match=r"^at_once must be in \[1, 1e\+07\]; got 0\. "):
-        Settings(at_once=0)
+        DiffusionSettings(at_once=0)
     with pytest.raises(InputError, match=r"^rate must be > 0; got 0\. "):
-        Settings(rate=0)
+        DiffusionSettings(rate=0)
     with pytest.raises(InputError, match=r"^crop_px must be in \[1, 16384\]; got 0\. "):
-        Settings(crop_px=(0, 512))
+        DiffusionSettings(crop_px=(0, 512))
 
 
 def test_checkpoint_of_another_training_is_refused(published: Path, tmp_path: Path) -> None:

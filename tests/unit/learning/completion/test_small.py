@@ -22,11 +22,11 @@ from starling.learning.completion.small.inputs import CHANNELS, small_input
 from starling.learning.completion.small.network import SmallNetwork, SmallOutput, final_log_depth
 from starling.learning.completion.small.proposals import NAMES, proposals
 from starling.learning.completion.small.random_holes import with_random_holes
-from starling.learning.completion.small.settings import Settings
+from starling.learning.completion.small.settings import SmallSettings
 from starling.learning.networks.unet import parameter_count
 from starling.patterns.errors import InputError
 
-SHORT = Settings(steps=12, batch=2, crop_px=(32, 48), save_every=4, rate=3e-3)
+SHORT = SmallSettings(steps=12, batch=2, crop_px=(32, 48), save_every=4, rate=3e-3)
 NEAR, FAR = 1.0, 3.0
 
 
@@ -102,7 +102,7 @@ def test_probably_false_depth_is_replaced():
 
 def test_it_learns_that_half_occluded_pixels_are_far(tmp_path: Path):
     """From a mean of near and far to far, on held-out scenes."""
-    settings = Settings(steps=40, batch=2, crop_px=(48, 64), rate=6e-3, averaging=0.8)
+    settings = SmallSettings(steps=40, batch=2, crop_px=(48, 64), rate=6e-3, averaging=0.8)
     learnt = method.fit([scene(n) for n in range(1, 9)], settings, folder=tmp_path, seed=0)
     sample = scene(99)
     view = frame(sample)
@@ -210,7 +210,7 @@ def test_large_frames_are_also_used_at_half_resolution():
         depth_m=np.kron(scene().depth_m, np.ones((2, 2), np.float32)),
         truth_m=np.kron(scene().truth_m, np.ones((2, 2), np.float32)),
     )
-    settings = Settings(batch=8, crop_px=(48, 64))
+    settings = SmallSettings(batch=8, crop_px=(48, 64))
     batches = FrameCrops(samples=[big], settings=settings, seed=0)
     truths = [truth for step in range(3) for truth in batches.batch(step, "crops").truth]
     posts = [int((truth < -0.5).any(dim=1).sum()) for truth in truths]
@@ -224,7 +224,7 @@ def test_a_crop_of_a_frame_with_hardly_any_depth_has_depth(place):
     depth = np.full_like(sample.depth_m, np.nan)
     depth[place] = 2.0
     only = dataclasses.replace(sample, depth_m=depth)
-    settings = Settings(batch=4, crop_px=(24, 32))
+    settings = SmallSettings(batch=4, crop_px=(24, 32))
     batches = FrameCrops(samples=[sample, only], settings=settings, seed=0)
     for step in range(6):
         batch = batches.batch(step, "crops")
@@ -238,11 +238,11 @@ def test_frames_smaller_than_a_crop_must_be_of_one_size():
         image=second.image[:30], depth_m=second.depth_m[:30], truth_m=second.truth_m[:30]
     )
     with pytest.raises(InputError, match="frames must be of one size where some are smaller"):
-        FrameCrops(samples=[first, lower], settings=Settings(crop_px=(48, 64)), seed=0)
-    settings = Settings(batch=4, crop_px=(24, 32))
+        FrameCrops(samples=[first, lower], settings=SmallSettings(crop_px=(48, 64)), seed=0)
+    settings = SmallSettings(batch=4, crop_px=(24, 32))
     batch = FrameCrops(samples=[first, lower], settings=settings, seed=0).batch(0, "crops")
     assert batch.valid.shape == (4, 1, 24, 32)
-    whole = Settings(batch=2, crop_px=(512, 512))
+    whole = SmallSettings(batch=2, crop_px=(512, 512))
     batch = FrameCrops(samples=[first, first], settings=whole, seed=0).batch(0, "crops")
     assert batch.valid.shape[2:] == first.depth_m.shape
 
@@ -266,4 +266,4 @@ def test_training_without_frames_is_refused(tmp_path: Path):
     with pytest.raises(InputError, match="checkpoint must exist"):
         method.load(tmp_path)
     with pytest.raises(InputError, match="crop_px must be in"):
-        Settings(crop_px=(0, 4))
+        SmallSettings(crop_px=(0, 4))
