@@ -32,8 +32,7 @@ from starling.sim.stereo import depth
 STEPS_PER_PX = 8  # Kinect's disparities come in eighths of a pixel of the 640-column image.
 CLIP_M = 0.01  # Maximum distance of a plane's points, along its normal.
 TILE_PX = 32  # Side of the tiles with separate planes, for the local noise.
-# A wall has a single fraction of disparity, so five nearby walls are averaged.
-AROUND = (0.97, 0.985, 1.0, 1.015, 1.03)
+AROUND = (0.97, 0.985, 1.0, 1.015, 1.03)  # Nearby walls; each has one fraction of disparity.
 WALLS_M = (0.6, 0.8, 1.0, 1.5, 2.0, 2.5, 3.0)
 TABLE = 1  # Label of the table.
 BASELINE_M = 0.075
@@ -46,7 +45,6 @@ Camera = Sensor | capture.CaptureInfo
 
 
 def folder() -> Path:
-    """Return the folder of the frames; it may not exist."""
     return Path(os.environ.get("STARLING_CAPTURES", "")) / "kinect-v1-tables"
 
 

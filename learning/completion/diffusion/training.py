@@ -29,6 +29,7 @@ from starling.learning.completion.diffusion.model import DiffusionModel, untrain
 from starling.learning.completion.diffusion.weights import Weights
 from starling.learning.networks import checkpoint
 from starling.learning.networks.training.learner import mixed_precision
+from starling.learning.networks.training.settings import settings_identity
 from starling.patterns import errors
 from starling.patterns.errors import refuse
 from starling.sim.console import output, progress
@@ -100,7 +101,8 @@ def train(
     """
     if not len(samples):
         raise refuse("samples", "must be at least one", 0, "Give frames with ground truth.")
-    identity = f"{variant} {settings} seed {seed} data {samples.identity} of {_checksum(parts)}"
+    text = settings_identity(settings)
+    identity = f"{variant} {text} seed {seed} data {samples.identity} of {_checksum(parts)}"
     path = folder / CHECKPOINT
     if (folder / WEIGHTS).exists() and not path.exists():
         rule = f"must not hold {WEIGHTS}/ of another training"

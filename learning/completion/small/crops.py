@@ -20,6 +20,7 @@ from starling.learning.completion.small.false_islands import with_false_islands
 from starling.learning.completion.small.inputs import SmallInput, small_input
 from starling.learning.completion.small.settings import SmallSettings
 from starling.learning.networks.training import turns
+from starling.learning.networks.training.settings import settings_identity
 from starling.patterns.errors import refuse
 from starling.sim.randomness import generator
 
@@ -77,7 +78,7 @@ class FrameCrops:
         for sample in self.samples:
             for array in (sample.image, sample.depth_m, sample.truth_m):
                 digest = zlib.crc32(np.ascontiguousarray(array).data, digest)
-        return f"{self.settings} seed {self.seed} data {digest:08x}"
+        return f"{settings_identity(self.settings)} seed {self.seed} data {digest:08x}"
 
     def batch(self, step: int, part: str) -> SmallBatch:
         """Draw the crops of a step."""

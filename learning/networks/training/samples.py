@@ -15,7 +15,7 @@ from starling.learning.data.example import Example, Image, Mask
 from starling.learning.data.learnable import check_learnable, known_holes
 from starling.learning.networks.training import turns
 from starling.learning.networks.training.channels import check_size
-from starling.learning.networks.training.settings import TrainingSettings
+from starling.learning.networks.training.settings import TrainingSettings, settings_identity
 from starling.patterns.errors import refuse
 from starling.sim.console import progress
 from starling.sim.randomness import generator
@@ -59,7 +59,9 @@ class Crops:
     @property
     def identity(self) -> str:
         """Text that changes when the drawn data change."""
-        return f"{self.settings} seed {self.seed} data {digest(self.samples):08x}"
+        return (
+            f"{settings_identity(self.settings)} seed {self.seed} data {digest(self.samples):08x}"
+        )
 
     def batch(self, step: int, part: str) -> Batch:
         """Draw the crops of one part of a step."""

@@ -45,3 +45,8 @@ class TrainingSettings(Schedule):
     def __post_init__(self) -> None:
         Schedule.__post_init__(self)  # `super()` does not work in a dataclass with slots.
         errors.in_interval("hidden", self.hidden, 0.0, 1.0)
+
+
+def settings_identity(settings: object) -> str:
+    """Text of training settings in checkpoint identities; the class's name does not count."""
+    return repr(settings).replace(type(settings).__name__, "Settings", 1)

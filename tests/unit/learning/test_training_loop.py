@@ -19,7 +19,7 @@ from starling.learning.methods.network import Network
 from starling.learning.methods.pix2pix import Pix2Pix
 from starling.learning.networks.training import loop
 from starling.learning.networks.training.learner import one_cycle
-from starling.learning.networks.training.settings import TrainingSettings
+from starling.learning.networks.training.settings import TrainingSettings, settings_identity
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import step_scene
 
@@ -171,3 +171,8 @@ def test_the_rate_rises_and_falls() -> None:
 def test_refuses_impossible_settings(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         TrainingSettings(**changes)
+
+
+def test_settings_identity_has_no_class_name() -> None:
+    """A checkpoint stays valid if the class of its settings gets another name."""
+    assert settings_identity(SHORT).startswith("Settings(steps=9,")
