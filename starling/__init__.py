@@ -374,7 +374,7 @@ def diagnose(
     Examples:
         >>> camera = starling.load_sensor("d435", edits=SMALL)
         >>> _ = starling.simulate_captures("clutter:1", camera, "out/dim", effects={"gain": 0.5})
-        >>> diagnosis = starling.diagnose("out/dim", camera, families=["gain"])
+        >>> diagnosis = starling.diagnose("out/dim", camera, families=["signal_gain"])
         >>> diagnosis.scenes
         ('clutter-1',)
     """
