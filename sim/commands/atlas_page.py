@@ -22,7 +22,9 @@ def index(rows: Sequence[Effect]) -> str:
         "# Effect atlas",
         "",
         "Every effect of the table (`starling effects`), drawn on the `tabletop` scene by",
-        "`starling atlas`: the camera without it on the left, with it on the right.",
+        "`starling atlas`. A picture shows infrared, disparity error and holes: without the effect",
+        "on the left, with it on the right. Effects of one family share a physical cause; no entry",
+        "means the effect's own name. A page states where a new value needs a new render.",
     ]
     for stage, title in _STAGES.items():
         listed = [row for row in rows if row.stage is stage]
@@ -30,7 +32,8 @@ def index(rows: Sequence[Effect]) -> str:
             lines += ["", f"## {title}", ""]
             lines += ["| effect | family | imitates |", "| --- | --- | --- |"]
             lines += [
-                f"| [{_words(row.name)}]({row.name}.md) | {_words(row.family)} | {row.imitates} |"
+                f"| [{_words(row.name)}]({row.name}.md) "
+                f"| {'' if row.family == row.name else _words(row.family)} | {row.imitates} |"
                 for row in listed
             ]
     return "\n".join(lines) + "\n"
@@ -38,28 +41,24 @@ def index(rows: Sequence[Effect]) -> str:
 
 def text(row: Effect) -> str:
     """Write one effect's row of the table as Markdown."""
-    confusable = (
-        ", ".join(f"[{_words(name)}]({name}.md)" for name in row.confused_with) or "nothing"
-    )
-    again = row.rerender or "no; the layers stay"
+    confusable = ", ".join(f"[{_words(name)}]({name}.md)" for name in row.confused_with)
     return "\n".join(
         [
             f"# {_words(row.name).capitalize()}",
             "",
             f"{row.imitates}",
             "",
-            f"![Infrared, disparity error and holes without and with {row.name}]({row.name}.jpg)",
+            f"![without and with {row.name}]({row.name}.jpg)",
             "",
-            f"**What gives it away.** {row.shows}",
+            f"**Image.** {row.shows}",
             "",
-            f"**What it is confused with.** {confusable}.",
+            f"**Confused with.** {confusable or 'nothing'}.",
             "",
             f"**Law.** {row.law}",
             "",
             f"**Source.** {row.source}",
             "",
-            f"**Needs a new render:** {again}.",
-            "",
+            *([f"**New render.** {row.rerender}.", ""] if row.rerender else []),
             "| parameter | moves | neutral | range | unit |",
             "| --- | --- | --- | --- | --- |",
             *(_parameter(parameter) for parameter in row.parameters),

@@ -26,11 +26,13 @@ _EXPOSURE = Effect(
     family="signal_gain",
     stage=Stage.IMAGER,
     parameters=_imager_parameter("time_s", "exposure_s", "s", None, 5e-4, 33e-3),
-    imitates="A fixed integration time that is not the one assumed.",
-    law="electrons = rate t; with auto exposure on, nothing: the control chooses the time",
-    shows="All levels above black scale, noise by its root: at 2 ms instead of 8.5 ms the mean "
-    "falls from 32 to 11 DN and temporal disparity noise rises from 0.09 to 0.13 px; at 33 ms 4 % "
-    "of the pixels are full. Few holes either way until dots are full or lost.",
+    imitates="A fixed integration time that is not the assumed one.",
+    law="electrons = rate t; with auto exposure on it has no effect",
+    shows=(
+        "All levels above black scale, noise by its root. At 2 ms instead of 8.5 ms: mean 32 "
+        "to 11 DN, temporal disparity noise 0.09 to 0.13 px. At 33 ms: 4 % of the pixels are "
+        "full."
+    ),
     confused_with=("gain", "auto_exposure", "saturation", "projector_power", "nir_reflectance"),
     source="8.5 ms and 33 ms: librealsense presets.cpp; 1 frame at 30 Hz at most",
 )
@@ -42,9 +44,11 @@ _GAIN = Effect(
     parameters=_imager_parameter("factor", "gain", "1", None, 1.0, 15.5),
     imitates="Analog gain: more DN for an electron, noise included.",
     law="DN = gain electrons ceiling / full well + black level",
-    shows="With auto exposure the mean stays and the noise grows: at 4 temporal noise doubles (1.2 "
-    "to 2.4 DN) and disparity noise goes from 0.07 to 0.09 px, at 15.5 to 0.14 px. Without, dots "
-    "fill: 96 % of the pixels at 15.5, and nearly three quarters of the depth are gone.",
+    shows=(
+        "With auto exposure the mean stays and noise grows: at 4 from 1.2 to 2.4 DN, "
+        "disparity noise 0.07 to 0.09 px, at 15.5 to 0.14 px. Without it dots fill: at 15.5, "
+        "96 % of the pixels and nearly three quarters of the depth are lost."
+    ),
     confused_with=(
         "exposure",
         "saturation",
@@ -66,13 +70,13 @@ _AUTO_EXPOSURE = Effect(
         *_imager_parameter("level", "auto_exposure_level", "1", 0.0, 0.05, 0.7),
         *_imager_parameter("longest_s", "auto_exposure_max_s", "s", None, 4e-3, 33e-3),
     ),
-    imitates="A control that sets the integration time by the image's mean; level 0 switches it "
-    "off.",
+    imitates="A control that sets the integration time by the image's mean; level 0 is off.",
     law="t = min((level ceiling - black level) / (mean rate x DN per electron), longest)",
-    shows="The mean level no longer follows power, distance or albedo; one bright thing darkens "
-    "all others. At a level of 0.1 instead of 0.375 the mean is 26 instead of 93 DN, saturation "
-    "goes from 2.9 % to none, disparity noise from 0.066 to 0.091 px. Beyond the longest time: as "
-    "exposure.",
+    shows=(
+        "The mean no longer follows power, distance or albedo; one bright object darkens all "
+        "others. Level 0.1 instead of 0.375: mean 93 to 26 DN, saturation 2.9 % to none, "
+        "disparity noise 0.066 to 0.091 px."
+    ),
     confused_with=("exposure", "gain", "saturation", "flicker"),
     source="Setpoints 400 and 1536, of 4096 as assumed: librealsense presets.cpp",
 )
@@ -85,9 +89,8 @@ _SHOT_NOISE = Effect(
     imitates="Photons arrive one by one; a share below 1 models a device that averages.",
     law="temporal variance [electrons^2] = share^2 (light + dark electrons)",
     shows=(
-        "Temporal deviation grows as the root of the level: slope of variance against mean. "
-        "Without it temporal disparity noise falls from 0.066 to 0.023 px, the rest being read "
-        "noise and the converter's step. Averages out over frames."
+        "Temporal deviation grows as the root of the level; frames average it out. Without it "
+        "temporal disparity noise falls from 0.066 to 0.023 px."
     ),
     confused_with=("read_noise", "gain", "saturation", "laser_speckle", "smoothing"),
     source=f"{_EMVA}, photon transfer; {_IMX900}: 2.5 electrons a step of 12 bits",
@@ -99,11 +102,11 @@ _READ_NOISE = Effect(
     stage=Stage.IMAGER,
     parameters=_imager_parameter("deviation_e", "read_noise_e", "electrons", 0.0, 1.0, 150.0),
     imitates="Amplifier and reset noise of each pixel's read-out.",
-    law="temporal variance [electrons^2] = read^2, at every level: intercept of photon transfer",
+    law="temporal variance [electrons^2] = read^2 at every level",
     shows=(
-        "Temporal deviation also in black areas. 5 electrons are an eighth of an 8-bit step and "
-        "not seen; 150 (3.8 DN) give 3.4 DN of temporal noise, disparity noise 0.066 to 0.115 px "
-        "and 0.3 % more holes, first where it is dark. Averages out over frames."
+        "Temporal deviation also in black areas; frames average it out. At 8 bits 5 electrons "
+        "are invisible. At 150: 3.4 DN of temporal noise, disparity noise 0.066 to 0.115 px, "
+        "0.3 % more holes in the dark."
     ),
     confused_with=("shot_noise", "dsnu", "row_noise", "gain", "dark_current", "quantisation"),
     source=f"{_EMVA}; {_IMX900}: 5.6 electrons (1.95 at high conversion gain)",
@@ -115,12 +118,14 @@ _PRNU = Effect(
     stage=Stage.IMAGER,
     parameters=_imager_parameter("share", "prnu", "1", 0.0, 0.003, 0.1),
     imitates=(
-        "Pixels of unequal sensitivity (photo response non-uniformity); fixed for each device."
+        "Unequal sensitivity of pixels (photo response non-uniformity), fixed for each device."
     ),
     law="electrons x (1 + share n), n standard normal for each pixel, from the unit's number",
-    shows="A pattern that stays with the camera in every scene and grows with the level. Disparity "
-    "errors stand still: at 3 % their spread over the image goes from 0.106 to 0.145 px while "
-    "temporal noise does not grow (0.066 to 0.061 px); at 10 % 0.7 % more holes.",
+    shows=(
+        "A static pattern that grows with the level. At 3 % the disparity error's spread over "
+        "the image goes from 0.106 to 0.145 px; temporal noise does not grow. At 10 % 0.7 % "
+        "more holes."
+    ),
     confused_with=("dsnu", "column_noise", "laser_speckle"),
     source=f"{_EMVA}; {_IMX900}: 0.7 to 0.8 %; Sony IMX492 (EMVA report by LUCID): 0.62 %",
     drawn=True,
@@ -131,11 +136,13 @@ _DARK_CURRENT = Effect(
     family="dark_current",
     stage=Stage.IMAGER,
     parameters=_imager_parameter("rate_e_s", "dark_current_e_s", "electrons / s", 0.0, 1.0, 1e5),
-    imitates="Electrons that heat frees; doubles every 6 to 8 K.",
-    law="electrons + rate t, with their shot noise",
-    shows="A pedestal that grows with the exposure, and noise in the dark: at 1000 electrons/s and "
-    "28 ms 0.7 DN and nothing in depth; at 100000 the mean rises by 69 DN and disparity noise from "
-    "0.066 to 0.080 px. Auto exposure here meters light alone and does not answer.",
+    imitates="Electrons freed by heat; the rate doubles every 6 to 8 K.",
+    law="electrons + rate t, with their shot noise; auto exposure meters light alone",
+    shows=(
+        "A pedestal that grows with the exposure. At 1000 electrons/s and 28 ms: 0.7 DN, "
+        "depth unchanged. At 100000: the mean rises by 69 DN, disparity noise 0.066 to 0.080 "
+        "px."
+    ),
     confused_with=("black_level", "read_noise"),
     source=f"{_EMVA}, dark current; {_IMX900}: 1.5 electrons/s",
 )
@@ -145,12 +152,12 @@ _DSNU = Effect(
     family="offset_pattern",
     stage=Stage.IMAGER,
     parameters=_imager_parameter("deviation_e", "dsnu_e", "electrons", 0.0, 1.0, 60.0),
-    imitates="Pixels of unequal offset (dark signal non-uniformity); fixed for each device.",
+    imitates="Unequal offset of pixels (dark signal non-uniformity), fixed for each device.",
     law="electrons + deviation n, n standard normal for each pixel, from the unit's number",
     shows=(
-        "A pattern in dark frames that stays with the camera, equal at all levels. 4 electrons are "
-        "not seen at 8 bits; 40 (1 DN) move the standing disparity error from 0.106 to 0.124 px, "
-        "temporal noise not at all."
+        "A static pattern, equal at all levels, visible in dark frames. At 8 bits 4 electrons "
+        "are invisible. At 40 (1 DN): static disparity error 0.106 to 0.124 px, temporal "
+        "noise unchanged."
     ),
     confused_with=("prnu", "read_noise", "column_noise", "hot_pixels"),
     source=f"{_EMVA}; {_IMX900}: 3.7 electrons (1.3 at high conversion gain); IMX492: 0.97",
@@ -162,11 +169,12 @@ _COLUMN_NOISE = Effect(
     family="column_noise",
     stage=Stage.IMAGER,
     parameters=_imager_parameter("deviation_e", "column_noise_e", "electrons", 0.0, 1.0, 40.0),
-    imitates="Unequal offsets of the column amplifiers; fixed for each device.",
+    imitates="Unequal offsets of the column amplifiers, fixed for each device.",
     law="electrons + deviation n, n standard normal for each column, from the unit's number",
-    shows="Still vertical stripes in dark parts, different in left and right. The worst offsets "
-    "for a matcher, for they pull at edges across the search: 40 electrons (1 DN) move the "
-    "standing error from 0.106 to 0.179 px and cost 0.3 % of the depth.",
+    shows=(
+        "Static vertical stripes in dark parts, different in left and right. At 40 electrons "
+        "(1 DN): static error 0.106 to 0.179 px, 0.3 % less depth."
+    ),
     confused_with=("dsnu", "prnu", "row_noise"),
     source=f"{_EMVA}, column variance (release 4.0); range assumed",
     drawn=True,
@@ -177,11 +185,13 @@ _ROW_NOISE = Effect(
     family="row_noise",
     stage=Stage.IMAGER,
     parameters=_imager_parameter("deviation_e", "row_noise_e", "electrons", 0.0, 1.0, 40.0),
-    imitates="Noise of a shared reference or supply, added to a row while it is read.",
+    imitates="Noise of a shared reference or supply during a row's read-out.",
     law="electrons + deviation n, n standard normal for each row of each frame",
-    shows="Horizontal lines that jump from frame to frame. 40 electrons (1 DN): temporal noise 1.2 "
-    "to 1.5 DN, 0.26 % more holes, and disparity noise not raised: a row's offset is the "
-    "same along the whole search.",
+    shows=(
+        "Horizontal lines that change from frame to frame. At 40 electrons (1 DN): temporal "
+        "noise 1.2 to 1.5 DN, 0.26 % more holes. Disparity noise does not rise: the offset is "
+        "constant along the search."
+    ),
     confused_with=("read_noise", "column_noise"),
     source=f"{_EMVA}, row variance; bands on an OV9282 by its supply (luxonis/depthai-core#740)",
     drawn=True,
@@ -192,11 +202,13 @@ _HOT_PIXELS = Effect(
     family="hot_pixels",
     stage=Stage.IMAGER,
     parameters=_imager_parameter("share", "hot_pixels", "1", 0.0, 1e-5, 1e-2),
-    imitates="Defect pixels that are always full; fixed for each device.",
+    imitates="Defect pixels that are always full, fixed for each device.",
     law="charge = full well in a fixed random share of the pixels",
-    shows="Single pixels at the ceiling, at the same places in every scene, emitter on or off. At "
-    "0.001 the error's spread goes from 0.106 to 0.111 px, at 0.01 to 0.151 px with 0.2 % more "
-    "holes, in spots of the matcher's window.",
+    shows=(
+        "Single pixels at the ceiling in every scene, emitter on or off. Errors have the size "
+        "of the matcher's window. At 0.001: spread 0.106 to 0.111 px; at 0.01: 0.151 px, 0.2 "
+        "% more holes."
+    ),
     confused_with=("dsnu",),
     source=f"{_EMVA}, defect pixels; 1e-5 to 1e-3 is typical, assumed",
     drawn=True,
@@ -207,11 +219,13 @@ _SATURATION = Effect(
     family="signal_gain",
     stage=Stage.IMAGER,
     parameters=_imager_parameter("full_well_e", "full_well_e", "electrons", None, 2000.0, 50000.0),
-    imitates="A pixel that holds no more electrons, which is also what fills the scale.",
+    imitates="A full well, which also sets the scale's ceiling.",
     law="charge <= full well; DN per electron = gain ceiling / full well",
-    shows="Flat-topped dots where it is near or shiny. A smaller well is a larger gain, exactly: "
-    "with auto exposure 2000 electrons instead of 10000 double the noise (1.2 to 2.7 DN, disparity "
-    "0.066 to 0.10 px) and saturate as much as before.",
+    shows=(
+        "Flat-topped dots on near or shiny surfaces. A smaller well equals a larger gain. "
+        "With auto exposure, 2000 electrons instead of 10000: noise 1.2 to 2.7 DN, disparity "
+        "0.066 to 0.10 px, saturation unchanged."
+    ),
     confused_with=(
         "gain",
         "exposure",
@@ -221,8 +235,9 @@ _SATURATION = Effect(
         "nir_reflectance",
         "quantisation",
     ),
-    source=f"{_EMVA}, saturation capacity; {_IMX900}: 9458 electrons (2183 at high conversion "
-    "gain)",
+    source=(
+        f"{_EMVA}, saturation capacity; {_IMX900}: 9458 electrons (2183 at high conversion gain)"
+    ),
 )
 
 _BLOOMING = Effect(
@@ -230,14 +245,17 @@ _BLOOMING = Effect(
     family="blooming",
     stage=Stage.IMAGER,
     parameters=_imager_parameter("share", "blooming", "1", 0.0, 0.02, 0.5),
-    imitates="Charge above the full well that runs along its column.",
-    law="share of the excess leaves, half up, half down, and fills the room it meets; the rest is "
-    "drained",
-    shows="Vertical streaks from full pixels: at 0.3, with 2.9 % of the pixels full, 0.9 % more "
-    "fill up; holes and errors elsewhere do not move. Where most dots are full (2 W, 0.5) streaks "
-    "run together: holes go from 3.5 to 17 %, 4.6 % are off by more than 1 px.",
+    imitates="Charge above the full well that flows along its column.",
+    law="share of the excess flows half up, half down into free capacity; the rest drains",
+    shows=(
+        "Vertical streaks from full pixels. At 0.3, with 2.9 % of the pixels full: 0.9 % more "
+        "fill; depth is unchanged. Where most dots are full (2 W, 0.5): holes 3.5 to 17 %, "
+        "4.6 % over 1 px."
+    ),
     confused_with=("saturation",),
-    source="Janesick, Scientific Charge-Coupled Devices (2001); weak in CMOS pixels, range assumed",
+    source=(
+        "Janesick, Scientific Charge-Coupled Devices (2001); weak in CMOS pixels, range assumed"
+    ),
 )
 
 _CROSSTALK = Effect(
@@ -245,17 +263,20 @@ _CROSSTALK = Effect(
     family="crosstalk",
     stage=Stage.IMAGER,
     parameters=_imager_parameter("share", "crosstalk", "1", 0.0, 0.01, 0.3),
-    imitates="Electrons freed deep in the silicon that end in a neighbouring pixel.",
-    law="kernel 1 - c in the middle, c / 4 in four neighbours, before the charge is counted; "
-    "contrast at the finest period x (1 - c)",
+    imitates="Electrons freed deep in the silicon that reach a neighbouring pixel.",
+    law=(
+        "kernel 1 - c in the middle, c / 4 in four neighbours, before the charge is counted; "
+        "contrast at the finest period x (1 - c)"
+    ),
     shows=(
-        "Dots wider and lower, noise as white as before: only this distinguishes it from "
-        "averaging. At 0.3 disparity noise and fill stay within 3 %. A blur of sqrt(c / 2) px per "
-        "axis."
+        "Dots are wider and lower, as by a blur of sqrt(c / 2) px; unlike averaging, noise "
+        "stays white. At 0.3: disparity noise and fill within 3 %."
     ),
     confused_with=("lens_blur", "dot_blur", "smoothing"),
-    source="Djite et al., IEEE Trans. Electron Devices 59 (2012) 729; contrast at 900 nm 2 to 3 "
-    "times below that at 550 nm in some sensors (adimec.com, MTF in NIR)",
+    source=(
+        "Djite et al., IEEE Trans. Electron Devices 59 (2012) 729; contrast at 900 nm 2 to 3 "
+        "times below that at 550 nm in some sensors (adimec.com, MTF in NIR)"
+    ),
 )
 
 _SMOOTHING = Effect(
@@ -263,18 +284,19 @@ _SMOOTHING = Effect(
     family="smoothing",
     stage=Stage.IMAGER,
     parameters=_imager_parameter("sigma_px", "smoothing_px", "px", 0.0, 0.3, 1.0),
-    imitates="Resampling by the device's own rectification, which averages pixels.",
+    imitates="Averaging of pixels by the device's own rectification.",
     law=(
-        "Gaussian after the noise; noise variance x 1 / (4 pi sigma^2), correlated by exp(-d^2 / "
-        "(4 sigma^2)); clipped to the code range before, as codes are averaged"
+        "Gaussian after noise and clipping; noise variance x 1 / (4 pi sigma^2), correlated "
+        "by exp(-d^2 / (4 sigma^2))"
     ),
-    shows="Less noise, but correlated between neighbours, and wider dots that reach the ceiling "
-    "less: at 0.5 px 1.2 becomes 0.76 DN, at 1 px 0.47 DN and saturation 2.9 % becomes 0.1 %; "
-    "disparity noise 0.066 to 0.050 px.",
+    shows=(
+        "Noise is lower and correlated; dots are wider. At 0.5 px: 1.2 to 0.76 DN. At 1 px: "
+        "0.47 DN, saturation 2.9 to 0.1 %, disparity noise 0.066 to 0.050 px."
+    ),
     confused_with=("lens_blur", "crosstalk", "shot_noise"),
     source=(
-        "Poisson's sum of a Gaussian kernel; D415 captures show less than half the shot noise "
-        "expected at their levels"
+        "Poisson's sum of a Gaussian kernel; D415 captures show less than half of the "
+        "expected shot noise"
     ),
 )
 
@@ -285,9 +307,11 @@ _GAMMA = Effect(
     parameters=_imager_parameter("exponent", "gamma", "1", 1.0, 0.8, 2.2),
     imitates="A tone curve between converter and output.",
     law="DN = ceiling (signal / ceiling)^(1 / gamma) + black level",
-    shows="Dark parts lifted, bright ones compressed: at 2.2 the mean goes from 93 to 158 DN, and "
-    "temporal noise no longer grows with the level. Variance against mean is no straight line. "
-    "A census hardly sees it: fill and disparity errors stay within 1 %.",
+    shows=(
+        "Dark parts are lifted, bright ones compressed; variance against mean is no straight "
+        "line. At 2.2: mean 93 to 158 DN. A census hardly changes: fill and disparity errors "
+        "within 1 %."
+    ),
     confused_with=("black_level", "gain"),
     source="1.0 where the device streams raw levels; 2.2 is that of displays",
 )
@@ -299,9 +323,11 @@ _BLACK_LEVEL = Effect(
     parameters=_imager_parameter("level_dn", "black_level_dn", "DN", 0.0, 1.0, 16.0),
     imitates="The pedestal that keeps noise about zero representable.",
     law="DN = signal + level",
-    shows="Darkness reads the level, whatever the exposure; at 0 half of the dark noise is cut "
-    "off. Auto exposure takes it for light: at 16 instead of 4 DN it gives 24.5 instead of "
-    "28.2 ms. Disparity noise within 3 %.",
+    shows=(
+        "Darkness reads the level at every exposure; at 0 half of the dark noise is clipped. "
+        "Auto exposure counts it as light: 16 instead of 4 DN gives 24.5 instead of 28.2 ms. "
+        "Disparity noise within 3 %."
+    ),
     confused_with=("dark_current", "gamma", "veil", "ambient"),
     source="4 to 5 DN measured on a D415; Sony IMX900: 240 of 4095",
 )
@@ -320,11 +346,14 @@ _QUANTISATION = Effect(
         ),
     ),
     imitates="A converter of few bits, or a stream cut to 8.",
-    law="whole codes; step = full well / (gain (2^bits - 1)), variance step^2 / 12 where noise "
-    "exceeds a third of a step",
-    shows="A comb in the histogram, and noise of 0.29 of a step that stands still where other "
-    "noise is below a third of a step. From 8 to 10 bits disparity noise goes from 0.066 to "
-    "0.064 px: hidden by shot noise in all but the dark.",
+    law=(
+        "whole codes; step = full well / (gain (2^bits - 1)), variance step^2 / 12 where "
+        "noise exceeds a third of a step"
+    ),
+    shows=(
+        "A comb in the histogram. Its noise, 0.29 of a step, is static where other noise is "
+        "small. From 8 to 10 bits disparity noise goes from 0.066 to 0.064 px."
+    ),
     confused_with=("read_noise",),
     source="Y8 infrared stream of the D4xx; OV9282: 8 or 10 bits (Linux driver); Kinect v1: 10",
 )
@@ -342,13 +371,15 @@ _DROPPED_BITS = Effect(
             choices=(0, 2, 4),
         ),
     ),
-    imitates="A device that matches its converter's own codes and outputs images with fewer bits.",
+    imitates="A device that matches its converter's codes and outputs images with fewer bits.",
     law="matched code = round(2^bits DN), image = round(DN)",
-    shows="The images stay as they are. Surfaces whose dots are fainter than one code have depth.",
+    shows="Images are unchanged. Surfaces whose dots are fainter than one code have depth.",
     confused_with=("quantisation", "texture_threshold"),
-    source="Left and right imagers of the D4xx give 10-bit raw (data sheet 337029, imager "
-    "tables); its infrared stream has 8, a packed 10-bit one is 'the native sensitivity' "
-    "(librealsense issue 5062)",
+    source=(
+        "Imagers of the D4xx give 10-bit raw (data sheet 337029, imager tables); the infrared "
+        "stream has 8, a packed 10-bit one is 'the native sensitivity' (librealsense issue "
+        "5062)"
+    ),
 )
 
 ROWS: tuple[Effect, ...] = (

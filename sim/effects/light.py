@@ -26,11 +26,11 @@ POWER = Effect(
             high=0.45,
         ),
     ),
-    imitates="The laser power that the user sets, and what age and dirt leave of it.",
+    imitates="The laser power: set by the user, reduced by age and dirt.",
     law="Laser light is proportional to power_w; ambient light stays. 0 is passive stereo.",
     shows=(
-        "Dots stand out less, ambient texture stays; auto exposure hides the level but not the "
-        "ratio of dots to the rest. At a third of the power: noise 0.22 px, holes as before."
+        "Dots are dimmer relative to ambient texture; auto exposure hides the level only. At "
+        "a third of the power: noise 0.22 px, holes unchanged."
     ),
     confused_with=(
         "exposure",
@@ -63,10 +63,11 @@ DOT_BLUR = Effect(
         ),
     ),
     imitates="A projector lens that is poor, cold or scratched: every spot is wider.",
-    law="A spot's variance in cosines is its own plus sigma_mrad^2: the same at all depths.",
+    law="A spot's variance in cosines is its own plus sigma_mrad^2, at all depths.",
     shows=(
-        "Infrared: dots wide and dim, edges and ambient texture sharp. 3 mrad: no bias, holes as "
-        "before, noise 0.14 px: a spot of many pixels is easier to place while light is plenty."
+        "Dots are wide and dim; edges and ambient texture stay sharp. At 3 mrad: no bias, "
+        "holes unchanged, noise 0.14 px. A wide spot is easier to locate while light is "
+        "plentiful."
     ),
     confused_with=("lens_blur", "dot_defocus", "subsurface", "crosstalk"),
     source="variances add under convolution; spot widths in docs/decisions/0004-patterns.md",
@@ -95,11 +96,11 @@ DOT_DEFOCUS = Effect(
             high=4.0,
         ),
     ),
-    imitates="A projector focused at one distance: spots widen before and behind it.",
-    law="sigma = sigma_mrad_m |1/z - 1/focus_m| [mrad], in quadrature to the spot's own width.",
+    imitates="A projector focused at one distance: spots elsewhere are wider.",
+    law=("sigma = sigma_mrad_m |1/z - 1/focus_m| [mrad], in quadrature to the spot's own width."),
     shows=(
-        "Infrared: near dots wide, those at the focus as before. 1.5 mrad m: a wall at 0.3 m loses "
-        "half of its dots' contrast; the scene at 1 to 2 m shows next to nothing."
+        "Near dots are wide. At 1.5 mrad m: a wall at 0.3 m loses half of its dots' contrast. "
+        "At 1 to 2 m almost nothing changes."
     ),
     confused_with=("dot_blur", "near_defocus", "subsurface"),
     source="thin lens: a uniform aperture of width A blurs by sigma = A/4 |1/z - 1/focus|",
@@ -120,21 +121,20 @@ HAZE = Effect(
             high=0.6,
         ),
     ),
-    imitates="A diffractive element, a lens or a window that scatters: light between the dots.",
+    imitates="A diffractive element, a lens or a window that scatters light between the dots.",
     law=(
-        "E = (1 - share) E_pattern + share times E_pattern's mean over the projector's field. A "
-        "preset's generated pattern already spreads 0.3 of its light evenly; a calibrated pattern "
-        "spreads none."
+        "E = (1 - share) E_pattern + share times E_pattern's mean over the field. A generated "
+        "preset pattern already has 0.3; a calibrated pattern has none."
     ),
     shows=(
-        "Infrared: light between the dots that falls off with distance as they do, as ambient "
-        "light does not: near dots stand out less. 0.6: less than half of the dots' contrast; "
-        "noise 0.088 to 0.096 px, holes 3.6 to 3.8 %."
+        "Light between dots that, unlike ambient light, falls off with distance as they do. "
+        "At 0.6: less than half of the dots' contrast, noise 0.088 to 0.096 px, holes 3.6 to "
+        "3.8 %."
     ),
     confused_with=("veil", "ambient", "projector_power", "dot_blur", "subsurface"),
     source=(
-        "between the dots of a real D415 lie 0.2 to 0.5 of its mean light (projector on less off, "
-        "docs/results/calibration.md), some of which other surfaces send"
+        "a real D415 has 0.2 to 0.5 of its mean light between dots, part of it "
+        "interreflection (docs/results/calibration.md)"
     ),
     rerender=pattern.RERENDER,
 )
@@ -154,13 +154,13 @@ FALLOFF = Effect(
         ),
     ),
     imitates="Emitters and lens that give less light off the projector's axis.",
-    law="E(a) = E(0) cos^n a about the projector's axis, beyond what dots of equal power have.",
+    law="E(a) = E(0) cos^n a about the projector's axis, beyond that of dots of equal power.",
     shows=(
-        "Dots dim outwards in the projector's frame: the map shifts in pixels with distance and "
-        "does not touch ambient light. n = 4: noise 0.20 px, all of it at the image's border."
+        "Dots dim outwards in the projector's frame: the map shifts with distance and spares "
+        "ambient light. n = 4: noise 0.20 px, all at the border."
     ),
     confused_with=("vignetting", "filter_shift"),
-    source="cos^n as the usual form of an emitter's profile (Lambertian: n = 1)",
+    source="usual form of an emitter's profile (Lambertian: n = 1)",
     rerender=pattern.RERENDER,
 )
 
@@ -180,11 +180,11 @@ POSITION = Effect(
         for axis, low, high in (("x", 0.0, 0.08), ("y", -0.005, 0.005), ("z", -0.005, 0.005))
     ),
     imitates="A projector displaced from its modelled position.",
-    law="In the left image the pattern moves by f x/z: more at small distances.",
+    law="In the left image the pattern moves by f x/z.",
     shows=(
-        "Infrared differs from the template by a shift that changes with depth; the two imagers "
-        "still agree. Stereo depth has no bias (walls: under 0.01 px) but other noise; shadows "
-        "of the projector get wider or narrower."
+        "Infrared differs from the template by a shift that changes with depth; left and "
+        "right still agree. Stereo depth has no bias (walls: under 0.01 px). Projector "
+        "shadows change width."
     ),
     confused_with=("projector_rotation", "wrong_pattern", "pattern_scale", "projector_field"),
     source="parallax; public simulators of one camera put its projector at 28, 41 and 0 mm",
@@ -209,9 +209,9 @@ ROTATION = Effect(
     imitates="A projector turned by assembly, heat or a shock.",
     law="The pattern moves by f phi (1 + x^2) in the image, equally at every distance.",
     shows=(
-        "Infrared differs from the template by one shift at all depths (roll: growing outwards). "
-        "Stereo depth has no bias (walls: under 0.01 px). Structured light errs by the whole "
-        "shift: 0.1 deg is 1.0 px of a Kinect's disparity; pitch takes it off its rows."
+        "Infrared differs from the template by one shift at all depths (roll: growing "
+        "outwards). Stereo depth has no bias (walls: under 0.01 px). Structured light errs by "
+        "the shift: 0.1 deg is 1.0 px for a Kinect."
     ),
     confused_with=("projector_position", "wrong_pattern", "pattern_scale"),
     source="rotation of a central projection",
@@ -240,11 +240,11 @@ FIELD = Effect(
             high=70.0,
         ),
     ),
-    imitates="A projector that covers more or less than the datasheet says.",
-    law="The power spreads over 4 tan(x/2) tan(y/2) z^2; a generator draws other dots over it.",
+    imitates="A projector that covers more or less than the data sheet says.",
+    law=("The power spreads over 4 tan(x/2) tan(y/2) z^2; a generator draws other dots over it."),
     shows=(
-        "The pattern ends inside the image, with a straight edge that moves with depth, or its "
-        "dots are dimmer. 70 x 48 deg instead of 90 x 63: holes 32 % instead of 6.5, outside."
+        "The pattern ends inside the image with a straight edge that moves with depth, or its "
+        "dots are dimmer. At 70 x 48 deg instead of 90 x 63: holes 32 % instead of 6.5."
     ),
     confused_with=("projector_power", "wrong_pattern", "dropped_dots", "pattern_scale"),
     source="sources disagree: D435 90 x 63 or 86 x 57 deg (FRAMOS D435e manual, p. 8)",
@@ -267,13 +267,12 @@ SPECKLE = Effect(
     ),
     imitates="The grain of coherent light on rough surfaces.",
     law=(
-        "Laser light in the image times a gamma variate of mean 1 and shape 1/C^2, C = 1/sqrt(N) "
-        "of N looks; grains of lambda F wide, averaged by the pixel."
+        "Laser light times a gamma variate of mean 1 and shape 1/C^2, C = 1/sqrt(N) of N "
+        "looks; grains of lambda F wide, averaged by the pixel."
     ),
     shows=(
-        "Infrared: dots torn into pixels, ambient light smooth, stronger where there is more "
-        "light. Left and right differ, repeats do not: noise of the disparity that no temporal "
-        "average removes. 0.3: 0.24 px."
+        "Dots break into pixels; ambient light stays smooth. Left and right differ, repeated "
+        "frames do not: noise that no temporal average removes. At 0.3: 0.24 px."
     ),
     confused_with=("prnu", "shot_noise"),
     source=f"{_GOODMAN}; C = 1/sqrt(N): J. Opt. Soc. Am. 66 (1976) 1145",
@@ -294,11 +293,11 @@ FLICKER = Effect(
             high=0.3,
         ),
     ),
-    imitates="A laser driver or a pulse that does not repeat exactly from frame to frame.",
-    law="Power of a frame = mean times a log-normal variate of that deviation, for both imagers.",
+    imitates="A laser whose power varies from frame to frame.",
+    law=("Power of a frame = mean times a log-normal variate of that deviation, for both imagers."),
     shows=(
-        "The dots' level jumps from frame to frame, ambient light does not. One frame looks like "
-        "another power; disparity hardly moves (0.2: 0.03 px, median)."
+        "The dots' level jumps between frames, ambient light does not. One frame looks like "
+        "another power. Disparity hardly moves (0.2: 0.03 px, median)."
     ),
     confused_with=("projector_power", "auto_exposure"),
     source="log-normal, assumed: a power is positive",
@@ -321,14 +320,13 @@ WAVELENGTH = Effect(
     ),
     imitates="A laser that drifts with temperature, out of the imager's filter.",
     law=(
-        "The filter passes the laser at its wavelength, less off its centre; energy of a photon "
-        "and width of speckle's grain follow lambda. The scale of a diffractive pattern is a "
-        "separate row, pattern_scale."
+        "The filter passes less off its centre; photon energy and speckle grain follow "
+        "lambda. Quantum efficiency is held, though silicon's falls by 0.8 % a nm. "
+        "pattern_scale is separate."
     ),
     shows=(
-        "With a filter: dots dim, in the corners first or last, where its band has shifted to the "
-        "blue. Without: levels 1.8 % higher at 865 nm. The quantum efficiency is held at the value "
-        "given for the line; silicon's falls by 0.8 % a nm and would have to be moved with it."
+        "With a filter: dots dim, in the corners first or last. Without: levels 1.8 % higher "
+        "at 865 nm."
     ),
     confused_with=("projector_power", "filter_shift"),
     source="850 +-10 nm at 20 deg C (FRAMOS D435e manual, p. 8), 0.07 nm/K (assumed)",

@@ -30,12 +30,12 @@ LENS_BLUR = Effect(
     parameters=(
         _parameter("imager.lens.blur_px", "sigma_px", unit="px", neutral=0.0, low=0.2, high=1.5),
     ),
-    imitates="A lens whose spot is wide: diffraction, aberrations, a fixed focus set wrong.",
+    imitates="A wide lens spot: diffraction, aberrations, wrong fixed focus.",
     law="The image is convolved with a Gaussian; variances of dot, pixel and lens add.",
     shows=(
-        "Infrared: everything is soft, edges and ambient texture as much as dots. At 1.5 px the "
-        "contrast of dots falls by a fifth, holes grow to 0.7 %; the noise of the disparity, "
-        "0.15 px, hardly changes while light is plenty."
+        "Everything is soft: edges and ambient texture as much as dots. At 1.5 px the dots' "
+        "contrast falls by a fifth and holes grow to 0.7 %. Noise, 0.15 px, hardly changes "
+        "while light is plentiful."
     ),
     confused_with=(
         "dot_blur",
@@ -48,7 +48,9 @@ LENS_BLUR = Effect(
         "smoothing",
         "presmooth",
     ),
-    source="variances add under convolution; discrete Gaussian: Lindeberg, IEEE TPAMI 12(3), 1990",
+    source=(
+        "variances add under convolution; discrete Gaussian: Lindeberg, IEEE TPAMI 12(3), 1990"
+    ),
 )
 
 CORNER_BLUR = Effect(
@@ -63,8 +65,8 @@ CORNER_BLUR = Effect(
     imitates="Coma and field curvature, which grow off the axis.",
     law="The spot's variance grows by sigma_px^2 (r / r_h)^2, r_h half the diagonal.",
     shows=(
-        "Infrared: sharp in the middle, soft towards the corners, at every depth and in all light; "
-        "depth hardly changes (no more noise or holes at 1.5 px)."
+        "Sharp in the middle, soft in the corners, at every depth and in all light. Depth "
+        "hardly changes at 1.5 px."
     ),
     confused_with=("lens_blur", "near_defocus", "filter_shift"),
     source="Smith, Modern Optical Engineering, ch. 3: transverse aberrations grow with field",
@@ -81,11 +83,10 @@ NEAR_DEFOCUS = Effect(
         _parameter("imager.lens.focus_m", "focus_m", unit="m", neutral=None, low=0.3, high=5.0),
     ),
     imitates="A fixed-focus lens that is soft below half a metre.",
-    law="Sigma is k |1/z - 1/focus_m|; thin lens: k = f^2 / (4 N pitch), 0.10 px m for a D435.",
+    law="sigma = k |1/z - 1/focus_m|; thin lens: k = f^2 / (4 N pitch), 0.10 px m for a D435.",
     shows=(
-        "Infrared: near objects soft, far ones sharp. At 0.3 px m a wall at 0.25 m is blurred by "
-        "0.9 px, one at 1 m not at all. Near dots are many pixels wide: the disparity of a wall at "
-        "0.3 m does not change even at 0.5 px m."
+        "Near objects are soft. At 0.3 px m a wall at 0.25 m is blurred by 0.9 px, one at 1 m "
+        "is not. Disparity of a wall at 0.3 m does not change at 0.5 px m."
     ),
     confused_with=("lens_blur", "dot_defocus", "corner_blur"),
     source="Potmesil and Chakravarty, ACM TOG 1(2), 1982, eqs. 1 to 5: circle of confusion",
@@ -101,9 +102,8 @@ VIGNETTING = Effect(
     imitates="A lens that passes less light off its axis.",
     law="Light falls as cos^n of the angle off the camera's axis; n = 4 for an ideal lens.",
     shows=(
-        "Infrared: dark corners, equally in dots and ambient light, independent of the scene. At n "
-        "= 4 a fifth of the light is left in a D435's corner: noise 0.18 px, no bias, and no more "
-        "holes while the rest is bright."
+        "Dark corners in dots and ambient light, independent of the scene. At n = 4 a fifth "
+        "of the light remains in a D435's corner. Noise 0.18 px, no bias, no more holes."
     ),
     confused_with=("projector_falloff", "filter_shift"),
     source=_HORN,
@@ -129,13 +129,13 @@ FILTER_SHIFT = Effect(
     ),
     imitates="A thin-film band-pass filter: at an angle its band lies at shorter wavelengths.",
     law=(
-        "Band at wavelength centre sqrt(1 - (sin a / index)^2) at the angle a; the laser falls by "
-        "1 / (1 + x^6), x its distance from the middle in half widths. Width 0 is no filter."
+        "Centre sqrt(1 - (sin a / index)^2) at angle a; transmission 1 / (1 + x^6), x the "
+        "laser's offset in half widths. Width 0 is no filter."
     ),
     shows=(
-        "Infrared: dots fade in the corners; ambient light rises there (by 17 % at 60 nm, 25 % at "
-        "150 nm), as the band moves to where silicon sees better. At 60 nm a D435 loses 9 % of its "
-        "depth, nearly half of it at the right edge; at 30 nm 42 %; 150 nm cost next to nothing."
+        "Dots fade in the corners; ambient light rises there (17 % at 60 nm, 25 % at 150 nm). "
+        "At 60 nm a D435 loses 9 % of its depth, nearly half of it at the right edge; at 30 "
+        "nm 42 %; at 150 nm almost none."
     ),
     confused_with=("projector_falloff", "vignetting", "wavelength", "corner_blur"),
     source="Smith, Modern Optical Engineering, sec. 11; docs/decisions/0007-spectra.md",
@@ -149,10 +149,10 @@ VEIL = Effect(
         _parameter("imager.lens.veil", "share", unit="1", neutral=0.0, low=0.005, high=0.1),
     ),
     imitates="Light scattered in lens, cover glass and housing: veiling glare.",
-    law="L' = (1 - share) L + share mean(L): the mean stays.",
+    law="L' = (1 - share) L + share mean(L).",
     shows=(
-        "Infrared: a pedestal that follows the image's mean and not the albedo; black is grey. At "
-        "5 % dots lose 5 % of their contrast, and depth next to nothing."
+        "A pedestal that follows the image's mean, not the albedo: black is grey. At 5 % dots "
+        "lose 5 % of their contrast; depth hardly changes."
     ),
     confused_with=("black_level", "projector_power", "ambient", "interreflection"),
     source="veiling glare index: ISO 9358; 1 to 5 % assumed for small lenses behind a window",
@@ -167,15 +167,12 @@ DISTORTION = Effect(
             "right.alignment.distortion_px", "shift_px", unit="px", neutral=0.0, low=-0.5, high=0.5
         ),
     ),
-    imitates=(
-        "Radial distortion that remains after rectification; only the difference of the imagers "
-        "matters."
-    ),
+    imitates="Radial distortion of one imager that remains after rectification.",
     law="A point lands outwards by shift_px (r / r_h)^3, r_h half the diagonal.",
     shows=(
-        "Disparity error: a smooth map, the same in px at every depth, of opposite sign at the "
-        "left and right edge (0.5 px: +0.24 and -0.20 px at 60 px from them, none in the "
-        "middle). Infrared and holes look perfect."
+        "A smooth disparity error, equal at all depths, of opposite sign at left and right. "
+        "At 0.5 px: +0.24 and -0.20 px at 60 px from the edges, none in the middle. Infrared "
+        "and holes look perfect."
     ),
     confused_with=("yaw", "roll"),
     source="Hartley and Zisserman, Multiple View Geometry, 2nd ed., sec. 7.4; range assumed",
@@ -190,13 +187,12 @@ VERTICAL_OFFSET = Effect(
             "right.alignment.offset_y_px", "offset_px", unit="px", neutral=0.0, low=-1.5, high=1.5
         ),
     ),
-    imitates="Rows that do not correspond: imagers that heat or shock has moved.",
-    law="The right image lies lower by offset_px: the left-right correlation peaks there.",
+    imitates="Rows that do not correspond: heat or shock moved an imager.",
+    law="The right image lies lower by offset_px.",
     shows=(
-        "Left against right: the correlation's peak is off the row. Depth: a bias that depends on "
-        "the texture (-0.06 px at 1 px), noise (0.41 px at 1 px, 0.58 at 1.5), then holes. Dots "
-        "elongated along the diagonals bias opposite corners equally: 0.6 to 1.4 px at 1.5 px, too "
-        "near at upper left and lower right, too far at the others."
+        "The left-right correlation peaks off the row. Bias depends on texture (-0.06 px at 1 "
+        "px). Noise 0.41 px at 1 px, 0.58 at 1.5, then holes. Diagonally elongated dots bias "
+        "opposite corners equally: 0.6 to 1.4 px at 1.5 px."
     ),
     confused_with=("pitch", "roll"),
     source=_SELF_CALIBRATION,
@@ -214,9 +210,8 @@ ROLL = Effect(
     imitates="Imagers rotated relative to each other about their optical axes.",
     law="A point moves by angle (y, -x) from the principal point.",
     shows=(
-        "Rows are off by opposite signs at the left and right edge. Disparity errs in proportion "
-        "to the row, so flat objects tilt: 1.2 px at top and bottom for 0.3 deg; holes at the "
-        "sides."
+        "Disparity errs in proportion to the row: flat objects tilt. At 0.3 deg: 1.2 px at "
+        "top and bottom. Rows differ by opposite signs at left and right, with holes there."
     ),
     confused_with=("vertical_offset", "pitch", "distortion", "rolling_shutter", "model_turn"),
     source=_SELF_CALIBRATION,
@@ -234,9 +229,8 @@ PITCH = Effect(
     imitates="One imager that looks higher than the other.",
     law="The image moves down by f angle (1 + y^2 / f^2) and sideways by x y angle / f.",
     shows=(
-        "As vertical_offset (0.2 deg is 1.5 px for a D435: noise 0.44 px, 5 % holes) except in the "
-        "corners: the sideways shift, which grows with x y, removes a quarter of the bias that "
-        "dots elongated along the diagonals cause there."
+        "As vertical_offset: 0.2 deg is 1.5 px for a D435, noise 0.44 px, 5 % holes. In the "
+        "corners the sideways shift removes a quarter of the bias."
     ),
     confused_with=("vertical_offset", "roll"),
     source=_SELF_CALIBRATION,
@@ -254,8 +248,8 @@ DISPARITY_OFFSET = Effect(
     imitates="A right image that rectification leaves too far right.",
     law="d' = d - offset_px, so depth errs by z^2 offset_px / (f b).",
     shows=(
-        "Disparity: one bias in px everywhere; depth: an error that grows with the square of "
-        "distance. Infrared, noise and holes look perfect."
+        "One disparity bias everywhere; depth errs with the square of distance. Infrared, "
+        "noise and holes look perfect."
     ),
     confused_with=("yaw", "focal_scale", "baseline_error", "model_shift", "model_scale"),
     source=_SELF_CALIBRATION,
@@ -270,11 +264,11 @@ YAW = Effect(
             "right.alignment.yaw_deg", "angle_deg", unit="deg", neutral=0.0, low=-0.1, high=0.1
         ),
     ),
-    imitates="A right imager that looks to the right of where it should.",
-    law="d' = d + f angle (1 + x^2 / f^2): a disparity offset that grows a little off the axis.",
+    imitates="A right imager that is rotated outwards, to the right.",
+    law="d' = d + f angle (1 + x^2 / f^2): an offset that grows slightly off the axis.",
     shows=(
-        "0.1 deg biases a D435 by 0.76 px in the middle and 1.25 px at 60 px from the left and "
-        "right edges; else as disparity_offset."
+        "0.1 deg biases a D435 by 0.76 px in the middle, 1.25 px at 60 px from the edges. "
+        "Otherwise as disparity_offset."
     ),
     confused_with=("disparity_offset", "distortion", "focal_scale"),
     source=_SELF_CALIBRATION,
@@ -289,12 +283,12 @@ FOCAL_SCALE = Effect(
             "imager.alignment.magnification", "factor", unit="1", neutral=1.0, low=0.98, high=1.02
         ),
     ),
-    imitates="Lenses that heat has lengthened: both focal lengths off what is stored.",
-    law="d' = factor d, so depth is z / factor: it errs in proportion to z.",
+    imitates="Lenses that heat has lengthened: both focal lengths differ from the stored.",
+    law="d' = factor d, so z' = z / factor.",
     shows=(
-        "On surfaces that face the camera disparity errs in proportion to itself (2 %: 0.3 px on a "
-        "table at 1.3 m), depth in proportion to z; objects seem that much wider too, so a tilted "
-        "plane errs evenly, by what it has at the principal point. A baseline error does neither."
+        "On facing surfaces disparity errs in proportion to itself (2 %: 0.3 px at 1.3 m). "
+        "Objects seem wider too, so a tilted plane errs evenly; a baseline error does "
+        "neither."
     ),
     confused_with=("baseline_error", "disparity_offset", "model_scale", "yaw", "pattern_scale"),
     source=(

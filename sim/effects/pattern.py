@@ -20,18 +20,18 @@ SCALE = Effect(
             high=1.005,
         ),
     ),
-    imitates="A diffractive projector whose laser's wavelength drifts as it warms up.",
-    law="Direction cosines about the emitter's axis are times scale = wavelength over nominal.",
+    imitates="A diffractive projector whose wavelength drifts with temperature.",
+    law=("Direction cosines about the emitter's axis are times scale = wavelength over nominal."),
     shows=(
-        "Infrared differs from the template by a shift that grows outwards, f (s - 1) tan t / "
-        "cos^2 t: 2.8 px at 35 deg of a D415 for 0.3 %. Stereo depth keeps its bias (to 0.01 px), "
-        "noise (0.186 to 0.194 px) and holes. Structured light errs by up to 1.25 px (0.3 %), "
-        "dots leave their rows: 8 % holes more at 0.3 %, 38 % at 0.5 %."
+        "Infrared differs from the template by f (s - 1) tan t / cos^2 t: 2.8 px at 35 deg of "
+        "a D415 for 0.3 %. Stereo depth: bias within 0.01 px, noise 0.186 to 0.194 px. "
+        "Structured light errs by up to 1.25 px (0.3 %); holes 8 % more at 0.3 %, 38 % at 0.5 "
+        "%."
     ),
     confused_with=("projector_field", "projector_position", "projector_rotation", "wrong_pattern"),
     source=(
-        "grating equation; 0.07 nm/K of a VCSEL, 0.3 of an edge emitter (usual figures): 0.3 % is "
-        "36 or 9 K. A Kinect holds its laser's temperature (openkinect.org, Hardware info)"
+        "grating equation; 0.07 nm/K of a VCSEL, 0.3 of an edge emitter (usual figures). A "
+        "Kinect holds its laser's temperature (openkinect.org, Hardware info)"
     ),
     rerender=RERENDER,
 )
@@ -50,14 +50,11 @@ DROPPED = Effect(
             high=0.6,
         ),
     ),
-    imitates="Emitters that died, dirt on the projector's window.",
-    law=(
-        "Every dot is dark with probability share; its light is lost. Other dots and the light "
-        "between dots are unchanged."
-    ),
+    imitates="Dead emitters, or dirt on the projector's window.",
+    law="Every dot is dark with probability share; its light is lost.",
     shows=(
-        "Dots missing at the same places of the projector's frame, in both imagers. 0.4: noise "
-        "0.31 px and bad pixels 9.7 % instead of 2.9 where windows hold no dot; holes 7.5 %."
+        "Dots are missing at fixed places of the projector's frame, in both imagers. At 0.4: "
+        "noise 0.31 px, bad pixels 9.7 % instead of 2.9, holes 7.5 %."
     ),
     confused_with=("projector_power", "wrong_pattern", "projector_field", "shifted_dots"),
     source="binomial draw; no published value of the share",
@@ -79,10 +76,10 @@ SHIFTED = Effect(
             high=8.0,
         ),
     ),
-    imitates="Emitters and diffraction orders displaced from the stored or assumed pattern.",
+    imitates="Emitters or diffraction orders displaced from the assumed pattern.",
     law="Every dot is displaced on two axes by a normal deviate of sigma_mrad.",
     shows=(
-        "Some dots run together, others leave gaps. 6 mrad: stereo noise 0.20 px, no bias. "
+        "Some dots merge, others leave gaps. At 6 mrad: stereo noise 0.20 px, no bias. "
         "Structured light errs by f sigma over the dots in its window, static in its frame."
     ),
     confused_with=("wrong_pattern", "dropped_dots"),
@@ -104,11 +101,11 @@ WRONG_PATTERN = Effect(
             choices=(0.0, 1.0, 2.0, 3.0),
         ),
     ),
-    imitates="A pattern of the right statistics, but not this device's.",
+    imitates="A pattern with the right statistics that is not this device's.",
     law="Another seed of the generator: other dots, other dark and displaced ones.",
     shows=(
-        "The infrared image and the template do not correlate, the two imagers do. Each pixel's "
-        "disparity changes by 0.13 px (median), noise and holes as a whole do not."
+        "Infrared and template do not correlate; left and right do. Each pixel's disparity "
+        "changes by 0.13 px (median); total noise and holes do not."
     ),
     confused_with=(
         "projector_rotation",

@@ -17,15 +17,14 @@ _RANGE = Effect(
             name="far_m", paths=("post.far_m",), unit="m", neutral=65.535, low=1.0, high=65.535
         ),
     ),
-    imitates="A threshold filter, or a device that reports no depth outside its stated range.",
-    law="depth stays where near_m <= z <= far_m, both ends included",
-    shows=(
-        "No depth beyond one sharp distance, on any surface; infrared and the remaining depth are "
-        "unchanged. Histograms of depth with and without it differ beyond the limit only."
-    ),
+    imitates="A threshold filter, or a device's stated range.",
+    law="depth stays where near_m <= z <= far_m",
+    shows="No depth beyond one sharp distance, on any surface; the rest is unchanged.",
     confused_with=("disparity_shift", "search_range", "depth_unit"),
-    source="librealsense threshold filter: 0 to 16 m, its defaults 0.1 and 4 m; least distance of "
-    "the D4xx f b / 126 (librealsense#2885)",
+    source=(
+        "librealsense threshold filter: 0 to 16 m, its defaults 0.1 and 4 m; least distance "
+        "of the D4xx f b / 126 (librealsense#2885)"
+    ),
 )
 
 _DECIMATION = Effect(
@@ -43,15 +42,15 @@ _DECIMATION = Effect(
             choices=tuple(float(side) for side in range(1, 9)),
         ),
     ),
-    imitates=(
-        "The decimation filter: a block of pixels becomes one value, taken from its pixels with "
-        "depth."
+    imitates="The decimation filter: a block of pixels becomes one value.",
+    law=(
+        "2, 3: median depth of the block, of an even count the nearer one; 4 to 8: mean "
+        "depth; a block has depth where any pixel has"
     ),
-    law="2, 3: median depth of the block, of an even count the nearer one; 4 to 8: mean depth; a "
-    "block has depth where any of its pixels has",
-    shows="Square blocks of equal depth from pixel (0, 0) on; holes narrower than a block close "
-    "(0.940 filled became 0.949 with 2 and 0.960 with 4 on one real room) and edges move by up to "
-    "a block, tens of px of disparity on a thin rim. Neighbours are equal within blocks only.",
+    shows=(
+        "Square blocks of equal depth from pixel (0, 0). Narrow holes close: on one real room "
+        "fill 0.940 became 0.949 with 2, 0.960 with 4. Edges move by up to a block."
+    ),
     confused_with=("spatial_filter", "hole_filling", "registration"),
     source=f"{_PAGE}: 2 to 8, default 2",
 )
@@ -88,19 +87,23 @@ _SPATIAL = Effect(
         ),
     ),
     imitates=(
-        "The edge-preserving spatial filter: recursive passes along rows and columns that restart "
-        "at every jump."
+        "The edge-preserving filter: recursive passes along rows and columns that restart at jumps."
     ),
-    law="out[i] = alpha in[i] + (1 - alpha) out[i-1] where |in[i] - in[i-1]| < delta_px, four ways "
-    "an iteration; white noise keeps mean_w((alpha^2 / (1 + b^2 - 2 b cos w))^(2 n))^2 of its "
-    "variance, b = 1 - alpha",
-    shows="Holes and jumps stay, noise between them goes: the second difference of a real room's "
-    "disparity fell from 0.033 to 0.003 px (median absolute deviation), single pixels moved by "
-    "0.02 px (median), 0.16 px (99 %). Disparities leave the comb of 1/32 px: beyond 2.5 m all "
-    "codes of the raw device sit on it, after the filter no more than by chance (0.18 to 0.26).",
+    law=(
+        "out[i] = alpha in[i] + (1 - alpha) out[i-1] where |in[i] - in[i-1]| < delta_px, four "
+        "ways an iteration; white noise keeps mean_w((alpha^2 / (1 + b^2 - 2 b cos w))^(2 "
+        "n))^2 of its variance, b = 1 - alpha"
+    ),
+    shows=(
+        "Holes and jumps stay, noise falls: in a real room the second difference of disparity "
+        "from 0.033 to 0.003 px (median absolute deviation). Pixels move by 0.02 px (median), "
+        "0.16 px (99 %). Disparities leave the comb of 1/32 px."
+    ),
     confused_with=("decimation", "temporal_filter", "smoothing_mean"),
-    source=f"{_PAGE}: alpha 0.25 to 1, 0.5; delta 1 to 50, 20; iterations 1 to 5, 2; {_DELTA}; "
-    "Gastal and Oliveira 2011, Domain transform, sec. 5",
+    source=(
+        f"{_PAGE}: alpha 0.25 to 1, 0.5; delta 1 to 50, 20; iterations 1 to 5, 2; {_DELTA}; "
+        "Gastal and Oliveira 2011, Domain transform, sec. 5"
+    ),
 )
 
 _TEMPORAL = Effect(
@@ -135,18 +138,20 @@ _TEMPORAL = Effect(
         ),
     ),
     imitates=(
-        "The temporal filter: a running mean over frames, and old depth in place of missing depth; "
-        "needs two frames or more."
+        "The temporal filter: a running mean over two or more frames, which also replaces "
+        "missing depth."
     ),
     law=(
-        "out = alpha new + (1 - alpha) old where |new - old| < delta_px, else new; variance over "
-        "time alpha / (2 - alpha), correlation of successive frames 1 - alpha; old replaces "
-        "missing depth, depending on the last 8 frames (0 never, 8/8, 2/3, 2/4, 2/8, 1/2, 1/5, "
+        "out = alpha new + (1 - alpha) old where |new - old| < delta_px, else new; variance "
+        "over time alpha / (2 - alpha), correlation of successive frames 1 - alpha; old "
+        "replaces missing depth by the last 8 frames (0 never, 8/8, 2/3, 2/4, 2/8, 1/2, 1/5, "
         "1/8, 8 always)"
     ),
-    shows="One frame alone looks raw. Over time: depth of a static scene varies less and slowly, "
-    "while its spatial noise stays; pixels that flicker stay filled; what moves drags its old "
-    "depth into new holes. Disparities leave the comb of 1/32 px where they changed.",
+    shows=(
+        "Depth of a static scene varies slowly; its spatial noise stays. Flickering pixels "
+        "stay filled; moving objects leave old depth in holes. Changed disparities leave the "
+        "comb of 1/32 px."
+    ),
     confused_with=("spatial_filter", "hole_filling"),
     source=f"{_PAGE}: alpha 0 to 1, 0.4; delta 1 to 100, 20; persistence 0 to 8, 3; {_DELTA}",
 )
@@ -167,14 +172,13 @@ _HOLE_FILLING = Effect(
     imitates="The hole filling filter: missing depth is copied from a neighbour.",
     law=(
         "row by row, filled pixels fill the next ones; left: last depth of the row; farthest, "
-        "nearest: among left, upper left, lower left, up, down (nearest: only below a pixel with "
-        "depth)"
+        "nearest: among left, upper left, lower left, up, down (nearest: only below a pixel "
+        "with depth)"
     ),
     shows=(
-        "Hardly a hole remains (0.940 filled became 0.971 with left, 0.986 with farthest, 0.984 "
-        "with nearest on one real room), except in the first column, or with left in the band "
-        "without overlap. Filled runs equal a neighbour bit for bit and smear to the right and "
-        "downwards; measured depth is unchanged."
+        "Almost no hole remains: on one real room fill 0.940 became 0.971 (left), 0.986 "
+        "(farthest), 0.984 (nearest). Filled runs copy a neighbour exactly; measured depth is "
+        "unchanged."
     ),
     confused_with=("temporal_filter", "decimation", "left_right_threshold"),
     source=f"{_PAGE}: modes 0 (left), 1 (farthest, default), 2 (nearest)",
@@ -194,11 +198,13 @@ _DEPTH_UNIT = Effect(
             high=1e-2,
         ),
     ),
-    imitates="The step of the 16-bit depth image, and the farthest depth that it holds.",
-    law="code = round(z / unit_m), kept where 1 <= code <= 65535; error uniform, unit_m / sqrt(12)",
+    imitates="The step of the 16-bit depth image, and its farthest depth.",
+    law=(
+        "code = round(z / unit_m), kept where 1 <= code <= 65535; error uniform, unit_m / sqrt(12)"
+    ),
     shows=(
-        "Steps of equal depth, which are fewer px of disparity far away; near objects look "
-        "terraced with 1e-2 m. Nothing beyond 65535 steps: 6.55 m with 1e-4 m."
+        "Steps of equal depth; near objects look terraced with 1e-2 m. No depth beyond 65535 "
+        "steps: 6.55 m with 1e-4 m."
     ),
     confused_with=("range", "subpixel_steps"),
     source="librealsense#5587: 1e-4 to 1e-2 m; default 1e-3 m, D405 1e-4 m (librealsense#8946)",
@@ -219,12 +225,14 @@ _REGISTRATION = Effect(
             choices=(0.0, 1.0),
         ),
     ),
-    imitates="Depth mapped to the colour camera's image; needs a colour camera.",
-    law="every depth pixel is moved to where the colour camera sees its point; the nearer one wins",
+    imitates="Depth mapped to the image of a colour camera.",
+    law=(
+        "every depth pixel is moved to where the colour camera sees its point; the nearer one wins"
+    ),
     shows=(
-        "In the colour image: holes on the left of near objects where the colour camera stands to "
-        "the left of the left imager, gaps where the colour image is finer, doubled edges where "
-        "far depth shows through. Depth in the left imager's frame is unchanged."
+        "In the colour image: holes left of near objects if its camera stands to the left. "
+        "Gaps where it is finer, doubled edges where far depth shows through. Depth in the "
+        "left frame is unchanged."
     ),
     confused_with=("decimation",),
     source="librealsense align block; depth to colour offsets: realsense-ros _d4xx.urdf.xacro",

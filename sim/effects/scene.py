@@ -43,15 +43,12 @@ AMBIENT = Effect(
             high=25.0,
         ),
     ),
-    imitates=(
-        "Daylight and lamps: light in the imager's band that does not come from the projector."
-    ),
-    law="L = rho / pi E (1 + 2/3 g n . up); dots keep their amplitude before noise and exposure.",
+    imitates="Daylight and lamps: light in the imager's band that is not the projector's.",
+    law="L = rho / pi E (1 + 2/3 g n . up); the dots' amplitude stays.",
     shows=(
-        "Infrared: the level between dots rises with the albedo; auto exposure shortens and the "
-        "dots' contrast falls with it. Disparity: noise 0.30 px at 1 W m^-2, 0.65 at 5, 1.2 at 20. "
-        "Holes: fill 98 %, 79 %, 42 %, plain walls first; objects with edges stay at 95 %. Time: "
-        "steady but for more shot noise. An exposure held at 8.5 ms is full at 25 W m^-2."
+        "The level between dots rises with the albedo. Auto exposure shortens, and the dots' "
+        "contrast falls. Noise 0.30 px at 1 W m^-2, 0.65 at 5, 1.2 at 20. Fill 98 %, 79 %, 42 "
+        "%: plain walls go first."
     ),
     confused_with=(
         "ambient_gradient",
@@ -79,16 +76,15 @@ AMBIENT_GRADIENT = Effect(
             high=1.0,
         ),
     ),
-    imitates="Light that comes from above more than from below.",
-    law="Sky of radiance L0 (1 + g w . up): a surface of normal n receives (1 + 2/3 g n . up).",
+    imitates="Light from above that is stronger than light from below.",
+    law=("Sky of radiance L0 (1 + g w . up); a surface of normal n receives (1 + 2/3 g n . up)."),
     shows=(
-        "Infrared: tops brighter than undersides by (1 + 2g/3) / (1 - 2g/3), depending on the "
-        "normal and not on the position. Disparity, holes: at 1 W m^-2 noise 0.28 px without, 0.32 "
-        "px with g = 1."
+        "Tops are brighter than undersides by (1 + 2g/3) / (1 - 2g/3). At 1 W m^-2 noise 0.28 "
+        "px without, 0.32 px with g = 1."
     ),
     confused_with=("ambient", "nir_reflectance"),
-    source="Integral of the cosine over the hemisphere; closed form",
-    rerender="the tilt of the sky is within the ambient layer",
+    source="Integral of the cosine over the hemisphere",
+    rerender="the gradient is within the ambient layer",
 )
 
 INTERREFLECTION = Effect(
@@ -106,14 +102,15 @@ INTERREFLECTION = Effect(
         ),
     ),
     imitates="Laser light that reaches a surface via other surfaces: bright corners.",
-    law="E = E_direct + F rho E, the radiosity equation; all bounces, for matt surfaces.",
+    law="E = E_direct + F rho E (radiosity): all bounces, matt surfaces.",
     shows=(
-        "Infrared: a smooth pedestal next to bright objects, gone a hand's breadth away; dots' "
-        "contrast 0.5 % less over the image. Disparity, holes: no change above 0.01 px or 0.1 %. "
-        "Unlike ambient light it goes out with the projector."
+        "A smooth pedestal near bright objects, which goes out with the projector. Depth "
+        "changes by less than 0.01 px and 0.1 % holes."
     ),
     confused_with=("veil", "ambient", "subsurface"),
-    source="Goral et al., Modeling the interaction of light between diffuse surfaces, 1984, eq. 1",
+    source=(
+        "Goral et al., Modeling the interaction of light between diffuse surfaces, 1984, eq. 1"
+    ),
     rerender="the indirect layer is rendered once; its strength then moves freely",
 )
 
@@ -122,16 +119,15 @@ MOTION = Effect(
     family="motion",
     stage=Stage.SCENE,
     parameters=_components("scene.motion.velocity_m_s", "m/s", 3.0),
-    imitates="A sensor on a hand, a robot, a vehicle.",
+    imitates="A sensor that translates: on a hand, a robot, a vehicle.",
     law="A point at z smears by f v t / z; motion along the axis smears along the radius.",
     shows=(
-        "Infrared: edges and albedo texture smear by direction and nearness; dots on surfaces that "
-        "face the sensor stay sharp, as they travel with it. Disparity: at 3 m/s sideways objects "
-        "0.23 px of noise and 7.8 % over 1 px, walls as before; at 3 m/s forwards nothing. Holes: "
-        "at edges of depth, 1.3 % more of the objects. Time: more in long exposures."
+        "Edges and albedo texture smear, near ones more; dots on facing surfaces stay sharp. "
+        "At 3 m/s sideways: objects 0.23 px of noise, 7.8 % over 1 px, 1.3 % more holes at "
+        "edges. Walls are unchanged."
     ),
     confused_with=("turning", "lens_blur"),
-    source="Pinhole geometry; closed form",
+    source="Pinhole geometry",
     rerender="an exposure is the average of many views",
 )
 
@@ -140,14 +136,14 @@ TURNING = Effect(
     family="motion",
     stage=Stage.SCENE,
     parameters=_components("scene.motion.turn_deg_s", "deg/s", 180.0),
-    imitates="A sensor that is panned, tilted or rolled during the exposure.",
+    imitates="A sensor that is panned, tilted or rolled.",
     law="About x or y the image smears by f w t, equally at all depths; about z by r w t.",
     shows=(
-        "Infrared: albedo texture smears equally near and far; dots stay sharp. Disparity: at 90 "
-        "deg/s about y no change above 0.01 px, 0.1 % more over 1 px. Holes: 0.2 % more."
+        "Albedo texture smears equally near and far; dots stay sharp. At 90 deg/s about y: "
+        "disparity within 0.01 px, 0.2 % more holes."
     ),
     confused_with=("motion", "lens_blur"),
-    source="Pinhole geometry; closed form",
+    source="Pinhole geometry",
     rerender="an exposure is the average of many views",
 )
 
@@ -165,12 +161,11 @@ ROLLING_SHUTTER = Effect(
             high=33e-3,
         ),
     ),
-    imitates="Imagers that expose their rows one after another (D415), in motion.",
-    law="Edges lean by f v t / z over the image's height; nothing where nothing moves.",
+    imitates="Imagers that expose their rows in sequence (D415), in motion.",
+    law="Edges lean by f v t / z over the image's height; no effect at rest.",
     shows=(
-        "Infrared: upright edges lean, near ones more. Disparity: none in sideways motion, as both "
-        "images lean equally; at 1 m/s forwards and 16 ms an error from top to bottom, 0.18 px of "
-        "spread. Holes: as before. Gone when the sensor rests."
+        "Upright edges lean, near ones more. Sideways motion leaves disparity unchanged. At 1 "
+        "m/s forwards and 16 ms the error changes from top to bottom by 0.18 px of spread."
     ),
     confused_with=("roll", "model_turn"),
     source="RealSense D400 series comparison: D415 rolling, D435 and D455 global shutter",
@@ -183,14 +178,14 @@ MODEL_SHIFT = Effect(
     stage=Stage.SCENE,
     parameters=_components("scene.model_error.shift_m", "m", 0.01),
     imitates="A scene that is shifted relative to its model.",
-    law="Points are at p + t: d = f b / (z + t_z), and the image moves by f t_x / z.",
+    law="Points are at p + t: d = f b / (z + t_z); the image moves by f t_x / z.",
     shows=(
-        "Infrared: edges of albedo displaced, near ones more. Disparity: 5 mm in depth -0.10 px on "
-        "the wall, -0.25 px on objects, depth error even in metres; 5 mm sideways dipoles at edges "
-        "of depth, 5.1 % of the objects over 1 px. Holes: move with the edges."
+        "Albedo edges are displaced, near ones more. At 5 mm in depth: -0.10 px on the wall, "
+        "-0.25 px on objects. At 5 mm sideways: dipoles at depth edges, 5.1 % of objects over "
+        "1 px."
     ),
     confused_with=("model_turn", "model_scale", "disparity_offset", "transparency"),
-    source="Rigid motion; closed form",
+    source="Rigid motion",
     rerender="the sensor has another pose in the model",
 )
 
@@ -202,12 +197,12 @@ MODEL_TURN = Effect(
     imitates="A scene that is rotated relative to its model.",
     law="Points are at R p, R about the left imager.",
     shows=(
-        "Disparity: about x an error that runs from top to bottom (0.3 deg: +0.09 px, spread "
-        "0.19 px), about y and z mostly dipoles at edges, spread 0.15 and 0.17 px. Infrared: the "
-        "picture moves as a whole, dots do not."
+        "At 0.3 deg about x: an error that changes from top to bottom, +0.09 px, spread 0.19 "
+        "px. About y and z: dipoles at edges, spread 0.15 and 0.17 px. The picture moves, the "
+        "dots do not."
     ),
     confused_with=("model_shift", "roll", "rolling_shutter"),
-    source="Rigid motion; closed form",
+    source="Rigid motion",
     rerender="the sensor has another pose in the model",
 )
 
@@ -228,11 +223,11 @@ MODEL_SCALE = Effect(
     imitates="A model scanned or modelled too small or too large.",
     law="Points are at s p from the left imager: d = f b / (s z), projected light over s^2.",
     shows=(
-        "Disparity: off by -1 % of itself at 1.01 (-0.23 px on the wall, -0.35 px on objects): "
-        "depth error grows with z. Infrared: edges stay in the left image; light 2 % less."
+        "1.01 changes disparity by -1 %: -0.23 px on the wall, -0.35 px on objects. Edges "
+        "stay in the left image; light falls by 2 %."
     ),
     confused_with=("baseline_error", "focal_scale", "disparity_offset", "model_shift"),
-    source="Similarity about the left imager; closed form",
+    source="Similarity about the left imager",
     rerender="the rig changes in proportion to the model",
 )
 
@@ -245,12 +240,11 @@ BASELINE_ERROR = Effect(
             name="share", paths=("baseline_error",), unit="1", neutral=0.0, low=-0.02, high=0.02
         ),
     ),
-    imitates="A baseline that heat or a knock made longer than the device believes.",
-    law="d = f b (1 + e) / z, so z' = z / (1 + e): depth error grows with z.",
+    imitates="A baseline that heat or a shock made longer than stored.",
+    law="d = f b (1 + e) / z, so z' = z / (1 + e).",
     shows=(
-        "Disparity: off by 1 % of itself at 0.01 (+0.20 px), the same near and far in share. "
-        "Infrared: the left image as before, in structured light dots displaced. Holes: as before. "
-        "Time: drifts as the device warms up."
+        "0.01 changes disparity by 1 % (+0.20 px) at all distances. The left image and holes "
+        "are unchanged. It drifts as the device warms up."
     ),
     confused_with=("focal_scale", "model_scale", "disparity_offset"),
     source="Szeliski, Computer Vision, 2nd ed., sec. 12.1",

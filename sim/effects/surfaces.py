@@ -33,9 +33,8 @@ NIR_REFLECTANCE = Effect(
     imitates="A reflectance taken from visible colours: black dye is bright in the near infrared.",
     law="Diffuse reflectance is the material's times scale, at most 1, under every light.",
     shows=(
-        "Infrared: a material's level differs from its model, by the same factor in dots and "
-        "ambient texture; it depends on the body, not on the position. At 0.2: noise 0.14 px on "
-        "objects, fill as before; auto exposure hides a change that all bodies share."
+        "A body's level differs from its model by one factor, in dots and ambient texture. At "
+        "0.2: noise 0.14 px on objects, fill unchanged. Auto exposure hides a common factor."
     ),
     confused_with=("projector_power", "ambient_gradient", "transparency"),
     source="docs/materials.md: black nylon returns 0.35 at 850 nm, carbon black 0.03",
@@ -57,12 +56,12 @@ SPECULAR = Effect(
         ),
         _ROUGHNESS,
     ),
-    imitates="Varnish, glaze, a tiled or polished floor: a clear coat over a matt base.",
-    law="f = (1 - share) f_material + share f_coat; the coat has a GGX lobe of slope roughness.",
+    imitates="Varnish, glaze, polished floor: a clear coat over a matt base.",
+    law=("f = (1 - share) f_material + share f_coat; the coat has a GGX lobe of slope roughness."),
     shows=(
-        "Infrared: highlights where the projector's light mirrors towards an imager, at other "
-        "places in left and right; dots elsewhere dimmer (high-passed deviation 10.8 to 8.0 DN at "
-        "share 1). Holes hardly move; wrong by more than 1 px: 3.0 to 3.2 % on objects."
+        "Highlights mirror the projector, at other places in left and right; other dots are "
+        "dimmer (10.8 to 8.0 DN at share 1). Over 1 px: 3.0 to 3.2 % of objects. Holes hardly "
+        "change."
     ),
     confused_with=("metal",),
     source=f"{_WALTER}, eq. 20 and 33; librealsense issue 10229 (epoxy floors)",
@@ -84,12 +83,12 @@ METAL = Effect(
         ),
         _ROUGHNESS,
     ),
-    imitates="Bare metal: it reflects light close to the mirror direction.",
+    imitates="Bare metal: it reflects close to the mirror direction.",
     law="f = (1 - share) f_material + share f_metal, a GGX lobe of slope roughness.",
     shows=(
-        "Infrared: a few glaring dots, the rest dark; it differs between left and right. At share "
-        "1 no depth in 24 % of the image (without 4 %), noise 0.13 px; at share 0.5 only dimmer "
-        "dots (7.7 DN). Holes on the bodies' flanks."
+        "A few glaring dots, the rest dark, different in left and right. At share 1: no depth "
+        "in 24 % of the image (without 4 %), noise 0.13 px. At 0.5 dots are only dimmer (7.7 "
+        "DN)."
     ),
     confused_with=("specular",),
     source=f"{_WALTER}, eq. 20 and 33; the base colour is the material's reflectance",
@@ -110,17 +109,18 @@ TRANSPARENCY = Effect(
             high=0.95,
         ),
     ),
-    imitates="Film, gauze, thin plastic: part of the light goes straight through.",
+    imitates=(
+        "Film, gauze, thin plastic: part of the light passes straight through, without refraction."
+    ),
     law="L = (1 - t) L_front + t L_behind; the projector's light passes twice: t^2.",
     shows=(
-        "Disparity: what lies behind, or between, at the body's pixels: bimodal, bias towards the "
-        "background. Share 0.5: 67 % of the objects' pixels off by more than 1 px, filled to 92 %; "
-        "0.9: 96 % off, filled to 98 %. Depth that is wrong, not missing, and the body's own dots "
-        "dim. Nothing is refracted: for that there are bodies of glass."
+        "Depth of the background, or between, at the body's pixels: wrong, not missing. Share "
+        "0.5: 67 % of the objects' pixels over 1 px, 92 % filled. At 0.9: 96 % over, 98 % "
+        "filled. The body's dots are dim."
     ),
     confused_with=("nir_reflectance", "model_shift"),
     source="geometry; librealsense issues 2550 and 7570 (glass and clear plastic)",
-    rerender="what lies behind has to be seen",
+    rerender="what lies behind must be rendered",
 )
 
 SUBSURFACE = Effect(
@@ -140,12 +140,14 @@ SUBSURFACE = Effect(
     imitates="Wax, skin, marble, milky plastic: light spreads inside before it returns.",
     law="The projector's light on a body is blurred by sigma = fx sigma_m / z pixels.",
     shows=(
-        "Infrared: dots wide and dim on the body alone, wider in pixels the nearer it is; ambient "
-        "texture stays. 1 mm: dots 8.0 of 10.8 DN, noise as before; 3 mm: 2.5 DN, 0.23 px on "
-        "objects, filled to 90 %; 10 mm: filled to 67 %."
+        "Dots are wide and dim on the body alone, wider when near; ambient texture stays. At "
+        "1 mm: 8.0 of 10.8 DN. At 3 mm: 2.5 DN, 0.23 px on objects, 90 % filled. At 10 mm: 67 "
+        "% filled."
     ),
     confused_with=("dot_blur", "dot_defocus", "lens_blur", "interreflection"),
-    source="Jensen et al., A practical model for subsurface light transport, 2001, eq. 4 and table",
+    source=(
+        "Jensen et al., A practical model for subsurface light transport, 2001, eq. 4 and table"
+    ),
 )
 
 SUNLIGHT = Effect(
@@ -162,19 +164,18 @@ SUNLIGHT = Effect(
             high=50.0,
         ),
     ),
-    imitates="Sun through a window or out of doors: one direction, sharp shadows.",
-    law="L = f E cos(theta) where the sun is not occluded; dots keep their amplitude before noise.",
+    imitates="Sun: light from one direction, with sharp shadows.",
+    law="L = f E cos(theta) where the sun is not occluded; the dots' amplitude stays.",
     shows=(
-        "Infrared: shading and shadows with sharp borders that stay where they are with the "
-        "projector off; exposure goes down and takes the dots along. 3 W m^-2 (28 times the "
-        "projector's mean at 1 m): noise 0.23 px, objects filled to 87 %; 30: all filled to 50 %. "
-        "An exposure held at 8.5 ms is full at 50: depth stays in shadows."
+        "Shading and sharp shadows that remain with the projector off; auto exposure dims the "
+        "dots. At 3 W m^-2 (28 times the projector's mean at 1 m): noise 0.23 px, objects 87 "
+        "% filled. At 30 W m^-2: all 50 % filled."
     ),
     confused_with=("ambient", "projector_power"),
     source=(
         "ASTM G173 in the band of the imager (starling.sim.scene.spectra); librealsense issue 10022"
     ),
-    rerender="shadows depend on the sun's direction; its strength alone does not",
+    rerender="shadows depend on the sun's direction; its strength moves freely",
 )
 
 SECOND_PROJECTOR = Effect(
@@ -202,13 +203,12 @@ SECOND_PROJECTOR = Effect(
     imitates="Another depth camera that looks at the same scene.",
     law="Its light on a surface point is the same for both imagers and adds to the rest.",
     shows=(
-        "Infrared: more dots, on the same surface points in left and right, where the camera's own "
-        "pattern has none. Same power: noise 0.083 px, was 0.088; no depth 3.7 %, was 3.6. Ten "
-        "times: 0.083 px, 3.8 %."
+        "More dots, on the same surface points in left and right. Same power: noise 0.083 px "
+        "(was 0.088), no depth 3.7 % (was 3.6). Ten times: 0.083 px, 3.8 %."
     ),
     confused_with=("projector_power", "ambient"),
     source="librealsense issues 6607 (no harm by design) and 8592 (beats between exposures)",
-    rerender="its dots are rendered; its power alone would not need it",
+    rerender="its dots are rendered; its power moves freely",
 )
 
 ROWS: tuple[Effect, ...] = (

@@ -57,7 +57,8 @@ def test_text_contains_all_entries_of_the_row() -> None:
     assert "(soft_focus.jpg)" in text
     assert "[lens blur](lens_blur.md), [gamma](gamma.md)." in text
     assert "**Law.** s = 2" in text and "**Source.** Hecht" in text
-    assert "**Needs a new render:** no; the layers stay." in text
+    assert "New render" not in text
+    assert "**New render.** a.\n" in atlas_page.text(dataclasses.replace(ROW, rerender="a"))
     assert "| sigma | `left.a`, `b` | 0 | 0.5 to 2 | px |" in text
     assert "| mode | `c` | as the sensor | in, out | 1 |" in text
 
