@@ -15,6 +15,14 @@ _STAGES = {
     Stage.POST: "Post-processing",
 }
 
+# Short names of figures; the index defines them.
+_LABELS = {
+    "mean level [share of full scale]": "mean level",
+    "disparity bias [px]": "bias [px]",
+    "disparity NMAD [px]": "NMAD [px]",
+    "off by more than 1 px [%]": "over 1 px [%]",
+}
+
 
 def index(rows: Sequence[Effect]) -> str:
     """Write the index page, which lists all effects by stage."""
@@ -25,6 +33,9 @@ def index(rows: Sequence[Effect]) -> str:
         "`starling atlas`. A picture shows infrared, disparity error and holes: without the effect",
         "on the left, with it on the right. Effects of one family share a physical cause; no entry",
         "means the effect's own name. A page states where a new value needs a new render.",
+        "",
+        "Figures: mean level as a share of full scale, dot contrast, median error and NMAD of",
+        "disparity, pixels with an error over 1 px, and pixels without depth.",
     ]
     for stage, title in _STAGES.items():
         listed = [row for row in rows if row.stage is stage]
@@ -48,7 +59,7 @@ def text(row: Effect) -> str:
             "",
             f"{row.imitates}",
             "",
-            f"![without and with {row.name}]({row.name}.jpg)",
+            f"![without, with]({row.name}.jpg)",
             "",
             f"**Image.** {row.shows}",
             "",
@@ -81,7 +92,7 @@ def page(row: Effect, value: Value, figures: Mapping[str, Mapping[str, float]]) 
         "| figure | without | with |",
         "| --- | --- | --- |",
         *(
-            f"| {name} | {without:.3g} | {figures['with'][name]:.3g} |"
+            f"| {_LABELS.get(name, name)} | {without:.3g} | {figures['with'][name]:.3g} |"
             for name, without in figures["without"].items()
         ),
     ]
