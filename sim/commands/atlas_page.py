@@ -31,22 +31,15 @@ def index(rows: Sequence[Effect]) -> str:
         "",
         "Every effect of the table (`starling effects`), drawn on the `tabletop` scene by",
         "`starling atlas`. A picture shows infrared, disparity error and holes: without the effect",
-        "on the left, with it on the right. Effects of one family share a physical cause; no entry",
-        "means the effect's own name. A page states where a new value needs a new render.",
-        "",
-        "Figures: mean level as a share of full scale, dot contrast, median error and NMAD of",
-        "disparity, pixels with an error over 1 px, and pixels without depth.",
+        "on the left, with it on the right. The mean level is a share of full scale. Bias, NMAD",
+        "and pixels over 1 px are of the disparity error. A page states where a new value needs a",
+        "new render. In brackets: the family, where its name differs. Effects of one family share",
+        "a physical cause.",
     ]
     for stage, title in _STAGES.items():
         listed = [row for row in rows if row.stage is stage]
         if listed:
-            lines += ["", f"## {title}", ""]
-            lines += ["| effect | family | imitates |", "| --- | --- | --- |"]
-            lines += [
-                f"| [{_words(row.name)}]({row.name}.md) "
-                f"| {'' if row.family == row.name else _words(row.family)} | {row.imitates} |"
-                for row in listed
-            ]
+            lines += ["", f"## {title}", "", *map(_entry, listed)]
     return "\n".join(lines) + "\n"
 
 
@@ -97,6 +90,11 @@ def page(row: Effect, value: Value, figures: Mapping[str, Mapping[str, float]]) 
         ),
     ]
     return text(row) + "\n" + "\n".join(lines) + "\n"
+
+
+def _entry(row: Effect) -> str:
+    family = "" if row.family == row.name else f" ({_words(row.family)})"
+    return f"- [{_words(row.name)}]({row.name}.md){family}"
 
 
 def _parameter(parameter: Parameter) -> str:

@@ -12,9 +12,7 @@ from starling.sim.effects.effect import Effect, Parameter, Stage
 
 _HORN = "Horn, Robot Vision, sec. 10.3 (cos^4)"
 _HOMOGRAPHY = "Hartley and Zisserman, Multiple View Geometry, 2nd ed., sec. 8.4.2"
-_SELF_CALIBRATION = (
-    "Intel, Self-calibration for depth cameras: heat and shock leave imagers off; " + _HOMOGRAPHY
-)
+_SELF_CALIBRATION = "Intel, Self-calibration for depth cameras; " + _HOMOGRAPHY
 
 
 def _parameter(

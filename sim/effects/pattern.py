@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from starling.sim.effects.effect import Effect, Parameter, Stage
 
-RERENDER = "the pattern is rendered into the layers"
+RERENDER = "the pattern is in the layers"
 
 SCALE = Effect(
     name="pattern_scale",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from starling.sim.effects.effect import Effect, Parameter, Stage
 
-_DELTA = "librealsense counts it in 1/32 px (disparity transform, five fractional bits)"
+_DELTA = "delta in 1/32 px (disparity transform)"
 _PAGE = "librealsense doc/post-processing-filters.md"
 
 _RANGE = Effect(

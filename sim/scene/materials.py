@@ -37,7 +37,7 @@ def normal_reflectance(n: float, k: float) -> float:
     return ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
 
 
-_SPLIB = "USGS splib07a (Kokaly et al. 2017), sample"
+_SPLIB = "USGS splib07a"  # Kokaly et al. 2017.
 _ECOSTRESS = "ECOSTRESS library 1.0 (Meerdink et al. 2019), sample"
 _BLACK = "assumed: carbon black absorbs a few per cent short of all, visible or not"
 

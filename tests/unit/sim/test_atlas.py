@@ -74,7 +74,7 @@ def test_page_is_the_text_and_the_figures() -> None:
 def test_index_is_sorted_by_stage_without_empty_stages() -> None:
     index = atlas_page.index([ROW])
     assert "## Optics" in index and "## Imager" not in index
-    assert "| [soft focus](soft_focus.md) | focus | A lens. |" in index
+    assert "- [soft focus](soft_focus.md) (focus)\n" in index
 
 
 def test_every_row_is_drawn_with_another_value() -> None:
