@@ -82,7 +82,7 @@ def page(row: Effect, value: Value, figures: Mapping[str, Mapping[str, float]]) 
     lines = [
         f"Measured on the picture, {row.parameters[0].name} = {written(value)}:",
         "",
-        "| figure | without | with |",
+        "| | without | with |",
         "| --- | --- | --- |",
         *(
             f"| {_LABELS.get(name, name)} | {without:.3g} | {figures['with'][name]:.3g} |"

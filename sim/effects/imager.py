@@ -377,8 +377,7 @@ _DROPPED_BITS = Effect(
     confused_with=("quantisation", "texture_threshold"),
     source=(
         "Imagers of the D4xx give 10-bit raw (data sheet 337029, imager tables); the infrared "
-        "stream has 8, a packed 10-bit one is 'the native sensitivity' (librealsense issue "
-        "5062)"
+        "stream has 8 (librealsense issue 5062)"
     ),
 )
 

@@ -66,8 +66,7 @@ DOT_BLUR = Effect(
     law="A spot's variance in cosines is its own plus sigma_mrad^2, at all depths.",
     shows=(
         "Dots are wide and dim; edges and ambient texture stay sharp. At 3 mrad: no bias, "
-        "holes unchanged, noise 0.14 px. A wide spot is easier to locate while light is "
-        "plentiful."
+        "holes unchanged, noise 0.14 px while light is plentiful."
     ),
     confused_with=("lens_blur", "dot_defocus", "subsurface", "crosstalk"),
     source="variances add under convolution; spot widths in docs/decisions/0004-patterns.md",

@@ -336,7 +336,7 @@ _REFINEMENT = (
         confused_with=("subpixel_steps", "support_window"),
         source=(
             "Shimizu and Okutomi 2005, IJCV 63(3); Haller et al. 2010, ITSC; Grunnet-Jepsen et "
-            "al., Subpixel linearity improvement (3 to 5 times better by its correction)"
+            "al., Subpixel linearity improvement"
         ),
     ),
 )

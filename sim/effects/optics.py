@@ -291,7 +291,7 @@ FOCAL_SCALE = Effect(
     confused_with=("baseline_error", "disparity_offset", "model_scale", "yaw", "pattern_scale"),
     source=(
         "Calvert 2018, Improving the depth map accuracy of RealSense cameras: one D435 read "
-        "980.7 mm at 1000 mm, a million readings averaged"
+        "980.7 mm at 1000 mm"
     ),
 )
 

@@ -29,10 +29,7 @@ SCALE = Effect(
         "%."
     ),
     confused_with=("projector_field", "projector_position", "projector_rotation", "wrong_pattern"),
-    source=(
-        "grating equation; 0.07 nm/K of a VCSEL, 0.3 of an edge emitter (usual figures). A "
-        "Kinect holds its laser's temperature (openkinect.org, Hardware info)"
-    ),
+    source="grating equation; 0.07 nm/K of a VCSEL, 0.3 of an edge emitter (usual figures)",
     rerender=RERENDER,
 )
 

@@ -111,7 +111,7 @@ INTERREFLECTION = Effect(
     source=(
         "Goral et al., Modeling the interaction of light between diffuse surfaces, 1984, eq. 1"
     ),
-    rerender="the indirect layer is rendered once; its strength then moves freely",
+    rerender="the indirect layer is rendered once; its strength moves freely",
 )
 
 MOTION = Effect(

@@ -91,7 +91,7 @@ METAL = Effect(
         "DN)."
     ),
     confused_with=("specular",),
-    source=f"{_WALTER}, eq. 20 and 33; the base colour is the material's reflectance",
+    source=f"{_WALTER}, eq. 20 and 33",
     rerender="highlights depend on where imager and projector stand",
 )
 
@@ -168,8 +168,8 @@ SUNLIGHT = Effect(
     law="L = f E cos(theta) where the sun is not occluded; the dots' amplitude stays.",
     shows=(
         "Shading and sharp shadows that remain with the projector off; auto exposure dims the "
-        "dots. At 3 W m^-2 (28 times the projector's mean at 1 m): noise 0.23 px, objects 87 "
-        "% filled. At 30 W m^-2: all 50 % filled."
+        "dots. At 3 W m^-2 (28 times the projector at 1 m): noise 0.23 px, objects 87 % "
+        "filled. At 30 W m^-2: all 50 % filled."
     ),
     confused_with=("ambient", "projector_power"),
     source=(

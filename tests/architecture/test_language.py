@@ -35,11 +35,9 @@ def test_code_is_plain(folder: str) -> None:
 
 
 def test_documents_are_plain() -> None:
-    """The pages of the effect atlas are notes of measurements; their sentences may be longer."""
-    pages = language.files("documents")
-    assert language.rates(pages).banned_per_1000 <= 0.5
-    prose = [page for page in pages if page.parent.name != "effects"]
-    assert language.rates(prose).long_sentences == 0
+    rates = language.rates(language.files("documents"))
+    assert rates.banned_per_1000 <= 0.5
+    assert rates.long_sentences == 0
 
 
 def test_readme_is_short() -> None:
