@@ -12,10 +12,10 @@ demo: setup-run  ## Simulate the demo scene with a D435; leaves out/demo and out
 	$(bin)/starling simulate clutter --sensor d435 --out out/demo --force
 	$(bin)/starling show out/demo --out out/demo.png --force
 
-pictures: demo  ## Make the pictures of the documentation anew.
-	cp out/demo.png docs/pictures/demo.png
+pictures: demo  ## Draw pictures of the documentation: the demo and the sweep.
+	$(bin)/python tools/shrink_picture.py out/demo.png docs/pictures/demo.png
 	$(bin)/starling sweep --sensor d435 --out out/sweep --force
-	cp out/sweep/sweep.png docs/pictures/sweep.png
+	$(bin)/python tools/shrink_picture.py out/sweep/sweep.png docs/pictures/sweep.png
 
 test: setup-test  ## Run every test but the long ones; set up with torch.
 	$(pytest) -n 2 --dist worksteal
