@@ -44,14 +44,6 @@ def grain_px(*, wavelength_nm: float, f_number: float, pixel_pitch_m: float) -> 
     return wavelength_nm * 1e-9 * f_number / pixel_pitch_m
 
 
-def looks_in_pixel(grain_px: float) -> float:
-    """Return the number of independent looks that a pixel's area averages, Goodman's M.
-
-    Source: Goodman 2007, sec. 4.6, for a square pixel and a Gaussian correlation.
-    """
-    return 1 / float(_pixel_covariance(np.zeros(1), grain_px)[0]) ** 2
-
-
 def field(
     shape: tuple[int, int], *, contrast: float, grain_px: float, rng: np.random.Generator
 ) -> Image:

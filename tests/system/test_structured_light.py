@@ -17,6 +17,7 @@ from starling.sim.scene.scene import Scene
 from starling.sim.sensor import presets
 from starling.sim.sensor.matcher import CensusSemiGlobal, named
 from starling.sim.stereo import structured_light
+from tests.oracles import speckle
 
 EIGHTHS = 8
 
@@ -142,7 +143,7 @@ def test_speckle_follows_the_aperture(name):
         f_number=sensor.left.lens.f_number,
         pixel_pitch_m=sensor.left.pixel_pitch_m,
     )
-    looks = 2 * speckle_field.looks_in_pixel(grain_px)
+    looks = 2 * speckle.looks_in_pixel(grain_px)
     assert sensor.projector.speckle_contrast == pytest.approx(looks**-0.5, rel=0.01)
 
 

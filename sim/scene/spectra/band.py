@@ -113,36 +113,3 @@ def ambient_w_m2(light: str, *, illuminance_lx: float, band: Band) -> float:
         23
     """
     return in_band_irradiance(illuminants.irradiance(light, illuminance_lx), band)
-
-
-def wall_electrons(
-    imager: Imager,
-    irradiance_w_m2: float,
-    *,
-    reflectance: float,
-    wavelength_nm: float,
-    exposure_s: float | None = None,
-) -> float:
-    """Mean electrons of a pixel in the image centre that sees a diffuse wall.
-
-    Args:
-        imager: Lens and electronics.
-        irradiance_w_m2: Irradiance of the wall, equivalent at the laser's line [W m^-2].
-        reflectance: Reflectance of the wall at the laser's line.
-        wavelength_nm: Laser's line [nm].
-        exposure_s: Integration time [s]; None: the imager's.
-
-    Returns:
-        Mean electrons; radiance is reflectance times irradiance over pi (Lambert).
-
-    Raises:
-        InputError: if the irradiance, the reflectance or the wavelength is out of range.
-    """
-    from starling.sim.imaging.imager import electrons_per_radiance
-
-    errors.in_interval("irradiance_w_m2", irradiance_w_m2, 0.0, 1e6, "Give W m^-2.")
-    errors.in_interval("reflectance", reflectance, 0.0, 1.0, "Give a share, not percent.")
-    wavelength.in_silicon("laser wavelength", wavelength_nm)
-    time_s = imager.exposure_s if exposure_s is None else exposure_s
-    radiance = reflectance * irradiance_w_m2 / np.pi
-    return float(radiance * electrons_per_radiance(imager, wavelength_nm, time_s))

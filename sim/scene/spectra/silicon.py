@@ -7,10 +7,9 @@ import numpy as np
 from starling.patterns import errors
 from starling.sim.scene.spectra.wavelength import Spectrum
 
-# Depths of the collecting layer [um], assumed because makers do not publish them. They collect 0.23
-# and 0.47 of the photons at 850 nm, about as ordinary and near-infrared versions of a chip.
+# Depth of the collecting layer [um], assumed because makers do not publish it. It collects 0.23 of
+# the photons at 850 nm, about as the ordinary version of a chip.
 PLAIN_UM = 5.0
-ENHANCED_UM = 12.0
 
 # Share of photons that enter and can be collected (reflection, fill factor), the highest possible
 # quantum efficiency. Assumed, and equal at all wavelengths.
@@ -45,11 +44,6 @@ def absorbed(wavelength_nm: Spectrum, epitaxy_um: float) -> Spectrum:
         epitaxy_um: Depth [um], above 0; infinite gives an ideal detector.
     """
     return -np.expm1(-absorption_per_um(wavelength_nm) * epitaxy_um)
-
-
-def quantum_efficiency(wavelength_nm: Spectrum, epitaxy_um: float) -> Spectrum:
-    """Electrons per photon of a pixel with a collecting layer of depth `epitaxy_um`."""
-    return COLLECTED * absorbed(wavelength_nm, epitaxy_um)
 
 
 def depth_um(efficiency: float, wavelength_nm: float) -> float:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from starling.patterns import InputError
 from starling.sim.imaging import speckle_field
 from starling.sim.randomness import generator
+from tests.oracles import speckle
 
 SHAPE = (720, 1280)
 
@@ -86,7 +87,7 @@ def test_grain_and_contrast_follow_from_a_circular_pupil(f_number):
         wavelength_nm=1e3 * wavelength_um, f_number=f_number, pixel_pitch_m=1e-6 * pitch_um
     )
     assert intensity.std() / intensity.mean() == pytest.approx(1, rel=0.03)
-    looks = speckle_field.looks_in_pixel(grain)
+    looks = speckle.looks_in_pixel(grain)
     assert pixels.std() / pixels.mean() == pytest.approx(looks**-0.5, rel=0.03)
     expected = speckle_field._pixel_covariance(np.array([0.0, 1.0]), grain)
     assert correlation(pixels, 1) == pytest.approx(expected[1] / expected[0], abs=0.03)
