@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from starling.sim import simulate
 from starling.sim.captures.exchange.stream import Moment, Stream
-from starling.sim.captures.fusion import reference, trajectory
-from starling.sim.captures.fusion.fused import Fusion, fuse_frames
+from starling.sim.captures.fusion import pairs, trajectory
+from starling.sim.captures.fusion.volume import Fusion, fuse_frames
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -111,7 +111,9 @@ def row(
     )
     stream = Stream(camera=camera, moments=moments)
     mesh = fuse_frames(trajectory.posed_frames(stream), camera, fusion)
-    references = list(reference.depths(mesh, camera, [view.world_from_camera for view in views]))
+    references = list(
+        pairs.reference_depths(mesh, camera, [view.world_from_camera for view in views])
+    )
     taken_s = time.perf_counter() - start
     true = [near(view, fusion.far_m) for view in views]
     missed, false = [], []

@@ -15,8 +15,7 @@ import numpy as np
 
 from starling.sim import effects, simulate
 from starling.sim.console import progress
-from starling.sim.effects import Value
-from starling.sim.effects import setting as setting
+from starling.sim.effects import Value, setting
 from starling.sim.geometry import frames
 from starling.sim.render import backend, direct, emission, plugin_scene
 from starling.sim.render.layers import Layers

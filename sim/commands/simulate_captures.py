@@ -20,8 +20,7 @@ from starling.patterns import errors
 from starling.sim.captures import capture, writer
 from starling.sim.console import progress
 from starling.sim.console.output import OutputFolder, refuse_own_input
-from starling.sim.effects import Value
-from starling.sim.effects import setting as setting
+from starling.sim.effects import Value, setting
 from starling.sim.render import backend
 from starling.sim.sensor.sensor import Sensor
 

@@ -16,9 +16,9 @@ from starling.patterns import errors
 from starling.sim.arrays import Image
 from starling.sim.differentiable.light import PARAMETERS, Linearised, TracedView
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.imaging.imager import smoothing
+from starling.sim.imaging.imager import converter
 from starling.sim.imaging.optics import alignment, shading, spot
-from starling.sim.sensor.lens import Alignment
+from starling.sim.sensor.imager import Alignment
 
 # Steps of the alignment for central differences; they move the image by some 1e-3 px.
 _STEPS = {
@@ -113,7 +113,7 @@ def _apply_alignment(
     if imager.lens.vignetting > 0:
         dimmed = shading.vignetting(imager.lens.vignetting, pinhole)
         parts = tuple(part * dimmed for part in parts)
-    return tuple(smoothing.smooth(part, imager.smoothing_px) for part in parts)
+    return tuple(converter.smooth(part, imager.smoothing_px) for part in parts)
 
 
 def _slope(traced: TracedView, blurred: Image, field: str) -> Image:

@@ -50,12 +50,10 @@ def layers(
     """
     scene, (mi_scene, sensor) = mi_scene.scene, placement.rig_in_model(mi_scene, sensor)
     if not backend.is_jit():
-        from starling.sim.render import scalar as render_scalar
+        from starling.sim.render import scalar
 
         motion.refuse_without_compiler(scene.motion)
-        return placement.scale_layers(
-            render_scalar.layers(mi_scene, sensor, subpixels=subpixels), scene
-        )
+        return placement.scale_layers(scalar.layers(mi_scene, sensor, subpixels=subpixels), scene)
     left, right = cameras(sensor, mi_scene.scene.world_from_left)
     lights = Lights.from_sensor(mi_scene, sensor)
     paths = motion.exposure_motions(mi_scene, sensor, left, exposure_s, step_px=step_px)
@@ -74,9 +72,9 @@ def layers(
 def view(mi_scene: MitsubaScene, sensor: Sensor, *, subpixels: int = 2) -> ViewLayers:
     """Render the left imager alone, at rest (arguments as `layers`)."""
     if not backend.is_jit():
-        from starling.sim.render import scalar as render_scalar
+        from starling.sim.render import scalar
 
-        return render_scalar.view(mi_scene, sensor, subpixels=subpixels)
+        return scalar.view(mi_scene, sensor, subpixels=subpixels)
     left, _ = cameras(sensor, mi_scene.scene.world_from_left)
     return _view(
         mi_scene,

@@ -21,7 +21,7 @@ from starling.sim.scene.builtin import scenes
 from starling.sim.scene.scene import ModelError, Motion, Scene
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
-from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.projector import Emitter
 from starling.sim.sensor.sensor import Sensor
 
 # Steps that move dots by about 1e-3 image pixels, or 1e-2 pattern pixels. The pattern's linear

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from starling.sim.imaging import speckle_field
+from starling.sim.imaging.optics import speckle
 
 
 def looks_in_pixel(grain_px: float) -> float:
@@ -12,4 +12,4 @@ def looks_in_pixel(grain_px: float) -> float:
 
     Source: Goodman 2007, sec. 4.6, for a square pixel and a Gaussian correlation.
     """
-    return 1 / float(speckle_field._pixel_covariance(np.zeros(1), grain_px)[0]) ** 2
+    return 1 / float(speckle._pixel_covariance(np.zeros(1), grain_px)[0]) ** 2

@@ -27,10 +27,10 @@ from starling.sim.captures import capture
 from starling.sim.captures import info as capture_info
 from starling.sim.captures import writer as capture_writer
 from starling.sim.captures.exchange import labelfusion, tum
-from starling.sim.captures.fusion import fuse, pairs, reference, trajectory
-from starling.sim.captures.fusion.fused import fuse_frames as surface_of
+from starling.sim.captures.fusion import fuse, pairs, trajectory
+from starling.sim.captures.fusion.volume import fuse_frames as surface_of
 from starling.sim.console.output import OutputFolder
-from starling.sim.datasets.files import MemoryFolder
+from starling.sim.datasets.render_view import MemoryFolder
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -182,7 +182,7 @@ def hold_reference(fy_px: float) -> None:
     camera = Pinhole(width=40, height=36, fx_px=50.0, fy_px=fy_px, cx_px=17.2, cy_px=16.9)
     ramp = trimesh.Trimesh([[-3, -3, 1], [3, -3, 2], [3, 3, 3], [-3, 3, 2]], [[0, 2, 1], [0, 3, 2]])
     pose = frames.pose((0.1, -0.2, 0.3), (4.0, -8.0, 11.0))
-    (result,) = reference.depths(ramp, camera, [pose])
+    (result,) = pairs.reference_depths(ramp, camera, [pose])
     u, v = np.meshgrid(np.arange(40), np.arange(36))
     way = np.stack([(u - 17.2) / 50, (v - 16.9) / fy_px, np.ones(u.shape)], -1) @ pose[:3, :3].T
     normal = np.array([-1 / 6, -1 / 6, 1.0])
@@ -209,7 +209,7 @@ def test_the_back_of_a_surface_is_no_reference():
     camera = Pinhole(width=32, height=32, fx_px=40.0, fy_px=40.0, cx_px=15.5, cy_px=15.5)
     card = trimesh.Trimesh([[-9, -9, 0], [9, -9, 0], [0, 9, 0]], [[0, 2, 1]])
     before, behind = frames.pose((0, 0, -1.0)), frames.pose((0, 0, 1.0), (0, 180.0, 0))
-    front, back = reference.depths(card, camera, [before, behind])
+    front, back = pairs.reference_depths(card, camera, [before, behind])
     assert np.isfinite(front).all() and np.isnan(back).all()
 
 

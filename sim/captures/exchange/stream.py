@@ -5,13 +5,17 @@ from __future__ import annotations
 import bisect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.patterns.errors import refuse
+from starling.sim.captures import png
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.stereo.depth import from_code
 
 NEAR_S = 0.02  # Times within this difference count as equal [s].
 
@@ -44,3 +48,27 @@ def nearest(timed: Sequence[tuple[float, _T]], time_s: float) -> _T | None:
         return None
     nearest_s, item = min(around, key=lambda pair: abs(pair[0] - time_s))
     return item if abs(nearest_s - time_s) <= NEAR_S else None
+
+
+def read_text(path: Path) -> str:
+    """Read a text file.
+
+    Raises:
+        InputError: if the file cannot be read, or is not UTF-8.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise refuse(path.name, "must be readable", path, f"{error}.") from error
+
+
+def read_depth(path: Path, unit_m: float) -> NDArray[np.float32]:
+    """Read depth z [m] (h, w), NaN = none, from 16-bit codes.
+
+    Raises:
+        InputError: if the file cannot be read, or has 8 bits.
+    """
+    code = png.read(path, "depth")
+    if code.dtype != np.uint16:
+        raise refuse("depth", "must be of 16 bits", f"{path}, 8-bit", "Extract it again.")
+    return from_code(code.astype(np.uint16), unit_m)

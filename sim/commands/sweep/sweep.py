@@ -15,7 +15,7 @@ from starling.patterns import errors
 from starling.sim.commands.sweep import axes as sweep_axes
 from starling.sim.commands.sweep.axes import AXES
 from starling.sim.commands.sweep.figures import Figures, SweepScenes, measure
-from starling.sim.commands.sweep.result import Sweep as Sweep
+from starling.sim.commands.sweep.figures import Sweep as Sweep
 from starling.sim.console import progress, record
 from starling.sim.console.output import RECORD, OutputFolder
 from starling.sim.render import backend, emission

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from starling.patterns import InputError
 from starling.sim.imaging.imager import electrons_per_radiance
+from starling.sim.imaging.optics import bandpass
+from starling.sim.imaging.optics.bandpass import GRID_NM, integral
 from starling.sim.render import emission
 from starling.sim.scene import spectra
-from starling.sim.scene.spectra import bandpass, illuminants, silicon
-from starling.sim.scene.spectra.wavelength import GRID_NM, integral
 from starling.sim.sensor.sensor import Imager, Lens, Projector
 from tests.oracles import multilayer
 
@@ -87,7 +87,7 @@ def test_incandescent_by_hand():
     h c / k = 1.43878e-2 m K. Exponents at 850 and 560 nm: 5.9268 and 8.9960, so
     E(850) / E(560) = (560 / 850)^5 * (e^8.9960 - 1) / (e^5.9268 - 1) = 0.12412 * 21.57 = 2.677.
     """
-    lamp = illuminants.irradiance("incandescent", 300.0)
+    lamp = spectra.irradiance("incandescent", 300.0)
     ratio = lamp[np.argmin(abs(GRID_NM - 850))] / lamp[np.argmin(abs(GRID_NM - 560))]
     assert ratio == pytest.approx(2.677, rel=2e-3)
 
@@ -97,23 +97,23 @@ def test_incandescent_by_hand():
 
 def test_a_watt_at_555_nm_has_683_lumens():
     """The definition of the lumen, but for the breadth of the line (V falls 0.1 % within it)."""
-    assert illuminants.illuminance_lx(line(555.0)) == pytest.approx(683.0, rel=2e-3)
+    assert spectra.illuminance_lx(line(555.0)) == pytest.approx(683.0, rel=2e-3)
 
 
-@pytest.mark.parametrize("light", illuminants.names())
+@pytest.mark.parametrize("light", spectra.names())
 def test_lights_have_the_given_illuminance(light):
     """Also proves linearity: twice the lux is twice the spectrum."""
-    spectrum = illuminants.irradiance(light, 500.0)
+    spectrum = spectra.irradiance(light, 500.0)
     assert (spectrum >= 0).all()
-    assert illuminants.illuminance_lx(spectrum) == pytest.approx(500.0)
-    np.testing.assert_allclose(illuminants.irradiance(light, 1000.0), 2 * spectrum)
+    assert spectra.illuminance_lx(spectrum) == pytest.approx(500.0)
+    np.testing.assert_allclose(spectra.irradiance(light, 1000.0), 2 * spectrum)
 
 
 def test_sun_is_astm_g173():
     """ASTM's own table at 1 nm, integrated by itself: 772.3 W m^-2 from 380 to 1100 nm (of 1000.4
     in all), 109.5 klx; and means over 5 nm at anchors.
     """
-    spectrum = illuminants.irradiance("sun", 1e5)
+    spectrum = spectra.irradiance("sun", 1e5)
     scale = integral(spectrum) / 772.3
     assert 1e5 / scale == pytest.approx(109.5e3, rel=2e-3)
     for nanometres, expected in ((500, 1.53), (700, 1.29), (860, 0.99), (935, 0.20), (1000, 0.737)):
@@ -127,19 +127,19 @@ def test_sun_is_astm_g173():
 @pytest.mark.parametrize(("nanometres", "per_cm"), [(550, 6390), (850, 534), (940, 183)])
 def test_absorption_is_green_2008(nanometres, per_cm):
     """4 pi k / lambda from the paper's k: 0.027968, 0.003612, 0.0013689."""
-    seen = float(silicon.absorption_per_um(np.array([float(nanometres)]))[0]) * 1e4
+    seen = float(bandpass.absorption_per_um(np.array([float(nanometres)]))[0]) * 1e4
     assert seen == pytest.approx(per_cm, rel=2e-3)
 
 
 def test_beer_lambert_by_hand():
     """5 um at 534 / cm: 1 - exp(-0.267) = 0.2343."""
-    assert silicon.absorbed(np.array([850.0]), 5.0)[0] == pytest.approx(0.2343, rel=1e-3)
+    assert bandpass.absorbed(np.array([850.0]), 5.0)[0] == pytest.approx(0.2343, rel=1e-3)
 
 
 @given(st.floats(0.01, 0.74), st.floats(400, 1000))
 def test_depth_gives_back_its_efficiency(efficiency, nanometres):
-    depth = silicon.depth_um(efficiency, nanometres)
-    seen = silicon.COLLECTED * silicon.absorbed(np.array([nanometres]), depth)[0]
+    depth = bandpass.depth_um(efficiency, nanometres)
+    seen = bandpass.COLLECTED * bandpass.absorbed(np.array([nanometres]), depth)[0]
     assert seen == pytest.approx(efficiency, rel=1e-9)
 
 
@@ -190,7 +190,7 @@ def test_band_of_a_sensor():
         Imager(lens=lens, quantum_efficiency=0.25), Projector(wavelength_nm=830.0)
     )
     assert (band.wavelength_nm, band.filter_centre_nm, band.filter_width_nm) == (830.0, 832.0, 30.0)
-    efficiency = silicon.COLLECTED * silicon.absorbed(np.array([830.0]), band.epitaxy_um)[0]
+    efficiency = bandpass.COLLECTED * bandpass.absorbed(np.array([830.0]), band.epitaxy_um)[0]
     assert efficiency == pytest.approx(0.25)
 
 
@@ -270,11 +270,11 @@ def test_broad_light_behind_a_filter(light, within):
 
     The largest deviation is due to the sun's water bands at 820 nm.
     """
-    spectrum = np.ones_like(GRID_NM) if light == "even" else illuminants.irradiance(light, 1e4)
+    spectrum = np.ones_like(GRID_NM) if light == "even" else spectra.irradiance(light, 1e4)
 
     def electrons(shift: float) -> float:
         passed = bandpass.transmission(GRID_NM / shift, centre_nm=850.0, width_nm=50.0)
-        return integral(spectrum * passed * silicon.absorbed(GRID_NM, 5.0) * GRID_NM)
+        return integral(spectrum * passed * bandpass.absorbed(GRID_NM, 5.0) * GRID_NM)
 
     angles = np.deg2rad(ANGLES_DEG).astype(np.float32)
     expected = [electrons(float(s)) / electrons(1.0) for s in bandpass.shift(angles, 2.0)]
@@ -307,7 +307,7 @@ def test_broad_light_behind_a_filter(light, within):
         ),
         (lambda: spectra.Band(epitaxy_um=0.0), "band.epitaxy_um must be > 0"),
         (lambda: spectra.Band(epitaxy_um=float("nan")), "band.epitaxy_um must be > 0"),
-        (lambda: silicon.depth_um(25.0, 850.0), "got 25.0. Give a share, not percent."),
+        (lambda: bandpass.depth_um(25.0, 850.0), "got 25.0. Give a share, not percent."),
         (
             lambda: spectra.ambient_w_m2("son", illuminance_lx=1.0, band=FILTERED),
             "light must be a known name; got 'son'. Known: sun,",
