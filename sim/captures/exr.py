@@ -146,11 +146,7 @@ def _arrays(layers: Layers, depth: DepthMap) -> dict[str, dict[str, NDArray[Any]
             "right_sees": truth.right_sees,
             "lit": truth.lit,
         },
-        "depth": {
-            "disparity_px": depth.disparity_px,
-            "depth_m": depth.depth_m,
-            "reason": depth.reason,
-        },
+        "depth": {name: getattr(depth, name) for name in _LAYOUT["depth"]},
     }
 
 

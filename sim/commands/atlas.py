@@ -123,18 +123,7 @@ def atlas(
             figures[row.name] = {"value": value, **measured}
         folder.write("index.md", index_page(rows))
         arguments = {"sensor": sensor.name, "scene": SCENE, "effects": [row.name for row in rows]}
-        folder.write(
-            RECORD,
-            record.dumps(
-                {
-                    "verb": "atlas",
-                    "arguments": arguments,
-                    "versions": record.versions(),
-                    "renderer": backend.renderer(),
-                    "figures": figures,
-                }
-            ),
-        )
+        folder.write(RECORD, record.of_run("atlas", arguments, figures, backend.renderer()))
     return {
         "out": str(folder.path),
         "files": 2 * len(rows) + 2,

@@ -52,7 +52,7 @@ def bench(
     sensor = _sensor()
     scene = scenes.clutter()
     stage = MitsubaScene(scene)
-    bounced = MitsubaScene(_with_interreflection(scene))
+    bounced = MitsubaScene(dataclasses.replace(scene, interreflection=1.0))
     shot = simulate.simulate(stage, sensor)
     layers = shot.layers
     exact = dataclasses.replace(sensor, matcher=named("d4xx"))
@@ -95,10 +95,6 @@ def bench(
         "variant": str(backend.mitsuba().variant()),
         "size": list(_SIZE),
     }
-
-
-def _with_interreflection(scene: Scene) -> Scene:
-    return dataclasses.replace(scene, interreflection=1.0)
 
 
 def _effects(layers: Layers, scene: Scene, sensor: Sensor) -> Callable[[], None]:

@@ -74,16 +74,8 @@ def show_captures(
     with output.OutputFolder(out, force=force) as folder:
         for scene, partner in track(pairs, "show"):
             folder.write(f"{scene.name}.png", draw_picture(scene, frame, against=partner))
-        folder.write(
-            output.RECORD,
-            record.dumps(
-                {
-                    "verb": "show",
-                    "arguments": {"captures": captures, "against": against, "frame": frame},
-                    "versions": record.versions(),
-                }
-            ),
-        )
+        arguments = {"captures": captures, "against": against, "frame": frame}
+        folder.write(output.RECORD, record.of_run("show", arguments))
     return {"out": str(folder.path), "files": len(pairs) + 1}
 
 

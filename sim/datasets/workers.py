@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 from starling.patterns import errors
-from starling.patterns.errors import InputError
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.console.threads import begin_worker, single_threaded
 from starling.sim.datasets.plan import Plan
@@ -75,7 +74,7 @@ def make(plan: Plan, info: CaptureInfo, out: Path, task: Task) -> TaskResult:
     for number in task.views:
         try:
             views.append(render(plan, number, info, out))
-        except InputError as error:
+        except errors.InputError as error:
             if plan.missing == "stop":
                 raise
             skipped.append({"view": number, "why": str(error)})
@@ -93,15 +92,12 @@ def run_locally(
         workers: largest number of processes; each uses one thread.
 
     Raises:
-        InputError: as `task.make`, or if a process died.
+        InputError: as `make`, or if a process died.
     """
     workers = max(1, min(workers, len(tasks)))
     context = multiprocessing.get_context("spawn")
     waiting: deque[Future[TaskResult]] = deque()
-    with (
-        _one_thread(),
-        ProcessPoolExecutor(workers, context, initializer=begin_worker) as pool,
-    ):
+    with _one_thread(), ProcessPoolExecutor(workers, context, initializer=begin_worker) as pool:
         try:
             for task in tasks:
                 waiting.append(pool.submit(make, plan, info, out, task))
@@ -142,7 +138,7 @@ def run_on_ray(
         address: HOST:PORT of a cluster, or `local` for one on this machine that ends with the run.
 
     Raises:
-        InputError: as `task.make`, or if Ray is not installed or the address does not answer.
+        InputError: as `make`, or if Ray is not installed or the address does not answer.
     """
     ray = _ray()
     _refuse_silent(address)

@@ -33,7 +33,7 @@ from starling.sim.render.lights import towards_viewer
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.render.rays import JitPose, opaque, pixels
 from starling.sim.scene.scene import ModelError
-from starling.sim.sensor.sensor import Sensor
+from starling.sim.sensor.sensor import Imager, Sensor
 
 Side = Literal["left", "right"]
 
@@ -133,6 +133,11 @@ class TracedView:
     clear: Mask  # (h, w) pixels fully lit, on one opaque body, not at a grazing angle.
     _light: ProjectorLight
     _hits: tuple[_Hits, ...]
+
+    @property
+    def imager(self) -> Imager:
+        """The traced imager."""
+        return self.sensor.left if self.side == "left" else self.sensor.right
 
     @property
     def emitters(self) -> int:
@@ -278,9 +283,7 @@ def _hits(
     hits = _Hits(pixel, point, facet, shading, tuple(brdf_cosine), tuple(lit))
     valid = si.is_valid()
     dr.eval(pixel, point, facet, shading, brdf_cosine, lit, plain, valid, handle)
-    number = np.where(
-        valid.numpy(), mi_scene.numbers[np.minimum(handle.numpy(), len(mi_scene.numbers) - 1)], 0
-    )
+    number = mi_scene.body_numbers(handle.numpy(), valid.numpy())
     direct = ~np.isin(number, _transparent_bodies(mi_scene))
     shape = (sensor.height, sensor.width)
     return (

@@ -149,16 +149,12 @@ def _centres(mi_scene: MitsubaScene, camera: JitCamera) -> tuple[Image, NDArray[
     """Depth [m] and body number at the pixel centres, each (h, w)."""
     mi, dr = backend.mitsuba(), backend.drjit()
     si = mi_scene.mitsuba.ray_intersect(camera.ray(pixels(camera.size)))
-    columns = (
-        camera.place.local(si.p).z,
-        dr.reinterpret_array(mi.UInt32, si.shape),
-        si.is_valid(),
-    )
+    columns = (camera.place.local(si.p).z, dr.reinterpret_array(mi.UInt32, si.shape), si.is_valid())
     dr.eval(*columns)
     depth, body, valid = (column.numpy().reshape(camera.size[::-1]) for column in columns)
     return (
         np.where(valid, depth, np.float32(np.nan)).astype(np.float32),
-        np.where(valid, mi_scene.numbers[np.minimum(body, len(mi_scene.numbers) - 1)], 0),
+        mi_scene.body_numbers(body, valid),
     )
 
 
@@ -186,7 +182,7 @@ def _truth(
     return Truth(
         depth_m=np.where(valid, depth, missing).astype(np.float32),
         normal=np.where(valid[..., None], np.stack([nx, ny, nz], axis=-1), missing),
-        material=np.where(valid, mi_scene.numbers[np.minimum(body, len(mi_scene.numbers) - 1)], 0),
+        material=mi_scene.body_numbers(body, valid),
         right_sees=right_sees,
         lit=lit,
     )

@@ -89,7 +89,7 @@ def _metal(alpha: float) -> Table:
 def _coated(alpha: float) -> Table:
     """Table of a coat over a diffuse base, with reflectance R at normal incidence.
 
-    If R is below the coat's own reflectance (see `coat.base_albedo`), A falls below the physical
+    If R is below the coat's own reflectance (see `bsdf.base_albedo`), A falls below the physical
     limit.
     """
     lobes = _lobes(alpha)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from starling.patterns import errors
-from starling.patterns.errors import whole_number
 
 BIT_DEPTHS = (8, 10, 12, 16)
 _ABOVE_ZERO = {  # Upper limits of fields > 0; larger values are in a wrong unit.
@@ -149,7 +148,7 @@ class Imager:
                 repr(self.bit_depth),
                 "Real depth cameras have 8 or 10.",
             )
-        whole_number("imager.dropped_bits", self.dropped_bits, 0, 8)
+        errors.whole_number("imager.dropped_bits", self.dropped_bits, 0, 8)
         errors.in_interval("imager.black_level_dn", self.black_level_dn, 0.0, self.ceiling_dn / 2)
 
     @property

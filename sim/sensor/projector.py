@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from starling.patterns import errors
 
@@ -65,6 +65,10 @@ class Projector:
     def faulty(self) -> bool:
         """Whether dots of the pattern are dark or displaced."""
         return self.dropped_dots > 0 or self.shifted_dots_mrad > 0
+
+    def steady(self) -> Projector:
+        """Return the projector without speckle and flicker; its mean light is unchanged."""
+        return replace(self, speckle_contrast=0.0, flicker=0.0)
 
     def __post_init__(self) -> None:
         errors.in_interval("projector.power_w", self.power_w, 0.0, 10.0, "Give watts.")

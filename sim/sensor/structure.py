@@ -95,21 +95,18 @@ def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
         raise errors.InputError(f"{path}: {error}") from error
 
 
-def edit(tree: T, path: str, value: Any) -> T:
+def edit(tree: T, path: str, value: Any, name: str = "") -> T:
     """Return the tree with the field at a dotted path replaced.
 
     Args:
         tree: Dataclass tree.
         path: Dotted path, e.g. `projector.power_w`.
         value: Plain value as in TOML.
+        name: Dotted path of the tree, for error messages.
 
     Raises:
         InputError: for an unknown path or a refused value.
     """
-    return _edit(tree, path, value, "")
-
-
-def _edit(tree: T, path: str, value: Any, name: str) -> T:
     head, _, rest = path.partition(".")
     hints = _hints(type(tree))
     errors.one_of(f"field in {name or type(tree).__name__}", head, hints)
@@ -119,7 +116,7 @@ def _edit(tree: T, path: str, value: Any, name: str) -> T:
             raise errors.refuse(
                 _join(name, head), "has no fields", f".{rest}", "Drop the last part."
             )
-        new = _edit(old, rest, value, _join(name, head))
+        new = edit(old, rest, value, _join(name, head))
     else:
         new = _value(hints[head], value, _join(name, head))
     return dataclasses.replace(tree, **{head: new})  # type: ignore[type-var]

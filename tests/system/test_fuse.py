@@ -27,7 +27,8 @@ from starling.sim.captures import capture
 from starling.sim.captures import info as capture_info
 from starling.sim.captures import writer as capture_writer
 from starling.sim.captures.exchange import labelfusion, tum
-from starling.sim.captures.fusion import fuse, pairs, trajectory
+from starling.sim.captures.exchange.stream import posed_frames
+from starling.sim.captures.fusion import fuse, pairs
 from starling.sim.captures.fusion.volume import fuse_frames as surface_of
 from starling.sim.console.output import OutputFolder
 from starling.sim.datasets.render_view import MemoryFolder
@@ -322,7 +323,7 @@ def test_a_grey_picture_of_another_size_is_refused(tmp_path: Path):
         dataclasses.replace(moment, image=lambda: np.zeros((20, 24), np.uint8))
         for moment in stream.moments
     ]
-    chosen = trajectory.posed_frames(dataclasses.replace(stream, moments=tuple(grey)))
+    chosen = posed_frames(dataclasses.replace(stream, moments=tuple(grey)))
     mesh = surface_of(chosen, stream.camera, fuse.Fusion())
     with pytest.raises(InputError, match="grey image must be 48x40 as the depth; got 24x20 at 0"):
         pairs.write("log", chosen, mesh, info_of(stream.camera), MemoryFolder(tmp_path))
@@ -331,7 +332,7 @@ def test_a_grey_picture_of_another_size_is_refused(tmp_path: Path):
 def test_invisible_surface_has_no_figures(tmp_path: Path):
     log = wall(tmp_path / "log")
     stream = labelfusion.read(log, fuse.parse_camera("40 40 23.5 19.5 48 40"))
-    chosen = trajectory.posed_frames(stream)
+    chosen = posed_frames(stream)
     aside = trimesh.creation.box((0.1, 0.1, 0.1)).apply_translation((9.0, 0, 0))
     figures = pairs.write("log", chosen, aside, info_of(stream.camera), MemoryFolder(tmp_path))
     assert figures == {"completeness": 0.0, "residual_m": None, "ndp": None}

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from starling.patterns.errors import needs, refuse
 from starling.sim.captures.capture import CapturedScene
-from starling.sim.captures.exchange import sequence
+from starling.sim.captures.exchange.stream import in_time_order, pose_of_left
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
@@ -61,7 +61,7 @@ def export(scenes: Sequence[CapturedScene], path: Path) -> int:
     """
     rosbag2, typesys = _rosbags()
     types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    info, ordered = scenes[0].info, sequence.in_time_order(scenes)
+    info, ordered = scenes[0].info, in_time_order(scenes)
     first_s = ordered[0].time_s
     shift_s = 0.0 if first_s > 0 else _FIRST_S - first_s
     with _refused(path), rosbag2.Writer(path, version=_VERSION) as bag:
@@ -72,7 +72,7 @@ def export(scenes: Sequence[CapturedScene], path: Path) -> int:
         for timed in ordered:
             frame, depth_m = timed.read()
             time_s = shift_s + timed.time_s
-            world_from_left = sequence.world_from_left(frame)
+            world_from_left = pose_of_left(frame)
             if world_from_left is not None:
                 link = world_from_left @ np.linalg.inv(_BODY_FROM_OPTICAL)
                 moved = messages.transforms([(_WORLD, _LINK, link)], time_s)

@@ -22,8 +22,15 @@ from numpy.typing import NDArray
 from starling.patterns.errors import refuse
 from starling.sim.captures import png
 from starling.sim.captures.capture import CapturedScene
-from starling.sim.captures.exchange import sequence, stream
-from starling.sim.captures.exchange.stream import Moment, Stream, nearest
+from starling.sim.captures.exchange.stream import (
+    Moment,
+    Stream,
+    in_time_order,
+    nearest,
+    pose_of_left,
+    read_depth,
+    read_text,
+)
 from starling.sim.console.output import Folder
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
@@ -49,7 +56,7 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
     """
     info = scenes[0].info
     lists: dict[str, list[str]] = {"rgb": [], "depth": [], "groundtruth": []}
-    ordered = sequence.in_time_order(scenes)
+    ordered = in_time_order(scenes)
     for timed in ordered:
         frame, depth_m = timed.read()
         time = f"{timed.time_s:.6f}"
@@ -58,7 +65,7 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
         if frame.ir_left is not None:
             folder.write(f"rgb/{time}.png", png.encode(frame.ir_left))
             lists["rgb"].append(f"{time} rgb/{time}.png")
-        pose = sequence.world_from_left(frame)
+        pose = pose_of_left(frame)
         if pose is not None:
             numbers = (*pose[:3, 3], *frames.to_quaternion(pose))
             lists["groundtruth"].append(" ".join([time, *(f"{part:.9g}" for part in numbers)]))
@@ -91,7 +98,7 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
             Moment(
                 time_s=time,
                 world_from_camera=nearest(poses, time),
-                depth=partial(stream.read_depth, path / file, UNIT_M),
+                depth=partial(read_depth, path / file, UNIT_M),
                 image=None if picture is None else partial(_picture, path / picture),
             )
         )
@@ -113,7 +120,7 @@ def _poses(path: Path) -> list[tuple[float, Pose]]:
 
 def _lines(path: Path, columns: int) -> list[list[str]]:
     """Split the lines of a list; with two columns the second is a file name, others numbers."""
-    lines = stream.read_text(path).splitlines()
+    lines = read_text(path).splitlines()
     rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     for words in rows:
         numbers = words[:1] if columns == 2 else words

@@ -14,7 +14,7 @@ from starling.patterns import errors
 from starling.sim.arrays import Image
 from starling.sim.captures import writer
 from starling.sim.captures.exchange import tum
-from starling.sim.captures.fusion.trajectory import Posed
+from starling.sim.captures.exchange.stream import Posed
 from starling.sim.captures.fusion.volume import depth_of
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.captures.png import GreyImage

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from starling.patterns import errors
 from starling.sim.arrays import Image
-from starling.sim.captures.exchange.stream import Moment
+from starling.sim.captures.exchange.stream import Moment, Posed
 from starling.sim.captures.fusion import blocks
-from starling.sim.captures.fusion.trajectory import Posed
 from starling.sim.console import progress
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole

@@ -127,15 +127,7 @@ def run(
             "sweep.csv": table(result),
             "sweep.json": record.dumps(listed(result)),
             "sensor.toml": presets.dumps(base),
-            RECORD: record.dumps(
-                {
-                    "verb": "sweep",
-                    "arguments": arguments,
-                    "versions": record.versions(),
-                    "renderer": backend.renderer(),
-                    "figures": figures,
-                }
-            ),
+            RECORD: record.of_run("sweep", arguments, figures, backend.renderer()),
         }
         for name, content in files.items():
             folder.write(name, content)

@@ -1,4 +1,4 @@
-"""The converter: charge to digital numbers (DN), averaged as by a device's rectification."""
+"""The converter: charge to digital numbers (DN), with the averaging of a device's rectification."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Infrared = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def smooth(signal: Image, sigma_px: float) -> Image:
-    """Average with a Gaussian; 0 px is the identity.
+    """Average neighbouring pixels with a Gaussian, as resampling does; 0 px is the identity.
 
     The variance of independent noise falls to 1 / (4 pi sigma^2) of its value (within 3 % for
     sigma >= 0.7 px, within 0.1 % for sigma >= 1 px). At distance d its correlation becomes

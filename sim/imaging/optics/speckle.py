@@ -32,12 +32,7 @@ _ENTRIES = 4096  # Entries of the quantile table.
 
 
 def apply_speckle(
-    laser: Image,
-    imager: Imager,
-    projector: Projector,
-    side: Literal["left", "right"],
-    *,
-    seed: int,
+    laser: Image, imager: Imager, projector: Projector, side: Literal["left", "right"], *, seed: int
 ) -> Image:
     """Multiply the laser's light by speckle; the input array if the contrast is 0.
 

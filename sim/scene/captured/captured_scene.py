@@ -13,7 +13,6 @@ from starling.sim.arrays import Image, filled
 from starling.sim.captures.capture import CapturedScene, Frame, GreyImage, open_set
 from starling.sim.imaging.imager import mix_pixels
 from starling.sim.imaging.signals import Signals, signals
-from starling.sim.imaging.steady import steady
 from starling.sim.render.layers import ViewLayers
 from starling.sim.scene.captured import depth_surface, room_light
 from starling.sim.scene.captured.room_light import LIT_ROOM_W_M2, RoomLight
@@ -147,7 +146,7 @@ def mean_signals(view: ViewLayers, scene: Scene, sensor: Sensor) -> Signals:
         scene: Scene of the view.
         sensor: Projector, optics, crosstalk and blur.
     """
-    still = dataclasses.replace(sensor, projector=steady(sensor.projector))
+    still = dataclasses.replace(sensor, projector=sensor.projector.steady())
     steady_light = signals(view, scene, still, "left")
     lights = (steady_light.laser, steady_light.ambient, steady_light.other)
     laser, ambient, rest = (mix_pixels(sensor.left, light) for light in lights)

@@ -210,7 +210,7 @@ def test_silently_truncated_file_is_an_error(
     def cut(data: bytes, *, pixels: bool) -> None:
         raise exr.DamagedError("cut short")
 
-    monkeypatch.setattr(exr, "check", cut)
+    monkeypatch.setattr(exr, "check_structure", cut)
     with pytest.raises(OSError, match="cut short") as error:
         exr.write(tmp_path / "f.exr", *_frame())
     assert error.value.errno == errno.ENOSPC
