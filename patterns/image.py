@@ -35,7 +35,13 @@ def load(path: str | Path, *, fov_x_deg: float, fov_y_deg: float) -> Pattern:
     except OSError as error:
         value = f"{path} ({error.strerror})"
         raise refuse("pattern file", "must be readable", value, "Check the path.") from error
-    _check_header(path, *_chunks(path, content))
+    if not content.startswith(PNG_SIGNATURE):
+        raise refuse("pattern file", "must be a PNG", path, "Convert it to a grey PNG.")
+    try:
+        chunks = png_chunks(content)
+    except ValueError as error:
+        raise _damaged(path) from error
+    _check_header(path, chunks)
     import cv2  # Heavy, and needed here only.
 
     image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -49,31 +55,35 @@ def load(path: str | Path, *, fov_x_deg: float, fov_y_deg: float) -> Pattern:
     )
 
 
-def _chunks(path: Path, content: bytes) -> tuple[bytes, bytes, set[bytes]]:
-    """Read header, image data and chunk names of a PNG and verify all checksums.
+def png_chunks(content: bytes) -> list[tuple[bytes, bytes]]:
+    """List kind and data of a PNG's chunks up to IEND, with verified checksums.
 
     OpenCV silently fills the missing part of a damaged PNG with zeros.
+
+    Args:
+        content: file that starts with `PNG_SIGNATURE`.
+
+    Raises:
+        ValueError: that names the defect, if the file is cut short or a checksum is wrong.
     """
-    if not content.startswith(PNG_SIGNATURE):
-        raise refuse("pattern file", "must be a PNG", path, "Convert it to a grey PNG.")
-    header, data, kinds = b"", [], set()
+    chunks: list[tuple[bytes, bytes]] = []
     position = len(PNG_SIGNATURE)
-    while b"IEND" not in kinds:
+    while not chunks or chunks[-1][0] != b"IEND":
         end = position + 12 + int.from_bytes(content[position : position + 4], "big")
+        if end > len(content):
+            raise ValueError("a file cut short")
         chunk = content[position + 4 : end - 4]
-        if len(content) < end or zlib.crc32(chunk).to_bytes(4, "big") != content[end - 4 : end]:
-            raise _damaged(path)
-        kinds.add(chunk[:4])
-        if chunk[:4] == b"IHDR":
-            header = chunk[4:]
-        elif chunk[:4] == b"IDAT":
-            data.append(chunk[4:])
+        if zlib.crc32(chunk).to_bytes(4, "big") != content[end - 4 : end]:
+            raise ValueError("a wrong checksum")
+        chunks.append((chunk[:4], chunk[4:]))
         position = end
-    return header, b"".join(data), kinds
+    return chunks
 
 
-def _check_header(path: Path, header: bytes, data: bytes, kinds: set[bytes]) -> None:
+def _check_header(path: Path, chunks: list[tuple[bytes, bytes]]) -> None:
     """Refuse an image that is not grey, has an unusable size, or has incomplete data."""
+    kinds = dict(chunks)
+    header = kinds.get(b"IHDR", b"")
     if len(header) != 13:
         raise _damaged(path)
     width, height = int.from_bytes(header[:4], "big"), int.from_bytes(header[4:8], "big")
@@ -93,7 +103,7 @@ def _check_header(path: Path, header: bytes, data: bytes, kinds: set[bytes]) -> 
             "Give the pattern at the projector's resolution.",
         )
     try:
-        length = len(zlib.decompress(data))
+        length = len(zlib.decompress(b"".join(data for kind, data in chunks if kind == b"IDAT")))
     except zlib.error as error:
         raise _damaged(path) from error
     # Each row has one filter byte. The decoder checks interlaced images, whose rows are split.

@@ -1,10 +1,45 @@
-"""Type aliases of the arrays that images are made of."""
+"""Types of the arrays that images are made of, and arrays with unknown values."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.patterns.errors import refuse
+
 Image = NDArray[np.float32]  # (h, w) or (h, w, n).
 Mask = NDArray[np.bool_]  # (h, w), True where a statement holds.
 Labels = NDArray[np.uint32]  # (h, w) codes or object numbers.
+
+
+def filled(values: Image, known: Mask) -> Image:
+    """Return the map with each unknown pixel set to the value of the nearest known pixel.
+
+    Args:
+        values: (h, w).
+        known: (h, w) mask.
+
+    Raises:
+        InputError: if no pixel is known.
+    """
+    from scipy import ndimage  # Heavy, and needed here only.
+
+    if not known.any():
+        raise refuse("reference depth", "must be known somewhere", "no pixel", "Check truth.png.")
+    if known.all():
+        return values
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return values[tuple(np.asarray(nearest))]
+
+
+def mean_known(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[np.float64]:
+    """Mean of the known values; NaN, without a warning, where there are none.
+
+    Args:
+        values: Values, NaN where unknown.
+        axis: As in numpy.
+    """
+    known = np.isfinite(values)
+    count = known.sum(axis=axis)
+    total = np.where(known, values, 0.0).sum(axis=axis)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
 from starling.patterns.errors import refuse
-from starling.sim.stereo.filled import filled
+from starling.sim.arrays import filled
 
 EDGE_JUMP_PX = 1.0  # A larger disparity step between neighbours is a depth edge [px].
 EDGE_MARGIN_PX = 2  # Margin around depth edges, where the reference is uncertain [px].

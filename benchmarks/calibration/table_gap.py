@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from starling.sim.captures import capture
-from starling.sim.imaging.dot_contrast import dot_contrast
+from starling.sim.commands.compare import dot_contrast
 from starling.sim.metrics import hole_overlap, reached_pixels
 from starling.sim.scene import sources
 from starling.sim.sensor import resolve

@@ -87,8 +87,8 @@ def bare(path: Path, frames: int) -> float:
     from starling.sim import simulate
     from starling.sim.console.threads import single_threaded
     from starling.sim.datasets import plan as plans
-    from starling.sim.datasets import render_view, stages
-    from starling.sim.datasets.view import view
+    from starling.sim.datasets import render_view
+    from starling.sim.datasets.plan import view
 
     single_threaded()
     options = plans.read(path)
@@ -96,7 +96,7 @@ def bare(path: Path, frames: int) -> float:
     for number in range(SHORT + frames):
         drawn_view = view(options, number)
         stage = render_view.posed(
-            stages.load(drawn_view.setting, drawn_view.preset).stage,
+            render_view.load_scene(drawn_view.setting, drawn_view.preset).stage,
             drawn_view,
             samples=options.samples,
         )

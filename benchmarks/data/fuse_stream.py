@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.sim import simulate
-from starling.sim.captures.exchange.stream import Moment, Stream
-from starling.sim.captures.fusion import reference, trajectory
-from starling.sim.captures.fusion.fused import Fusion, fuse_frames
+from starling.sim.captures.exchange.stream import Moment, Stream, posed_frames
+from starling.sim.captures.fusion import pairs
+from starling.sim.captures.fusion.volume import Fusion, fuse_frames
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -110,8 +110,10 @@ def row(
         for number, (view, depth_m) in enumerate(zip(views, depths, strict=True))
     )
     stream = Stream(camera=camera, moments=moments)
-    mesh = fuse_frames(trajectory.posed_frames(stream), camera, fusion)
-    references = list(reference.depths(mesh, camera, [view.world_from_camera for view in views]))
+    mesh = fuse_frames(posed_frames(stream), camera, fusion)
+    references = list(
+        pairs.reference_depths(mesh, camera, [view.world_from_camera for view in views])
+    )
     taken_s = time.perf_counter() - start
     true = [near(view, fusion.far_m) for view in views]
     missed, false = [], []

@@ -20,7 +20,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from starling.diagnosis.report.group_names import describe
-from starling.sim.plotting import canvas
+from starling.sim.plotting import sheet
 
 Reports = Mapping[str, Mapping[str, Any]]
 
@@ -45,7 +45,7 @@ DPI = 110
 
 def parts(reports: Reports) -> bytes:
     """Plot the parts of the gap due to images and due to the matcher, with 95 % intervals."""
-    figure = canvas.new_figure((10, 0.9 + 0.6 * len(reports)), DPI, layout="constrained")
+    figure = sheet.new_figure((10, 0.9 + 0.6 * len(reports)), DPI, layout="constrained")
     drawn = figure.subplots(1, len(PARTS), sharey=True)
     for axes, (name, (title, scale)) in zip(drawn, PARTS.items(), strict=True):
         for turn, (part, label) in enumerate(DIFFERENCES.items()):
@@ -63,12 +63,12 @@ def parts(reports: Reports) -> bytes:
     drawn[0].set_ylim(len(reports) - 0.5, -0.5)
     handles, labels = drawn[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
-    return canvas.encode(figure)
+    return sheet.encode(figure)
 
 
 def places(reports: Reports) -> bytes:
     """Plot maps of the gap over the image, mean over scenes, for each report."""
-    figure = canvas.new_figure((3.9 * len(reports), 4.6), DPI, layout="constrained")
+    figure = sheet.new_figure((3.9 * len(reports), 4.6), DPI, layout="constrained")
     rows = figure.subplots(len(MAPS), len(reports), squeeze=False)
     for row, (quantity, (title, scale)) in zip(rows, MAPS.items(), strict=True):
         maps = [_map(report, quantity) * scale for report in reports.values()]
@@ -81,7 +81,7 @@ def places(reports: Reports) -> bytes:
             axes.set_title(label, fontsize=9)
         bar = figure.colorbar(colours, ax=row, shrink=0.9, extend="both")
         bar.set_label(title, fontsize=8)
-    return canvas.encode(figure)
+    return sheet.encode(figure)
 
 
 def groups(reports: Reports) -> bytes:
@@ -95,7 +95,7 @@ def groups(reports: Reports) -> bytes:
         if any(segment in report["which"] for report in reports.values())
     ]
     size = (2.6 + 2.4 * len(reports), (0.6 + 0.2 * GROUPS) * len(segments))
-    figure = canvas.new_figure(size, DPI, layout="constrained")
+    figure = sheet.new_figure(size, DPI, layout="constrained")
     rows = figure.subplots(len(segments), len(reports), squeeze=False, sharey="row")
     for row, segment in zip(rows, segments, strict=True):
         groups_by_report = {
@@ -117,7 +117,7 @@ def groups(reports: Reports) -> bytes:
         axes.set_xlabel("share of the gap size,\nseparate scales", fontsize=8)
     handles, labels = rows[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
-    return canvas.encode(figure)
+    return sheet.encode(figure)
 
 
 def _largest(reports: Iterable[Mapping[str, Mapping[str, float]]], name: str) -> float:

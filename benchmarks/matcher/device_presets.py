@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from starling.sim.metrics import disparity_figures, reached_pixels, scored_pixels
 from starling.sim.sensor import presets as sensors
 from starling.sim.sensor import realsense
-from starling.sim.sensor.realsense import presets
+from starling.sim.sensor.realsense import controls
 from starling.sim.stereo.matching import match
 
 HEAD = "NDP rate, IoU with the device's, ours only, device's only; NMAD px, off > 1 px %"
@@ -113,7 +113,7 @@ def _picture(scene: match_faro.Scene, maps: dict[str, NDArray], folder: Path) ->
 def main() -> None:
     """Print the tables; with --pictures, write one picture of the holes per scene."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("presets", nargs="*", default=presets.names())
+    parser.add_argument("presets", nargs="*", default=controls.preset_names())
     parser.add_argument("--pictures", type=Path)
     options = parser.parse_args()
     where = match_faro.folder()

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from starling.calibration import heldout, observation
 from starling.calibration.geometry import warp_fit
 from starling.sim.captures import capture
-from starling.sim.plotting import canvas
+from starling.sim.plotting import sheet
 from starling.sim.sensor import resolve
 from starling.sim.sensor.matcher import named
 from starling.sim.stereo.matching import match
@@ -141,13 +141,13 @@ def heldout_rms(scenes: Sequence[Blocks], model: Model) -> float:
 
 def draw(fields: dict[str, NDArray], path: Path) -> None:
     """Draw mean fields side by side."""
-    figure = canvas.new_figure((4.4 * len(fields), 2.9), 110, layout="constrained")
+    figure = sheet.new_figure((4.4 * len(fields), 2.9), 110, layout="constrained")
     for axes, (label, field) in zip(figure.subplots(1, len(fields)), fields.items(), strict=True):
         shown = axes.imshow(field - np.nanmedian(field), cmap="RdBu_r", vmin=-0.4, vmax=0.4)
         axes.set_axis_off()
         axes.set_title(f"{label}: disparity error less its median [px]", fontsize=9)
         figure.colorbar(shown, ax=axes, shrink=0.7)
-    path.write_bytes(canvas.encode(figure))
+    path.write_bytes(sheet.encode(figure))
 
 
 def warped(where: Path, file: str, held: Sequence[str]) -> None:

@@ -19,8 +19,8 @@ from starling.calibration import heldout
 from starling.calibration.observation import Observation
 from starling.calibration.solution import Estimate, Solution
 from starling.patterns import errors
+from starling.sim.arrays import mean_known
 from starling.sim.sensor.sensor import Sensor
-from starling.sim.statistics import mean_known
 from starling.sim.stereo.matching import match, readable
 from starling.sim.stereo.memory import Memory
 

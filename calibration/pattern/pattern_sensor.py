@@ -20,7 +20,7 @@ from starling.patterns.dots import SIGMA_PER_FWHM
 from starling.patterns.field import Field
 from starling.sim.captures import png
 from starling.sim.geometry import frames
-from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.projector import Emitter
 from starling.sim.sensor.sensor import Sensor
 
 _WIDTH_PX = 2048  # Width of a written pattern; 0.75 mrad per pixel on a D415's axis.

@@ -99,7 +99,7 @@ def _misalign(
     """Resample points and light at the pixels of a misaligned imager."""
     from starling.sim.geometry.pinhole import Pinhole
     from starling.sim.imaging.optics import alignment
-    from starling.sim.sensor.lens import Alignment
+    from starling.sim.sensor.imager import Alignment
 
     aligned = sensor.left.alignment if side == "left" else sensor.right.alignment
     if aligned == Alignment():

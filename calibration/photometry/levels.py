@@ -19,7 +19,6 @@ from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging.imager import electrons_per_radiance, mix_pixels
 from starling.sim.imaging.imager.exposure import Exposure
 from starling.sim.imaging.signals import signals
-from starling.sim.imaging.steady import steady
 from starling.sim.render.layers import ViewLayers
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Imager, Sensor
@@ -70,7 +69,7 @@ def unit_levels(
         side: side of the imager.
         exposure: time and gain of the image.
     """
-    unit = dataclasses.replace(steady(sensor.projector), power_w=1.0)
+    unit = dataclasses.replace(sensor.projector.steady(), power_w=1.0)
     sensor = dataclasses.replace(sensor, projector=unit)
     imager, wavelength = side_imager(sensor, side), sensor.projector.wavelength_nm
     electrons = electrons_per_radiance(imager, wavelength, exposure.exposure_s)

@@ -22,7 +22,7 @@ from starling.calibration.photometry import quantised_noise
 from starling.calibration.photometry.levels import Side, side_imager
 from starling.calibration.solution import Estimate, Solution
 from starling.patterns import errors
-from starling.sim.imaging.imager import smoothing
+from starling.sim.imaging.imager import converter
 from starling.sim.sensor import edits
 from starling.sim.sensor.sensor import Imager, Sensor
 
@@ -209,7 +209,7 @@ def _curve(table: NDArray[np.float64], imager: Imager, black_dn: float) -> _Curv
         raise errors.refuse("repeats", "must differ", "equal frames", "Give frames, not copies.")
     neighbour_covariance = table[:, 3].sum() / max(table[:, 4].sum(), 1) / 2
     sigma_px = _smoothing_px(neighbour_covariance / float((variance * count).sum() / count.sum()))
-    kept_variance = smoothing.variance_share(sigma_px) ** 2
+    kept_variance = converter.variance_share(sigma_px) ** 2
     signal = level - black_dn
     # The variance of n normal samples has the standard error variance x sqrt(2 / n).
     weight = np.sqrt(count) / np.maximum(variance + 1 / 12, 1e-6)
@@ -242,5 +242,5 @@ def _neighbours(sigma_px: float) -> float:
     """Return the noise correlation of adjacent pixels after averaging by a Gaussian."""
     point = np.zeros((1, 41), np.float32)
     point[0, 20] = 1
-    kernel = smoothing.smooth(np.repeat(point, 41, axis=0), sigma_px)[20].astype(np.float64)
+    kernel = converter.smooth(np.repeat(point, 41, axis=0), sigma_px)[20].astype(np.float64)
     return float((kernel[1:] * kernel[:-1]).sum() / (kernel**2).sum())

@@ -21,8 +21,8 @@ from starling.calibration.photometry.levels import side_imager
 from starling.calibration.photometry.photometry_open import EVEN
 from starling.calibration.photometry.prediction import Prediction
 from starling.calibration.solution import Estimate
-from starling.sim.imaging import speckle_field
 from starling.sim.imaging.imager import mix_pixels, noise_e
+from starling.sim.imaging.optics import speckle
 from starling.sim.sensor.sensor import Sensor
 
 SPECKLE = "projector.speckle_contrast"
@@ -177,7 +177,7 @@ def _speckle_variance(prediction: Prediction, sensor: Sensor) -> NDArray[np.floa
     point = np.zeros((size, size), np.float32)
     point[size // 2, size // 2] = 1
     kernel = mix_pixels(imager, point).astype(np.float64)
-    grain_px = speckle_field.grain_px(
+    grain_px = speckle.grain_size_px(
         wavelength_nm=sensor.projector.wavelength_nm,
         f_number=imager.lens.f_number,
         pixel_pitch_m=imager.pixel_pitch_m,

@@ -15,7 +15,7 @@ from starling.diagnosis.scenes import stability
 from starling.diagnosis.transfer import dequantise
 from starling.patterns.errors import refuse
 from starling.sim.captures.capture import CapturedScene, Frame, GreyImage
-from starling.sim.imaging.imager import smoothing
+from starling.sim.imaging.imager import converter
 from starling.sim.imaging.imager.exposure import Exposure, read_exposure
 from starling.sim.sensor.imager import BIT_DEPTHS, Imager
 from starling.sim.sensor.sensor import Sensor
@@ -200,7 +200,7 @@ def _noisier(images: Images, levels: Maps, imager: Imager, rng: np.random.Genera
     signal = np.maximum(levels - imager.black_level_dn, 0.0)
     variance = imager.shot_noise**2 * scale * signal + (scale * imager.read_noise_e) ** 2
     noise = (np.sqrt(variance) * rng.standard_normal(images.shape)).astype(np.float32)
-    averaged = np.stack([smoothing.smooth(field, imager.smoothing_px) for field in noise])
+    averaged = np.stack([converter.smooth(field, imager.smoothing_px) for field in noise])
     codes = np.rint(levels + averaged)
     ceiling = max(2**imager.bit_depth - 1, int(images.max()))  # Images may have more bits.
     return np.clip(codes, 0, ceiling).astype(images.dtype)

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.least_squares.variable_projection import cut
+from starling.sim.arrays import filled
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.metrics import MAD_TO_SIGMA, depth_edges
 from starling.sim.scene.scene import ModelError
-from starling.sim.stereo.filled import filled
 
 Map = NDArray[np.floating]
 

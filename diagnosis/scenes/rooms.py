@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from starling.sim.statistics import mean_known
+from starling.sim.arrays import mean_known
 
 FEWEST = 3  # Rooms below which no interval is computed.
 LEVEL = 0.95  # Confidence level of intervals.

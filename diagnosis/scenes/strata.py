@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from starling.sim.arrays import filled
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.geometry.planes import NORMAL_RADIUS_PX, fit_planes, incidence_cosine
 from starling.sim.metrics import EDGE_JUMP_PX
-from starling.sim.stereo.filled import filled
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]

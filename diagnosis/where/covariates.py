@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from starling.diagnosis.scenes.rooms import interval, resample_rooms, room_means
 from starling.diagnosis.scenes.strata import Mask, Strata
-from starling.sim.statistics import mean_known
+from starling.sim.arrays import mean_known
 
 MATERIAL = "material"  # Covariate in addition to those of `starling.diagnosis.scenes.strata`.
 _FEWEST = 200  # Least number of pixels of a scene in a bin.

@@ -17,8 +17,8 @@ from scipy import stats
 from starling.diagnosis.scenes.observation import SceneObservation
 from starling.diagnosis.scenes.rooms import FEWEST, room_means
 from starling.diagnosis.scenes.strata import FAR_OFF_PX, Mask, Strata
+from starling.sim.arrays import mean_known
 from starling.sim.scene.scene import Scene
-from starling.sim.statistics import mean_known
 
 Frame = Literal["camera", "projector"]
 

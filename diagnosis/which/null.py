@@ -14,8 +14,8 @@ from starling.diagnosis.which.fit import Folds, fit
 from starling.diagnosis.which.likelihood import TAU, Likelihood
 from starling.diagnosis.which.response import Signature
 from starling.diagnosis.which.table import FeatureTable, Rows
+from starling.sim.arrays import mean_known
 from starling.sim.effects.effect import Value
-from starling.sim.statistics import mean_known
 
 SEEDS = 8
 FLOOR = 0.02  # Model error of the simulator in every feature, in the feature's unit.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from starling.diagnosis.scenes.strata import COVARIATES
 from starling.diagnosis.which.likelihood import clipped_squares
-from starling.sim.statistics import mean_known
+from starling.sim.arrays import mean_known
 
 _MOST_LEADS = 3  # Largest number of groups that are reported as unexplained.
 _LEAD = 3.0  # Root mean squared deviation of a group from which it is reported.

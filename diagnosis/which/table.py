@@ -32,10 +32,10 @@ from starling.diagnosis.which.rows import (
 )
 from starling.diagnosis.workers import WorkerPool
 from starling.patterns.errors import refuse
+from starling.sim.arrays import mean_known
 from starling.sim.console import record
 from starling.sim.effects import setting as setting
 from starling.sim.effects.effect import Effect, Value
-from starling.sim.statistics import mean_known
 
 Rows = NDArray[np.float64]  # (scenes, features); NaN where a feature has too few pixels.
 RowFunction = Callable[..., Row | None]  # Takes a scene model, columns and further arguments.

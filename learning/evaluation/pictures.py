@@ -11,7 +11,7 @@ import numpy as np
 from starling.learning.data.example import Image
 from starling.learning.data.learnable import known_holes
 from starling.learning.evaluation.evaluate import HolePrediction, Scores
-from starling.sim.plotting import canvas, panels, sheet
+from starling.sim.plotting import panels, sheet
 from starling.sim.plotting.sheet import Panel
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def curves(methods: Mapping[str, Scores]) -> bytes:
     """Draw the ROC and reliability curves of all methods side by side, as PNG bytes."""
     from matplotlib import colormaps
 
-    figure = canvas.new_figure(_SIZE_IN, _DPI, layout="constrained")
+    figure = sheet.new_figure(_SIZE_IN, _DPI, layout="constrained")
     ranking, calibration = figure.subplots(1, 2)
     for number, (name, scores) in enumerate(methods.items()):
         colour = colormaps[_COLOURS](number % 20)
@@ -54,7 +54,7 @@ def curves(methods: Mapping[str, Scores]) -> bytes:
     calibration.set(xlabel="predicted probability", ylabel="share of pixels without depth")
     for axes in (ranking, calibration):
         axes.grid(color=_GRID, lw=0.7)
-    return canvas.encode(figure)
+    return sheet.encode(figure)
 
 
 def scenes(methods: Mapping[str, Sequence[HolePrediction]]) -> bytes:

@@ -14,12 +14,12 @@ from starling.learning.features.thickness import gap_width, thickness
 from starling.learning.features.visibility import seen_from, signed_distance
 from starling.learning.networks.training import channels
 from starling.patterns import errors
+from starling.sim.arrays import filled
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.geometry.planes import fit_planes, incidence_cosine, surface_planes
 from starling.sim.metrics import depth_edges
 from starling.sim.sensor import presets
-from starling.sim.stereo.filled import filled
 
 Image = NDArray[np.float32]
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from starling.learning.data.example import Example, Mask
 from starling.learning.features.visibility import seen_from
+from starling.sim.arrays import filled
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.geometry.planes import fit_planes, incidence_cosine
 from starling.sim.metrics import depth_edges
-from starling.sim.stereo.filled import filled
 
 # A pixel belongs to the first kind that applies, in this order.
 KINDS: dict[str, str] = {

@@ -18,10 +18,10 @@ from scipy import optimize
 from starling.learning.data.example import Example, Image
 from starling.learning.data.learnable import check_learnable, known_holes
 from starling.learning.methods import model_file
+from starling.sim.arrays import filled
 from starling.sim.console import progress
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.geometry.planes import NORMAL_RADIUS_PX, fit_planes, incidence_cosine
-from starling.sim.stereo.filled import filled
 
 _VERSION = 1
 _BINS = 180  # Bins of half a degree.

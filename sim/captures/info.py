@@ -13,7 +13,6 @@ import tomli_w
 from numpy.typing import NDArray
 
 from starling.patterns import errors
-from starling.sim.captures import toml_file
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.sensor import structure
 from starling.sim.sensor.sensor import Sensor
@@ -105,7 +104,7 @@ def read(path: Path) -> CaptureInfo:
         InputError: if the file is missing or no TOML, lacks a required key, or has an invalid
             value. Unknown keys are preserved in `extra`.
     """
-    return toml_file.read(path, from_table)
+    return structure.read_toml(path, from_table)
 
 
 def from_table(table: Mapping[str, Any]) -> CaptureInfo:

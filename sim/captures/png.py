@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.patterns.image import PNG_SIGNATURE, png_chunks
 
 GreyImage = NDArray[np.uint8] | NDArray[np.uint16]
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOUR_TYPES = {0: "grey", 2: "colour", 3: "palette", 4: "grey with alpha", 6: "colour with alpha"}
 _WIDEST = 16384  # Larger sizes in a header indicate a damaged file [px].
 
@@ -77,26 +77,14 @@ def _checked_bits(data: bytes, path: Path, name: str) -> int:
     """Check the file's structure, because decoders pad truncated files; return the bit depth."""
     if not data:
         raise errors.refuse(name, "must be a PNG file", f"{path}, an empty file", "Copy it again.")
-    if not data.startswith(_SIGNATURE):
+    if not data.startswith(PNG_SIGNATURE):
         raise errors.refuse(name, "must be a PNG file", path, "Convert it losslessly to PNG.")
-    header, pixels = b"", b""
-    position, kind = len(_SIGNATURE), b""
-    while kind != b"IEND":
-        if position + 12 > len(data):
-            raise _damaged(path, name, "a file cut short")
-        (length,) = struct.unpack_from(">I", data, position)
-        kind = data[position + 4 : position + 8]
-        end = position + 12 + length
-        if end > len(data):
-            raise _damaged(path, name, "a file cut short")
-        (checksum,) = struct.unpack_from(">I", data, end - 4)
-        if zlib.crc32(data[position + 4 : end - 4]) != checksum:
-            raise _damaged(path, name, "a wrong checksum")
-        if kind == b"IHDR":
-            header = data[position + 8 : end - 4]
-        if kind == b"IDAT":
-            pixels += data[position + 8 : end - 4]
-        position = end
+    try:
+        chunks = png_chunks(data)
+    except ValueError as error:
+        raise _damaged(path, name, str(error)) from error
+    header = dict(chunks).get(b"IHDR", b"")
+    pixels = b"".join(content for kind, content in chunks if kind == b"IDAT")
     if len(header) != 13:
         raise _damaged(path, name, "no image header")
     width, height, bits, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)

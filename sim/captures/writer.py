@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from typing import Any
@@ -32,12 +33,7 @@ def info_of(sensor: Sensor, *, source: str, licence: str, notes: str) -> Capture
     """Describe a sensor for the `capture.toml` of its capture set."""
     return CaptureInfo(
         sensor=sensor.name,
-        width=sensor.width,
-        height=sensor.height,
-        fx_px=sensor.fx_px,
-        fy_px=sensor.fy_px,
-        cx_px=sensor.cx_px,
-        cy_px=sensor.cy_px,
+        **dataclasses.asdict(Pinhole.from_camera(sensor)),
         baseline_m=sensor.baseline_m,
         depth_unit_m=sensor.post.depth_unit_m,
         source=source,
@@ -55,10 +51,7 @@ def _colour(sensor: Sensor) -> dict[str, Any]:
         return {}
     pose = frames.pose(sensor.colour.position_m, sensor.colour.rotation_deg)
     rows = tuple(tuple(map(float, row)) for row in np.linalg.inv(pose))
-    return {
-        "colour": Pinhole.from_camera(sensor.colour),
-        "colour_from_left": rows,
-    }
+    return {"colour": Pinhole.from_camera(sensor.colour), "colour_from_left": rows}
 
 
 def write_set(
@@ -84,18 +77,7 @@ def write_set(
     """
     folder.write(capture_info.FILE, capture_info.dumps(info))
     folder.write("sensor.toml", presets.dumps(sensor))
-    folder.write(
-        RECORD,
-        record.dumps(
-            {
-                "verb": verb,
-                "arguments": arguments,
-                "versions": record.versions(),
-                **({"renderer": renderer} if renderer else {}),
-                "figures": figures,
-            }
-        ),
-    )
+    folder.write(RECORD, record.of_run(verb, arguments, figures, renderer))
 
 
 def write_scene(

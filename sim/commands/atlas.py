@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 
 from starling.sim import effects, metrics
 from starling.sim.arrays import Image
-from starling.sim.commands import atlas_page
+from starling.sim.commands.compare import dot_contrast
 from starling.sim.console import progress, record
 from starling.sim.console.output import RECORD, OutputFolder
-from starling.sim.effects import Effect, Stage, Value, written
-from starling.sim.effects import setting as setting
-from starling.sim.imaging.dot_contrast import dot_contrast
+from starling.sim.effects import Effect, Parameter, Stage, Value, setting, written
 from starling.sim.imaging.imager import Infrared
 from starling.sim.plotting import panels, sheet
 from starling.sim.plotting.sheet import Panel
@@ -41,6 +39,23 @@ SHOWN_WITH: dict[str, dict[str, Value]] = {
 _FRAMES = 6  # Frames with the temporal filter on: enough for it to settle.
 _CROP = (0.42, 0.40, 0.36)  # Left, top and size of the infrared crop, relative to the image.
 _DPI = 65  # Resolution of the pictures [dots per inch].
+
+_STAGES = {
+    Stage.SCENE: "Scene",
+    Stage.LIGHT: "Projector",
+    Stage.OPTICS: "Optics",
+    Stage.IMAGER: "Imager",
+    Stage.MATCHER: "Matcher",
+    Stage.POST: "Post-processing",
+}
+
+# Short names of figures; the index defines them.
+_LABELS = {
+    "mean level [share of full scale]": "mean level",
+    "disparity bias [px]": "bias [px]",
+    "disparity NMAD [px]": "NMAD [px]",
+    "off by more than 1 px [%]": "over 1 px [%]",
+}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -112,22 +127,11 @@ def atlas(
             value, affected = max(shots.items(), key=lambda item: _changed(without, item[1]))
             folder.write(f"{row.name}.jpg", _picture(row, value, without, affected))
             measured = {"without": without.figures, "with": affected.figures}
-            folder.write(f"{row.name}.md", atlas_page.page(row, value, measured))
+            folder.write(f"{row.name}.md", effect_page(row, value, measured))
             figures[row.name] = {"value": value, **measured}
-        folder.write("index.md", atlas_page.index(rows))
+        folder.write("index.md", index_page(rows))
         arguments = {"sensor": sensor.name, "scene": SCENE, "effects": [row.name for row in rows]}
-        folder.write(
-            RECORD,
-            record.dumps(
-                {
-                    "verb": "atlas",
-                    "arguments": arguments,
-                    "versions": record.versions(),
-                    "renderer": backend.renderer(),
-                    "figures": figures,
-                }
-            ),
-        )
+        folder.write(RECORD, record.of_run("atlas", arguments, figures, backend.renderer()))
     return {
         "out": str(folder.path),
         "files": 2 * len(rows) + 2,
@@ -263,3 +267,90 @@ def _cropped(infrared: Infrared) -> Infrared:
     height, width = infrared.shape
     rows = slice(int(top * height), int((top + size) * height))
     return infrared[rows, int(left * width) : int((left + size) * width)]
+
+
+def index_page(rows: Sequence[Effect]) -> str:
+    """Write the index page, which lists all effects by stage."""
+    lines = [
+        "# Effect atlas",
+        "",
+        "Every effect of the table (`starling effects`), drawn on the `tabletop` scene by",
+        "`starling atlas`. A picture shows infrared, disparity error and holes: without the effect",
+        "on the left, with it on the right. The mean level is a share of full scale. Bias, NMAD",
+        "and pixels over 1 px are of the disparity error. A page states where a new value needs a",
+        "new render. In brackets: the family, where its name differs. Effects of one family share",
+        "a physical cause.",
+    ]
+    for stage, title in _STAGES.items():
+        listed = [row for row in rows if row.stage is stage]
+        if listed:
+            lines += ["", f"## {title}", "", *map(_entry, listed)]
+    return "\n".join(lines) + "\n"
+
+
+def effect_text(row: Effect) -> str:
+    """Write one effect's row of the table as Markdown."""
+    confusable = ", ".join(f"[{_words(name)}]({name}.md)" for name in row.confused_with)
+    return "\n".join(
+        [
+            f"# {_words(row.name).capitalize()}",
+            "",
+            f"{row.imitates}",
+            "",
+            f"![without, with]({row.name}.jpg)",
+            "",
+            f"**Image.** {row.shows}",
+            "",
+            f"**Confused with.** {confusable or 'nothing'}.",
+            "",
+            f"**Law.** {row.law}",
+            "",
+            f"**Source.** {row.source}",
+            "",
+            *([f"**New render.** {row.rerender}.", ""] if row.rerender else []),
+            "| parameter | moves | neutral | range | unit |",
+            "| --- | --- | --- | --- | --- |",
+            *(_parameter(parameter) for parameter in row.parameters),
+            "",
+        ]
+    )
+
+
+def effect_page(row: Effect, value: Value, figures: Mapping[str, Mapping[str, float]]) -> str:
+    """Write one effect's page: the table's text and the figures of the picture.
+
+    Args:
+        row: row of the effect table.
+        value: drawn value of its first parameter.
+        figures: `{"without": {NAME: number}, "with": {NAME: number}}`.
+    """
+    lines = [
+        f"Measured on the picture, {row.parameters[0].name} = {written(value)}:",
+        "",
+        "| | without | with |",
+        "| --- | --- | --- |",
+        *(
+            f"| {_LABELS.get(name, name)} | {without:.3g} | {figures['with'][name]:.3g} |"
+            for name, without in figures["without"].items()
+        ),
+    ]
+    return effect_text(row) + "\n" + "\n".join(lines) + "\n"
+
+
+def _entry(row: Effect) -> str:
+    family = "" if row.family == row.name else f" ({_words(row.family)})"
+    return f"- [{_words(row.name)}]({row.name}.md){family}"
+
+
+def _parameter(parameter: Parameter) -> str:
+    moves = ", ".join(f"`{path}`" for path in parameter.paths)
+    neutral = "as the sensor" if parameter.neutral is None else written(parameter.neutral)
+    if parameter.choices:
+        span = ", ".join(map(written, parameter.choices))
+    else:
+        span = f"{parameter.low:g} to {parameter.high:g}"
+    return f"| {parameter.name} | {moves} | {neutral} | {span} | {parameter.unit} |"
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")

@@ -15,8 +15,7 @@ import numpy as np
 
 from starling.sim import effects, simulate
 from starling.sim.console import progress
-from starling.sim.effects import Value
-from starling.sim.effects import setting as setting
+from starling.sim.effects import Value, setting
 from starling.sim.geometry import frames
 from starling.sim.render import backend, direct, emission, plugin_scene
 from starling.sim.render.layers import Layers
@@ -53,7 +52,7 @@ def bench(
     sensor = _sensor()
     scene = scenes.clutter()
     stage = MitsubaScene(scene)
-    bounced = MitsubaScene(_with_interreflection(scene))
+    bounced = MitsubaScene(dataclasses.replace(scene, interreflection=1.0))
     shot = simulate.simulate(stage, sensor)
     layers = shot.layers
     exact = dataclasses.replace(sensor, matcher=named("d4xx"))
@@ -96,10 +95,6 @@ def bench(
         "variant": str(backend.mitsuba().variant()),
         "size": list(_SIZE),
     }
-
-
-def _with_interreflection(scene: Scene) -> Scene:
-    return dataclasses.replace(scene, interreflection=1.0)
 
 
 def _effects(layers: Layers, scene: Scene, sensor: Sensor) -> Callable[[], None]:

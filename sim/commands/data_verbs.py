@@ -137,7 +137,7 @@ def fuse(
         force: Replace a folder that starling wrote earlier.
     """
     from starling.sim.captures.fusion.fuse import fuse as fusing
-    from starling.sim.captures.fusion.fused import Fusion
+    from starling.sim.captures.fusion.volume import Fusion
     from starling.sim.console import progress
 
     with progress.on_stderr() as track:

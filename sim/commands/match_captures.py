@@ -18,8 +18,7 @@ from starling.sim.console import progress
 from starling.sim.console.output import OutputFolder, refuse_own_input
 from starling.sim.sensor.post import refuse_single_frame
 from starling.sim.sensor.sensor import Sensor
-from starling.sim.stereo import depth
-from starling.sim.stereo import measurement as measurement
+from starling.sim.stereo import depth, measurement
 
 _Map = NDArray[np.float32]  # (h, w), NaN = no value.
 
@@ -146,7 +145,7 @@ def _median(values: list[float | None]) -> float | None:
 
 def _write(folder: OutputFolder, scene: CapturedScene, depth_map: depth.DepthMap) -> None:
     """Write our depth in the captures' depth unit; infrared images are not copied."""
-    from starling.sim.scene.captured import known_geometry as known
+    from starling.sim.scene.captured import known_geometry
 
     unit = scene.info.depth_unit_m
     writer.write_scene(
@@ -155,6 +154,6 @@ def _write(folder: OutputFolder, scene: CapturedScene, depth_map: depth.DepthMap
         room=scene.room,
         truth_m=scene.truth_m(),
         depth_unit_m=unit,
-        known=known.for_folder(scene, folder.path / scene.name),
+        known=known_geometry.for_folder(scene, folder.path / scene.name),
     )
     writer.write_frame(folder, scene.name, 0, depth=depth_map, depth_unit_m=unit)

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,7 @@ from starling.patterns import errors
 from starling.sim.captures import capture, writer
 from starling.sim.console import progress
 from starling.sim.console.output import OutputFolder, refuse_own_input
-from starling.sim.effects import Value
-from starling.sim.effects import setting as setting
+from starling.sim.effects import Value, setting
 from starling.sim.render import backend
 from starling.sim.sensor.sensor import Sensor
 
@@ -33,16 +32,7 @@ if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
     from starling.sim.scene.scene_file import SceneFile
     from starling.sim.simulate import Shot
 
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Plan:
-    """Settings of the simulation that all scenes share."""
-
-    sensor: Sensor
-    frames: int
-    seed: int
-    samples: int
-    effects: Mapping[str, Value]
+    _Reading = tuple[Shot, Scene, NDArray[np.uint8] | None, int]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -53,17 +43,6 @@ class _Task:
     name: str
     room: str
     captured: bool  # Whether its geometry comes from captures.
-
-
-class _Reading(NamedTuple):
-    """One frame of one scene."""
-
-    task: _Task
-    number: int
-    shot: Shot
-    rgb: NDArray[np.uint8] | None  # Colour picture, the same for all frames of a scene.
-    samples: int  # Paths per coarse pixel for indirect light; 0 without indirect light.
-    world_from_left: Pose
 
 
 def simulate_captures(
@@ -115,35 +94,24 @@ def simulate_captures(
     errors.in_interval("samples", samples, 0, 4096, "16 are enough for most scenes.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     started = time.perf_counter()
-    plan = _Plan(
-        sensor=setting.on_sensor(sensor, effects or {}),
-        frames=frames,
-        seed=seed,
-        samples=samples,
-        effects=effects or {},
-    )
-    _refuse_samples_of_nothing(plan)
-    refuse_impossible(plan.sensor, frames)
+    effects = dict(effects or {})
+    camera = setting.on_sensor(sensor, effects)
+    _refuse_samples_of_nothing(samples, effects)
+    refuse_impossible(camera, frames)
     tasks, licence, notes = _tasks(scene)
     _refuse_own_input(out, scene)
-    info = writer.info_of(
-        plan.sensor, source=f"starling simulate {scene}", licence=licence, notes=notes
-    )
+    info = writer.info_of(camera, source=f"starling simulate {scene}", licence=licence, notes=notes)
+    arguments = {"scene": scene, "frames": frames, "seed": seed, "samples": samples}
     with OutputFolder(out, force=force) as folder:
-        figures = _write_scenes(folder, _shots(tasks, plan, track), plan)
-        arguments = {
-            "scene": scene,
-            "frames": frames,
-            "seed": seed,
-            "samples": samples,
-            "effect": dict(plan.effects),
-        }
+        figures = _write_scenes(
+            folder, tasks, camera, effects, frames=frames, seed=seed, samples=samples, track=track
+        )
         writer.write_set(
             folder,
             info,
-            plan.sensor,
+            camera,
             verb="simulate",
-            arguments={**arguments, **(options or {})},
+            arguments={**arguments, "effect": effects, **(options or {})},
             figures=figures,
             renderer=backend.renderer(),
         )
@@ -164,16 +132,13 @@ def scene_seed(seed: int, name: str) -> int:
     return int(words.generate_state(1, np.uint64)[0] >> np.uint64(11))
 
 
-def _refuse_samples_of_nothing(plan: _Plan) -> None:
+def _refuse_samples_of_nothing(samples: int, effects: Mapping[str, Value]) -> None:
     """Refuse `samples` above 0 if an effect switches interreflection off."""
-    for name, value in plan.effects.items():
+    for name, value in effects.items():
         effect, _ = setting.parameter_of(name)
-        if plan.samples and effect.name == "interreflection" and value == 0:
+        if samples and effect.name == "interreflection" and value == 0:
             raise errors.refuse(
-                "samples",
-                f"must be 0 where effect {name} is 0",
-                plan.samples,
-                "Drop one of them.",
+                "samples", f"must be 0 where effect {name} is 0", samples, "Drop one of them."
             )
 
 
@@ -202,29 +167,46 @@ def _tasks(scene: str) -> tuple[list[_Task], str, str]:
 
 def _write_scenes(
     folder: OutputFolder,
-    shots: Iterator[_Reading],
-    plan: _Plan,
+    tasks: list[_Task],
+    sensor: Sensor,
+    effects: Mapping[str, Value],
+    *,
+    frames: int,
+    seed: int,
+    samples: int,
+    track: progress.Progress,
 ) -> dict[str, Any]:
-    """Write every shot, and the reference depth with a scene's first; return figures by scene."""
+    """Render each scene once, read it out `frames` times and write it; return figures by scene."""
+    figures: dict[str, Any] = {}
     rates: dict[str, list[float]] = defaultdict(list)
     levels: dict[str, list[float]] = defaultdict(list)
-    figures: dict[str, Any] = {}
-    for task, number, shot, picture, samples, world_from_left in shots:
+    readings: Iterator[_Reading] = iter(())
+    for task, number in track(list(product(tasks, range(frames))), "simulate"):
+        task_seed = scene_seed(seed, task.name)
+        if number == 0:
+            readings = _readings(task.text, sensor, effects, frames, task_seed, samples)
+        shot, scene, picture, paths = next(readings)
         if number == 0:
             writer.write_scene(
                 folder,
                 task.name,
                 room=task.room,
                 truth_m=shot.layers.truth.depth_m,
-                depth_unit_m=plan.sensor.post.depth_unit_m,
-                known=_known(task, world_from_left, folder.path / task.name),
+                depth_unit_m=sensor.post.depth_unit_m,
+                known=_known(task, scene.world_from_left, folder.path / task.name),
             )
-        more = {
-            "seed": scene_seed(plan.seed, task.name),
-            "frame": number,
-            "samples": samples,
-        }
-        _write_shot(folder, task.name, number, shot, plan.sensor, picture, more)
+        writer.write_frame(
+            folder,
+            task.name,
+            number,
+            depth=shot.depth,
+            depth_unit_m=sensor.post.depth_unit_m,
+            infrared=(shot.ir_left, shot.ir_right),
+            registered_m=shot.registered_m,
+            colour=picture,
+            layers=shot.layers,
+            facts={**facts(shot, sensor), "seed": task_seed, "frame": number, "samples": paths},
+        )
         rates[task.name].append(1 - shot.depth.valid.mean())
         levels[task.name].append(shot.ir_left.mean())
         figures[task.name] = {
@@ -236,40 +218,27 @@ def _write_scenes(
     return figures
 
 
+def _readings(
+    text: str, sensor: Sensor, effects: Mapping[str, Value], frames: int, seed: int, samples: int
+) -> Iterator[_Reading]:
+    """Render a scene once; yield each frame with the scene, its colour picture and paths."""
+    from starling.sim.scene import sources
+    from starling.sim.simulate import sequence
+
+    scene = setting.on_scene(sources.load(text, sensor), effects)
+    scene = indirectly_lit(scene, samples)
+    paths = (samples or _SAMPLES) if scene.interreflection else 0
+    picture = rgb(scene, sensor)
+    for shot in sequence(scene, sensor, frames=frames, seed=seed, samples=paths or _SAMPLES):
+        yield shot, scene, picture, paths
+
+
 def _known(task: _Task, world_from_left: Pose, folder: Path) -> SceneFile | None:
     if task.captured:
         return None
     from starling.sim.scene.captured import known_geometry
 
     return known_geometry.describe(task.text, world_from_left, folder)
-
-
-def _shots(tasks: list[_Task], plan: _Plan, track: progress.Progress) -> Iterator[_Reading]:
-    """Yield every frame of every scene; each scene is rendered once, read out `frames` times."""
-    from starling.sim.simulate import sequence
-
-    shots: Iterator[Shot] = iter(())
-    picture, samples, world_from_left = None, 0, np.eye(4)
-    for task, number in track(list(product(tasks, range(plan.frames))), "simulate"):
-        if number == 0:
-            scene = _scene(task.text, plan)
-            picture, world_from_left = rgb(scene, plan.sensor), scene.world_from_left
-            samples = (plan.samples or _SAMPLES) if scene.interreflection else 0
-            shots = sequence(
-                scene,
-                plan.sensor,
-                frames=plan.frames,
-                seed=scene_seed(plan.seed, task.name),
-                samples=samples or _SAMPLES,
-            )
-        yield _Reading(task, number, next(shots), picture, samples, world_from_left)
-
-
-def _scene(text: str, plan: _Plan) -> Scene:
-    from starling.sim.scene import sources
-
-    scene = setting.on_scene(sources.load(text, plan.sensor), plan.effects)
-    return indirectly_lit(scene, plan.samples)
 
 
 def indirectly_lit(scene: Scene, samples: int) -> Scene:
@@ -296,26 +265,3 @@ def rgb(scene: Scene, sensor: Sensor) -> NDArray[np.uint8] | None:
     from starling.sim.imaging import colour_picture
 
     return colour_picture.picture(scene, sensor)
-
-
-def _write_shot(
-    folder: OutputFolder,
-    scene: str,
-    number: int,
-    shot: Shot,
-    sensor: Sensor,
-    picture: NDArray[np.uint8] | None,
-    more: Mapping[str, Any],
-) -> None:
-    writer.write_frame(
-        folder,
-        scene,
-        number,
-        depth=shot.depth,
-        depth_unit_m=sensor.post.depth_unit_m,
-        infrared=(shot.ir_left, shot.ir_right),
-        registered_m=shot.registered_m,
-        colour=picture,
-        layers=shot.layers,
-        facts={**facts(shot, sensor), **more},
-    )

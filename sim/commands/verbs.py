@@ -39,8 +39,7 @@ def sensors(
         action: `list` all presets, or `show` one.
         name: Preset to show.
     """
-    from starling.sim.sensor import presets as presets
-    from starling.sim.sensor import structure
+    from starling.sim.sensor import presets, structure
 
     if action == "list":
         shell.say(presets.summary(), json=common.json)
@@ -69,7 +68,7 @@ def effects(
             It supplies the neutral value of parameters that have no ideal value.
     """
     from starling.sim.effects import listing
-    from starling.sim.sensor import presets as presets
+    from starling.sim.sensor import presets
 
     if action == "show" and not name:
         raise refuse("name", "must be given", "nothing", "See `starling effects`.")
@@ -110,10 +109,10 @@ def simulate(
     """
     from starling.sim.commands import simulate_captures
     from starling.sim.console import progress
-    from starling.sim.effects import setting as setting
-    from starling.sim.sensor import resolve as asked_sensor
+    from starling.sim.effects import setting
+    from starling.sim.sensor import resolve
 
-    camera = asked_sensor.load(
+    camera = resolve.load(
         sensor,
         captures=scene,
         device_preset=device_preset,
@@ -167,10 +166,10 @@ def match(
     """
     from starling.sim.commands import match_captures
     from starling.sim.console import progress
-    from starling.sim.sensor import resolve as asked_sensor
+    from starling.sim.sensor import resolve
 
     chosen = (f"matcher.setting={setting}",) if setting else ()
-    camera = asked_sensor.load(
+    camera = resolve.load(
         sensor,
         captures=captures,
         device_preset=device_preset,
@@ -244,12 +243,10 @@ def atlas(
     """
     from starling.sim.commands import atlas as drawing
     from starling.sim.console import progress
-    from starling.sim.sensor import resolve as asked_sensor
+    from starling.sim.sensor import resolve
 
     with progress.on_stderr() as track:
-        result = drawing.atlas(
-            out, asked_sensor.load(sensor), names=names, force=force, track=track
-        )
+        result = drawing.atlas(out, resolve.load(sensor), names=names, force=force, track=track)
     shell.say(result, json=common.json)
 
 
@@ -287,9 +284,9 @@ def sweep(
     """
     from starling.sim.commands.sweep import sweep as sweeping
     from starling.sim.console import progress
-    from starling.sim.sensor import resolve as asked_sensor
+    from starling.sim.sensor import resolve
 
-    camera = asked_sensor.load(sensor, edits=edits)
+    camera = resolve.load(sensor, edits=edits)
     axes = {"baseline_m": baseline_m, "focal_px": focal_px}
     axes |= {"projector_x_m": projector_x_m, "dot_density": dot_density}
     with progress.on_stderr() as track:

@@ -7,7 +7,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol
@@ -129,7 +129,7 @@ def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
             refuse_taken(path, force=force)  # Another process may have created it meanwhile.
             os.replace(partial, path)
         except BaseException:
-            with _ignored():
+            with suppress(OSError):  # It is missing, or another process uses it.
                 partial.unlink()
             _remove_empty(made_parents)
             raise
@@ -148,10 +148,7 @@ def refuse_own_input(out: Path | str, source: Path | str) -> None:
     place, origin = _resolved(out), Path(os.path.realpath(source))
     if place == origin or place in origin.parents or origin in place.parents:
         raise errors.refuse(
-            "out",
-            "must lie outside its input",
-            f"{out} for {source}",
-            "Choose another place.",
+            "out", "must lie outside its input", f"{out} for {source}", "Choose another place."
         )
 
 
@@ -175,7 +172,7 @@ def _missing_parents(path: Path) -> list[Path]:
 
 def _remove_empty(folders: list[Path]) -> None:
     for folder in folders:
-        with _ignored():
+        with suppress(OSError):  # It is missing, or another process uses it.
             folder.rmdir()
 
 
@@ -243,12 +240,3 @@ def refused(path: Path) -> Iterator[None]:
         raise errors.refuse(
             "out", "must be writable", path, f"{error.strerror or error}: choose another place."
         ) from error
-
-
-@contextmanager
-def _ignored() -> Iterator[None]:
-    """Ignore a failed removal: the path is missing, or another process uses it."""
-    try:
-        yield
-    except OSError:
-        return

@@ -83,6 +83,25 @@ def _version(name: str) -> str | None:
         return None
 
 
+def of_run(
+    verb: str,
+    arguments: Mapping[str, Any],
+    figures: Mapping[str, Any] | None = None,
+    renderer: Mapping[str, Any] | None = None,
+) -> str:
+    """Write the record of a run as JSON, with the versions.
+
+    Args:
+        verb: the command.
+        arguments: the command's arguments, including the seed.
+        figures: figures that the command measured; None if it measures none.
+        renderer: renderer (see `starling.sim.render.backend.renderer`); None without rendering.
+    """
+    known = {"verb": verb, "arguments": arguments, "versions": versions()}
+    known |= {"renderer": renderer} if renderer else {}
+    return dumps(known | ({} if figures is None else {"figures": figures}))
+
+
 def dumps(value: Any) -> str:
     """Write plain values, arrays and dataclasses as JSON; non-finite numbers become null."""
     return json.dumps(_plain(value), indent=2, allow_nan=False) + "\n"

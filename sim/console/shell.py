@@ -1,11 +1,12 @@
-"""Output and termination of a command: results on standard output, one line per error."""
+"""Output and termination of a command: results as text or JSON, one line per error."""
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -26,10 +27,10 @@ def termination_as_exit() -> Iterator[None]:
 
 
 def say(value: Any, *, json: bool, as_text: Callable[[Any], str] | None = None) -> None:
-    """Print a result as JSON, or as text; `as_text` defaults to `text.render`."""
-    from starling.sim.console import record, text
+    """Print a result as JSON, or as text; `as_text` defaults to `render`."""
+    from starling.sim.console import record
 
-    printed = record.dumps(value) if json else (as_text or text.render)(value)
+    printed = record.dumps(value) if json else (as_text or render)(value)
     print(printed.rstrip("\n"))
 
 
@@ -49,3 +50,76 @@ def format_error(error: Exception) -> str:
 def warn(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line; replaces `warnings.showwarning`."""
     print(f"starling: warning: {message}", file=sys.stderr)
+
+
+def render(value: Any) -> str:
+    """Format nested tables as aligned lines; tables of equal rows become columns.
+
+    Example:
+        >>> print(render({"out": "sim", "scenes": {"a": {"fill": 0.9}, "b": {"fill": 0.8}}}))
+        out  sim
+        <BLANKLINE>
+        scenes  fill
+        a        0.9
+        b        0.8
+    """
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(_rows(value, "") or _lines(value, ""))).strip("\n")
+
+
+def _lines(value: Any, title: str) -> list[str]:
+    if isinstance(value, (list, tuple)) and value and all(isinstance(v, Mapping) for v in value):
+        value = {str(number): row for number, row in enumerate(value)}
+    if not isinstance(value, Mapping):
+        return [_cell(value)]
+    flat = {key: item for key, item in value.items() if not _is_table(item)}
+    lines = [f"[{title}]"] if title and flat else []
+    lines += _columns([[str(key), _cell(item)] for key, item in flat.items()], left=2)
+    for key, item in value.items():
+        if _is_table(item):
+            name = f"{title} {key}".strip()
+            lines += ["", *(_rows(item, name) or _lines(item, name))]
+    return lines
+
+
+def _rows(table: Any, title: str) -> list[str]:
+    """Format a table of equal rows, or of tables of equal rows, in columns; otherwise `[]`."""
+    if not isinstance(table, Mapping) or not all(map(_is_table, table.values())):
+        return []
+    rows = {str(key): row for key, row in table.items()}
+    if all(_holds_tables(row) for row in rows.values()):
+        rows = {f"{key} {sub}": row for key, item in rows.items() for sub, row in item.items()}
+    if any(not isinstance(row, Mapping) or _holds_tables(row) for row in rows.values()):
+        return []
+    heads = list(dict.fromkeys(head for row in rows.values() for head in row))
+    body = [[key, *(_cell(row.get(head, "")) for head in heads)] for key, row in rows.items()]
+    return _columns([[title, *heads], *body], left=1)
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, Mapping) and bool(value)
+
+
+def _holds_tables(row: Any) -> bool:
+    return isinstance(row, Mapping) and any(map(_is_table, row.values()))
+
+
+def _columns(rows: Sequence[Sequence[str]], *, left: int) -> list[str]:
+    """Align the first `left` columns to the left and the others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.ljust(width) if number < left else cell.rjust(width)
+            for number, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(_cell, value)) or "-"
+    if isinstance(value, Mapping):
+        return "-"
+    return "-" if value is None else str(value)

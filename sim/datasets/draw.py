@@ -1,9 +1,9 @@
-"""Values of a plan that are drawn at random: ranges, choices and fixed values."""
+"""Values of a plan's tables: checks, and values that are drawn at random."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -119,3 +119,36 @@ def _range(table: Mapping[str, Any], name: str) -> Range:
     if bounds.whole and not (float(bounds.low).is_integer() and float(bounds.high).is_integer()):
         raise errors.refuse(name, "must have whole ends", [bounds.low, bounds.high], "Round them.")
     return bounds
+
+
+def refuse_unknown(table: Mapping[str, Any], known: Sequence[str], name: str) -> None:
+    """Refuse unknown keys; the message suggests the most similar known key.
+
+    Raises:
+        InputError: if a key is unknown.
+    """
+    for key in table:
+        errors.one_of(f"key in {name}", key, known)
+
+
+def weight(table: Mapping[str, Any], name: str) -> float:
+    """Return the weight of an entry: its probability is the weight over the sum of all weights.
+
+    Raises:
+        InputError: if the weight is not above zero.
+    """
+    value = table.get("weight", 1.0)
+    errors.positive(f"{name}.weight", value)
+    return float(value)
+
+
+def text(table: Mapping[str, Any], key: str, name: str, example: str) -> str:
+    """Return a required text.
+
+    Raises:
+        InputError: if the value is missing, empty or no text.
+    """
+    value = table.get(key)
+    if not isinstance(value, str) or not value:
+        raise errors.refuse(f"{name}.{key}", "must be a text", repr(value), f"As {example!r}.")
+    return value

@@ -13,13 +13,12 @@ import tomli_w
 from starling.patterns import errors
 from starling.sim.console import progress
 from starling.sim.console.threads import cores
-from starling.sim.datasets import index, local_workers, ray_workers, render_view, set_folder
+from starling.sim.datasets import index, render_view, set_folder
 from starling.sim.datasets import plan as plans
-from starling.sim.datasets.plan import Plan
+from starling.sim.datasets.plan import Plan, view
 from starling.sim.datasets.set_folder import Layout
 from starling.sim.datasets.source import Captured, Dropped, SceneFiles
-from starling.sim.datasets.task import Task, TaskResult, tasks
-from starling.sim.datasets.view import view
+from starling.sim.datasets.workers import Task, TaskResult, run_locally, run_on_ray, tasks
 from starling.sim.render import backend
 
 SHARD_FRAMES = 64  # Default number of frames per archive and per task.
@@ -41,7 +40,7 @@ def generate(
         plan: TOML file (see `starling.sim.datasets.plan`).
         out: folder of the set: a new one, or one started by the same plan.
         workers: processes on this machine; 0 uses one per core.
-        ray: address of a Ray cluster that replaces them (see `starling.sim.datasets.ray_workers`).
+        ray: address of a Ray cluster that replaces them (see `starling.sim.datasets.workers`).
         layout: one folder per view, or archives in the WebDataset layout.
         shard_frames: frames per archive and per task.
         track: wraps the loop over tasks.
@@ -72,9 +71,9 @@ def generate(
             done = folder.done()
             remaining = [task for task in all_tasks if task.number not in done]
             results = (
-                ray_workers.run(parsed, info, out, remaining, ray)
+                run_on_ray(parsed, info, out, remaining, ray)
                 if ray
-                else local_workers.run(parsed, info, out, remaining, workers or cores())
+                else run_locally(parsed, info, out, remaining, workers or cores())
             )
             for result in _tracked(results, remaining, track):
                 folder.put(result)

@@ -20,7 +20,7 @@ from starling.patterns import errors
 from starling.sim.datasets.source import Pile
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
-from starling.sim.scene import materials, mesh
+from starling.sim.scene import materials, sources
 from starling.sim.scene.builtin import solids
 from starling.sim.scene.scene import Ambient, Body, Material, Scene
 from starling.sim.sensor.sensor import Sensor
@@ -113,7 +113,7 @@ def _at_rest(path: Path, rng: np.random.Generator) -> tuple[Pose, float]:
 @lru_cache(maxsize=256)
 def _stable(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return stable poses (n, 4, 4) on z = 0, their probabilities, and the hull's points."""
-    whole = solids.join([part for _, part in mesh.parts(path)])
+    whole = solids.join([part for _, part in sources.mesh_parts(path)])
     try:
         hull = whole.convex_hull
         poses, chances = hull.compute_stable_poses(sigma=0.0)
@@ -151,7 +151,7 @@ def _spots(radii: list[float], rng: np.random.Generator) -> list[tuple[float, fl
 
 
 def _body(rested: RestingMesh) -> Body:
-    parts = solids.join([part for _, part in mesh.parts(rested.path)])
+    parts = solids.join([part for _, part in sources.mesh_parts(rested.path)])
     material = Material(name=rested.name, reflectance=rested.reflectance)
     return solids.body(rested.name, parts, material, rested.world_from_mesh)
 

@@ -1,22 +1,27 @@
-"""The plan of a data set: scenes, sensors and poses, read from a TOML file."""
+"""The plan of a data set, read from a TOML file: scenes, sensors, poses and the views it draws.
+
+Scene, camera, pose and seed of a view depend only on the view's number.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Protocol, TypeVar, get_args
+
+import numpy as np
 
 from starling.patterns import errors
-from starling.sim.captures import toml_file
+from starling.sim import randomness
 from starling.sim.datasets import draw
-from starling.sim.datasets.draw import Draw, Fixed
-from starling.sim.datasets.source import Source
-from starling.sim.datasets.source import read as read_source
-from starling.sim.datasets.table import refuse_unknown, text, weight
-from starling.sim.effects import setting as setting
-from starling.sim.sensor import edits
-from starling.sim.sensor import presets as sensors
+from starling.sim.datasets.draw import Draw, Fixed, refuse_unknown, text, weight
+from starling.sim.datasets.source import Setting, Source, read_source
+from starling.sim.effects import setting
+from starling.sim.effects.effect import Value
+from starling.sim.geometry import frames
+from starling.sim.geometry.frames import Pose
+from starling.sim.sensor import edits, presets, structure
 
 Layer = Literal["infrared", "truth", "reason", "rgb", "exr"]  # Depth is always written.
 Missing = Literal["stop", "skip"]
@@ -71,7 +76,7 @@ def read(path: Path) -> Plan:
         InputError: if the file is missing or no TOML, a key is unknown, or a range is invalid for
             the sensor.
     """
-    return toml_file.read(path, lambda table: from_table(table, path.absolute().parent))
+    return structure.read_toml(path, lambda table: from_table(table, path.absolute().parent))
 
 
 def from_table(table: Mapping[str, Any], folder: Path) -> Plan:
@@ -159,7 +164,7 @@ def _draws(table: Mapping[str, Any], key: str, name: str) -> dict[str, Draw]:
 
 def _refuse_impossible(plan: SensorPlan) -> None:
     """Try every end of every range separately, with the other values at their first end."""
-    base = sensors.load(plan.preset)
+    base = presets.load(plan.preset)
     first = {path: value.ends[0] for path, value in plan.fields.items()}
     effects = {name: value.ends[0] for name, value in plan.effects.items()}
     for path, value in plan.fields.items():
@@ -193,3 +198,83 @@ def _number(value: Any, name: str) -> Draw:
     for end in number.ends:
         errors.in_interval(name, end, -1e3, 1e3)
     return Fixed(value=float(number.value)) if isinstance(number, Fixed) else number
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PlannedView:
+    """One pose of one camera in one scene; its frames differ in noise only."""
+
+    number: int
+    scene: int  # Number of the scene, which several views can share.
+    name: str  # Name of its folder in the capture set.
+    room: str
+    setting: Setting
+    preset: str
+    fields: Mapping[str, Any]  # Fields of the sensor, by dotted path.
+    effects: Mapping[str, Value]
+    own_from_left: Pose  # Pose in the frame of the scene's own left imager.
+    seed: int
+
+
+def view(plan: Plan, number: int) -> PlannedView:
+    """Draw a view.
+
+    Each value has its own random stream by name, so an additional value in the plan changes no
+    other value.
+
+    Args:
+        plan: plan of the data set.
+        number: number of the view, from 0, below scenes times views.
+    """
+    scene, _ = divmod(number, plan.views)
+    source = _weighted(plan.sources, _rng(plan, scene, "source"))
+    setting = source.chosen(_rng(plan, scene, "scene"))
+    sensor = _weighted(plan.sensors, _rng(plan, number, "sensor"))
+    shift = _drawn(plan, number, "shift_m", plan.pose.shift_m)
+    turn = _drawn(plan, number, "turn_deg", plan.pose.turn_deg)
+    return PlannedView(
+        number=number,
+        scene=scene,
+        name=f"{number:07d}",
+        room=setting.room,
+        setting=setting,
+        preset=sensor.preset,
+        fields={
+            path: draw.drawn(_rng(plan, number, f"field {path}"))
+            for path, draw in sensor.fields.items()
+        },
+        effects={
+            name: draw.drawn(_rng(plan, number, f"effect {name}"))
+            for name, draw in sensor.effects.items()
+        },
+        own_from_left=frames.pose(shift, turn),
+        seed=int(_rng(plan, number, "seed").integers(2**53)),
+    )
+
+
+def _drawn(
+    plan: Plan, number: int, name: str, draws: tuple[Draw, Draw, Draw]
+) -> tuple[float, float, float]:
+    x, y, z = (
+        float(draw.drawn(_rng(plan, number, f"{name}.{axis}")))
+        for draw, axis in zip(draws, "xyz", strict=True)
+    )
+    return x, y, z
+
+
+def _rng(plan: Plan, number: int, name: str) -> np.random.Generator:
+    return randomness.generator(plan.seed, number, "plan", name)
+
+
+class _Weighted(Protocol):
+    @property
+    def weight(self) -> float: ...
+
+
+_W = TypeVar("_W", bound=_Weighted)
+
+
+def _weighted(entries: Sequence[_W], rng: np.random.Generator) -> _W:
+    """Draw an entry with probability proportional to its weight."""
+    ends = np.cumsum([entry.weight for entry in entries])
+    return entries[int(np.searchsorted(ends, rng.uniform(0.0, ends[-1]), side="right"))]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +17,14 @@ from starling.sim.captures import info as capture_info
 from starling.sim.captures import png, writer
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.commands.simulate_captures import facts, indirectly_lit, rgb
-from starling.sim.datasets import stages
-from starling.sim.datasets.files import MemoryFolder
-from starling.sim.datasets.plan import Plan
-from starling.sim.datasets.source import SceneSpecifier
-from starling.sim.datasets.stages import LoadedScene
-from starling.sim.datasets.view import PlannedView, view
-from starling.sim.effects import setting as setting
+from starling.sim.datasets import mesh_pile
+from starling.sim.datasets.mesh_pile import RestingMesh
+from starling.sim.datasets.plan import Plan, PlannedView, view
+from starling.sim.datasets.source import Pile, SceneSpecifier, Setting
+from starling.sim.effects import setting
 from starling.sim.geometry.frames import Pose
 from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.scene import sources
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
@@ -57,7 +58,7 @@ def render(plan: Plan, number: int, info: CaptureInfo, out: Path) -> RenderedVie
     """
     planned = view(plan, number)
     sensor = camera(planned)
-    loaded = stages.load(planned.setting, planned.preset)
+    loaded = load_scene(planned.setting, planned.preset)
     stage = posed(loaded.stage, planned, samples=plan.samples)
     files = MemoryFolder(out)
     view_info = info_of(sensor)
@@ -198,3 +199,49 @@ def fingerprint(files: Mapping[str, bytes]) -> str:
         digest.update(f"{name} {len(files[name])}\n".encode())
         digest.update(files[name])
     return digest.hexdigest()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LoadedScene:
+    """A scene in Mitsuba, and the meshes that were dropped into it."""
+
+    stage: MitsubaScene
+    resting: tuple[RestingMesh, ...] = ()
+
+
+@lru_cache(maxsize=2)  # The views of one scene can have two presets.
+def load_scene(setting: Setting, preset: str) -> LoadedScene:
+    """Load a scene for a preset.
+
+    Args:
+        setting: scene specifier or pile of meshes.
+        preset: preset name or sensor file.
+
+    Raises:
+        InputError: if a file is missing or damaged.
+    """
+    sensor = presets.load(preset)
+    if isinstance(setting, Pile):
+        scene, resting = mesh_pile.scene(setting, sensor)
+        return LoadedScene(stage=MitsubaScene(scene), resting=resting)
+    return LoadedScene(stage=MitsubaScene(sources.load(setting.text, sensor)))
+
+
+class MemoryFolder:
+    """Names and contents of files, in the order of writing."""
+
+    def __init__(self, path: Path) -> None:
+        """Create an empty folder; `path` is its later place on disk."""
+        self.path = path
+        self.content: dict[str, bytes] = {}
+
+    def write(self, name: str, data: bytes | str) -> None:
+        """Store one file; text is encoded as UTF-8."""
+        self.content[name] = data.encode() if isinstance(data, str) else data
+
+    def write_by(self, name: str, writer: Callable[[Path], object]) -> None:
+        """Store the file that `writer` writes at the path passed to it."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / Path(name).name
+            writer(path)
+            self.content[name] = path.read_bytes()

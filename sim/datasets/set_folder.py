@@ -16,7 +16,7 @@ from starling.sim.captures import info as capture_info
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.console import output, record
 from starling.sim.datasets import index, shard
-from starling.sim.datasets.task import TaskResult
+from starling.sim.datasets.workers import TaskResult
 
 Layout = Literal["folders", "shards"]
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from starling.patterns import errors
 from starling.sim.datasets import draw
-from starling.sim.datasets.draw import Draw, Fixed, Range
-from starling.sim.datasets.table import refuse_unknown, text, weight
+from starling.sim.datasets.draw import Draw, Fixed, Range, refuse_unknown, text, weight
 
 _FILES = (".ply", ".obj", ".glb", ".xml")
 _MESHES = (".ply", ".obj", ".glb")
@@ -104,7 +103,7 @@ Setting = SceneSpecifier | Pile
 Source = Builtin | SceneFiles | Captured | Dropped
 
 
-def read(table: Mapping[str, Any], folder: Path, name: str) -> Source:
+def read_source(table: Mapping[str, Any], folder: Path, name: str) -> Source:
     """Parse one source.
 
     Args:
@@ -123,13 +122,13 @@ def read(table: Mapping[str, Any], folder: Path, name: str) -> Source:
 
 
 def _builtin(table: Mapping[str, Any], folder: Path, name: str) -> Builtin:
-    from starling.sim.scene.builtin import scenes as builtin
+    from starling.sim.scene.builtin import scenes
 
     family = text(table, "scene", name, "clutter")
     number = draw.read(table.get("number", 0), f"{name}.number")
     for end in number.ends:
-        builtin.refuse_number(family, end)
-    whole = builtin.BUILTIN[family][2] == 0
+        scenes.refuse_number(family, end)
+    whole = scenes.BUILTIN[family][2] == 0
     if whole and isinstance(number, Range) and not number.whole:
         rule = "must be whole, as it is a seed"
         raise errors.refuse(f"{name}.number", rule, "a range", "Add whole = true.")

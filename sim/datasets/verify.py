@@ -13,7 +13,7 @@ import numpy as np
 from starling.patterns import errors
 from starling.sim.captures import info as capture_info
 from starling.sim.console import progress
-from starling.sim.datasets import index, set_folder, shard, stages
+from starling.sim.datasets import index, render_view, set_folder, shard
 from starling.sim.datasets import plan as plans
 from starling.sim.datasets.plan import Plan
 from starling.sim.datasets.render_view import Row, fingerprint, render
@@ -98,7 +98,7 @@ def _irreproducible(
     views = sorted({row["view"] for row in rows})
     chosen = np.random.default_rng(plan.seed).permutation(len(views))[:sample]
     info = capture_info.read(path / capture_info.FILE)
-    stages.load.cache_clear()  # Files may have changed since this process read them.
+    render_view.load_scene.cache_clear()  # Files may have changed since this process read them.
     before = {row["frame"]: row["sha256"] for row in rows}
     differing: set[int] = set()
     for number in track([views[place] for place in sorted(chosen)], "regenerated"):

@@ -16,9 +16,9 @@ from starling.patterns import errors
 from starling.sim.arrays import Image
 from starling.sim.differentiable.light import PARAMETERS, Linearised, TracedView
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.imaging.imager import smoothing
+from starling.sim.imaging.imager import converter
 from starling.sim.imaging.optics import alignment, shading, spot
-from starling.sim.sensor.lens import Alignment
+from starling.sim.sensor.imager import Alignment
 
 # Steps of the alignment for central differences; they move the image by some 1e-3 px.
 _STEPS = {
@@ -53,8 +53,10 @@ def form(traced: TracedView, names: tuple[str, ...] = ()) -> Linearised:
         errors.one_of("parameter", name, ALL)
     right = traced.side == "right"
     linear = traced.linear(tuple(name for name in names if name in PARAMETERS))
-    blurred = _blur(traced, (linear.image, *linear.columns.values()))
-    image, *parts = _apply_alignment(traced, blurred, _alignment(traced))
+    images = (linear.image, *linear.columns.values())
+    pinhole, lens = Pinhole.from_camera(traced.sensor), traced.imager.lens
+    blurred = spot.blur_by_spot(images, traced.depth_m, lens, pinhole)
+    image, *parts = _apply_alignment(traced, blurred, traced.imager.alignment)
     columns = dict(zip(linear.columns, parts, strict=True))
     for name in names:
         if name == DOT_VARIANCE:
@@ -92,34 +94,22 @@ def flow(traced: TracedView, names: tuple[str, ...]) -> dict[str, NDArray[np.flo
     return flows
 
 
-def _alignment(traced: TracedView) -> Alignment:
-    imager = traced.sensor.left if traced.side == "left" else traced.sensor.right
-    return imager.alignment
-
-
-def _blur(traced: TracedView, parts: tuple[Image, ...]) -> tuple[Image, ...]:
-    """Apply the lens's blur to images."""
-    imager = traced.sensor.left if traced.side == "left" else traced.sensor.right
-    return spot.blur_by_spot(parts, traced.depth_m, imager.lens, Pinhole.from_camera(traced.sensor))
-
-
 def _apply_alignment(
     traced: TracedView, parts: tuple[Image, ...], aligned: Alignment
 ) -> tuple[Image, ...]:
     """Apply alignment, vignetting and resampling to images."""
-    imager = traced.sensor.left if traced.side == "left" else traced.sensor.right
-    pinhole = Pinhole.from_camera(traced.sensor)
+    imager, pinhole = traced.imager, Pinhole.from_camera(traced.sensor)
     parts = alignment.misalign(parts, aligned, pinhole)
     if imager.lens.vignetting > 0:
         dimmed = shading.vignetting(imager.lens.vignetting, pinhole)
         parts = tuple(part * dimmed for part in parts)
-    return tuple(smoothing.smooth(part, imager.smoothing_px) for part in parts)
+    return tuple(converter.smooth(part, imager.smoothing_px) for part in parts)
 
 
 def _slope(traced: TracedView, blurred: Image, field: str) -> Image:
     """Derivative of the image by one alignment parameter, by central difference."""
     step = _STEPS[field]
-    aligned = _alignment(traced)
+    aligned = traced.imager.alignment
     ends = [
         _apply_alignment(
             traced,

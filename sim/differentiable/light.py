@@ -6,9 +6,9 @@ facet, the shadows and the reflectance are held fixed. The derivatives are there
 depth edges and shadow edges, which `TracedView.clear` excludes. They ignore moving texture.
 
 There are few parameters and many pixels, so forward mode computes one column per parameter, all in
-one kernel. Backward mode (`TracedView.backward_gradient`) gives the same sums over pixels.
+one kernel.
 
-Source: forward and backward mode on one graph: Jakob et al., "Dr.Jit", ACM TOG 41(4), 2022.
+Source: forward mode on one graph: Jakob et al., "Dr.Jit", ACM TOG 41(4), 2022.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from starling.sim.render.lights import towards_viewer
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.render.rays import JitPose, opaque, pixels
 from starling.sim.scene.scene import ModelError
-from starling.sim.sensor.sensor import Sensor
+from starling.sim.sensor.sensor import Imager, Sensor
 
 Side = Literal["left", "right"]
 
@@ -135,6 +135,11 @@ class TracedView:
     _hits: tuple[_Hits, ...]
 
     @property
+    def imager(self) -> Imager:
+        """The traced imager."""
+        return self.sensor.left if self.side == "left" else self.sensor.right
+
+    @property
     def emitters(self) -> int:
         """Number of the projector's emitters."""
         return len(self._light.emissions)
@@ -162,26 +167,6 @@ class TracedView:
         share = np.float32(1 / len(self._hits))
         images = [total.numpy().reshape(self.depth_m.shape) * share for total in sums]
         return Linearised(image=images[0], columns=dict(zip(names, images[1:], strict=True)))
-
-    def backward_gradient(self, names: tuple[str, ...], weights: Image) -> dict[str, float]:
-        """Derivative of the image's weighted sum by each parameter, in backward mode.
-
-        Args:
-            names: Parameters in `PARAMETERS`.
-            weights: (h, w) weights of the pixels.
-
-        Raises:
-            InputError: for an unknown name.
-        """
-        mi, dr = backend.mitsuba(), backend.drjit()
-        weight = mi.Float(np.ascontiguousarray(weights, np.float32).ravel())
-        total = dict.fromkeys(names, 0.0)
-        for hits in self._hits:
-            steps = _steps(names)
-            dr.backward(dr.sum(self._radiance(hits, steps, None) * weight))
-            for name in names:
-                total[name] += float(np.array(dr.grad(steps.attached[name])).sum())
-        return {name: value / len(self._hits) for name, value in total.items()}
 
     def flow(self, names: tuple[str, ...]) -> dict[str, NDArray[np.float32]]:
         """Motion of the dots in the image per unit of each parameter, (h, w, 2) [px].
@@ -298,9 +283,7 @@ def _hits(
     hits = _Hits(pixel, point, facet, shading, tuple(brdf_cosine), tuple(lit))
     valid = si.is_valid()
     dr.eval(pixel, point, facet, shading, brdf_cosine, lit, plain, valid, handle)
-    number = np.where(
-        valid.numpy(), mi_scene.numbers[np.minimum(handle.numpy(), len(mi_scene.numbers) - 1)], 0
-    )
+    number = mi_scene.body_numbers(handle.numpy(), valid.numpy())
     direct = ~np.isin(number, _transparent_bodies(mi_scene))
     shape = (sensor.height, sensor.width)
     return (

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from starling.sim import effects
-from starling.sim.console import text as texts
-from starling.sim.effects import Effect, Parameter, written
-from starling.sim.effects import setting as setting
+from starling.sim.console import shell
+from starling.sim.effects import Effect, Parameter, setting, written
 from starling.sim.sensor.sensor import Sensor
 
 _PROSE = ("imitates", "law", "shows", "confused_with", "source", "rerender")
@@ -49,7 +48,7 @@ def text(table: Sequence[Mapping[str, Any]]) -> str:
                 "unit": parameter["unit"],
                 "new render": "yes" if row["rerender"] else "",
             }
-    return texts.render(lines)
+    return shell.render(lines)
 
 
 def page(table: Sequence[Mapping[str, Any]]) -> str:

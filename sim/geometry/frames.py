@@ -81,3 +81,21 @@ def principal_point_offset(
 ) -> tuple[float, float]:
     """Mitsuba's relative `principal_point_offset_x`, `_y` of OpenCV's principal point [px]."""
     return 0.5 - (cx_px + 0.5) / width, 0.5 - (cy_px + 0.5) / height
+
+
+def to_quaternion(pose: Pose) -> tuple[float, float, float, float]:
+    """Unit quaternion (x, y, z, w) of a rigid pose's rotation, with w >= 0."""
+    from scipy.spatial.transform import Rotation  # Heavy, like all of scipy: not at import.
+
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
+    return float(x), float(y), float(z), float(w)
+
+
+def from_quaternion(place_m: np.ndarray, quaternion: np.ndarray) -> Pose:
+    """Rigid pose of a position (3,) [m] and a quaternion (4,) of any nonzero length."""
+    from scipy.spatial.transform import Rotation
+
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+    matrix[:3, 3] = place_m
+    return matrix

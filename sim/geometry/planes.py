@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.sim.arrays import Image, Mask
+from starling.sim.arrays import Image, Mask, filled
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.stereo.filled import filled
 
 NORMAL_RADIUS_PX = 3  # Radius of the windows for surface normals [px].
 _UNEVEN_PX = 0.2  # Residual of a plane across a depth edge of 1 px [px].

@@ -9,7 +9,6 @@ import numpy as np
 from starling.sim import simulate
 from starling.sim.arrays import Image
 from starling.sim.imaging.imager import Infrared
-from starling.sim.imaging.steady import steady
 from starling.sim.render.layers import Layers
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Imager, Sensor
@@ -34,7 +33,7 @@ def noiseless(layers: Layers, scene: Scene, sensor: Sensor) -> dict[Side, Image]
     """
     quiet = dataclasses.replace(
         sensor,
-        projector=steady(sensor.projector),
+        projector=sensor.projector.steady(),
         left=_quiet(sensor.left),
         right=_quiet(sensor.right),
     )

@@ -26,7 +26,7 @@ class Signals:
 
 
 def signals(
-    view: ViewLayers, scene: Scene, sensor: Sensor, side: Literal["left", "right"], *, seed: int = 0
+    view: ViewLayers, scene: Scene, sensor: Sensor, side: Literal["left", "right"]
 ) -> Signals:
     """Take a view's layers through the optics, light by light.
 
@@ -35,19 +35,16 @@ def signals(
         scene: the rendered scene. Its interreflection applies; its ambient irradiance does not.
         sensor: its projector and optics apply.
         side: which imager.
-        seed: seed of speckle and flicker.
     """
     dark = dataclasses.replace(scene.ambient, irradiance_w_m2=0.0)
-    light = combine_light(
-        view, dataclasses.replace(scene, ambient=dark), sensor, seed=seed, frame=0
-    )
+    light = combine_light(view, dataclasses.replace(scene, ambient=dark), sensor, seed=0, frame=0)
     none = np.zeros_like(view.ambient)
 
     def formed(laser: Image, rest: Image) -> Image:
         if not (laser.any() or rest.any()):
             return none
         parts = LensInput(laser=laser, rest=rest)
-        return image.image(parts, view.depth_m, sensor, side, seed=seed)
+        return image.image(parts, view.depth_m, sensor, side, seed=0)
 
     return Signals(
         laser=formed(light.laser, none),

@@ -1,18 +1,20 @@
-"""A sheet of panels in rows."""
+"""Figures without a window system, and sheets of panels in rows."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
-
-from starling.sim.plotting import canvas
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _GAP_IN = 0.25  # Gap between columns [inch].
 _HEADING_IN = 0.36  # Height of a panel's heading [inch].
+
+_JPEG_QUALITY = 62  # Small files at adequate quality.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -45,7 +47,7 @@ def draw(
     below_in = [max(panel.below_in for panel in row) for row in rows]
     width = columns * (panel_in + _GAP_IN) + _GAP_IN
     height = len(rows) * (_HEADING_IN + high_in) + sum(below_in) + 0.1
-    figure = canvas.new_figure((width, height), dpi)
+    figure = new_figure((width, height), dpi)
     y = height
     for row, below in zip(rows, below_in, strict=True):
         y -= _HEADING_IN + high_in
@@ -54,4 +56,28 @@ def draw(
             place = (x / width, y / height, panel_in / width, high_in / height)
             panel.draw(figure.add_axes(place))
         y -= below
-    return canvas.encode(figure, kind)
+    return encode(figure, kind)
+
+
+def new_figure(size_in: tuple[float, float], dpi: float, **options: Any) -> Figure:
+    """Create a white figure.
+
+    Args:
+        size_in: Width and height [inch].
+        dpi: Pixels per inch.
+        options: Options of matplotlib's `Figure`.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size_in, dpi=dpi, facecolor="white", **options)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def encode(figure: Figure, kind: Literal["png", "jpeg"] = "png") -> bytes:
+    """Encode a figure as a picture file."""
+    buffer = io.BytesIO()
+    quality = {"quality": _JPEG_QUALITY} if kind == "jpeg" else None
+    figure.savefig(buffer, format=kind, pil_kwargs=quality)
+    return buffer.getvalue()

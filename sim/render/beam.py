@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
-from starling.sim.render import backend
-from starling.sim.render import emission as projector
+from starling.sim.render import backend, emission
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.render.rays import JitPose, opaque
 from starling.sim.sensor.sensor import Projector, Sensor
 
 
-class _Focused:
+class FocusedPattern:
     """A pattern with the same dot width at all distances."""
 
     def __init__(self, irradiance: NDArray[np.float32]) -> None:
@@ -34,7 +33,7 @@ class _Defocused:
     """A pattern whose dots widen away from the distance in focus."""
 
     def __init__(self, part: Projector, number: int) -> None:
-        defocus = projector.defocus_levels(part, number)
+        defocus = emission.defocus_levels(part, number)
         self._texture = _texture("Texture3f", defocus.levels)
         self._last = opaque("Float", [len(defocus.levels) - 1])
         relative = part.defocus_mrad_m / np.sqrt(defocus.variance_mrad2)
@@ -42,9 +41,9 @@ class _Defocused:
         self._ratio = defocus.ratio
 
     def irradiance(self, texel: Any, depth: Any, active: Any) -> Any:
-        """Irradiance as of `_Focused`; variances between two levels are interpolated linearly."""
+        """As `FocusedPattern.irradiance`; variances between two levels are interpolated."""
         mi, dr = backend.mitsuba(), backend.drjit()
-        nearness = 1 / dr.maximum(depth, projector.NEAREST_M)
+        nearness = 1 / dr.maximum(depth, emission.NEAREST_M)
         variance = 1 + dr.square(self._focus.x * (nearness - self._focus.y))
         below = dr.floor(dr.log(variance) / np.log(self._ratio))
         share = (variance * dr.power(self._ratio, -below) - 1) / (self._ratio - 1)
@@ -58,16 +57,16 @@ class EmittedPattern:
     """Light of one emitter, in the emitter's frame."""
 
     half_tangent: Any  # Vector2f
-    pattern: _Focused | _Defocused
+    pattern: FocusedPattern | _Defocused
     scale: Any | None  # Float: direction cosines over the pattern's; None is 1.
 
     @staticmethod
     def from_projector(part: Projector, number: int) -> EmittedPattern:
         return EmittedPattern(
-            opaque("Vector2f", projector.half_tangents(part)),
+            opaque("Vector2f", emission.half_tangents(part)),
             _Defocused(part, number)
             if part.defocus_mrad_m
-            else _Focused(projector.irradiance_at_unit_distance(part, number)),
+            else FocusedPattern(emission.irradiance_at_unit_distance(part, number)),
             opaque("Float", [part.pattern_scale]) if part.pattern_scale != 1 else None,
         )
 
@@ -150,7 +149,7 @@ class ProjectorLight:
     @staticmethod
     def from_sensor(sensor: Sensor, world_from_left: Pose) -> ProjectorLight:
         part = sensor.projector
-        poses = [frames.pose(e.offset_m, e.rotation_deg) for e in projector.emitters(part)]
+        poses = [frames.pose(e.offset_m, e.rotation_deg) for e in emission.emitters(part)]
         return ProjectorLight(
             tuple(EmittedPattern.from_projector(part, number) for number in range(len(poses))),
             tuple(

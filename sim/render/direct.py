@@ -50,12 +50,10 @@ def layers(
     """
     scene, (mi_scene, sensor) = mi_scene.scene, placement.rig_in_model(mi_scene, sensor)
     if not backend.is_jit():
-        from starling.sim.render import scalar as render_scalar
+        from starling.sim.render import scalar
 
         motion.refuse_without_compiler(scene.motion)
-        return placement.scale_layers(
-            render_scalar.layers(mi_scene, sensor, subpixels=subpixels), scene
-        )
+        return placement.scale_layers(scalar.layers(mi_scene, sensor, subpixels=subpixels), scene)
     left, right = cameras(sensor, mi_scene.scene.world_from_left)
     lights = Lights.from_sensor(mi_scene, sensor)
     paths = motion.exposure_motions(mi_scene, sensor, left, exposure_s, step_px=step_px)
@@ -74,9 +72,9 @@ def layers(
 def view(mi_scene: MitsubaScene, sensor: Sensor, *, subpixels: int = 2) -> ViewLayers:
     """Render the left imager alone, at rest (arguments as `layers`)."""
     if not backend.is_jit():
-        from starling.sim.render import scalar as render_scalar
+        from starling.sim.render import scalar
 
-        return render_scalar.view(mi_scene, sensor, subpixels=subpixels)
+        return scalar.view(mi_scene, sensor, subpixels=subpixels)
     left, _ = cameras(sensor, mi_scene.scene.world_from_left)
     return _view(
         mi_scene,
@@ -151,16 +149,12 @@ def _centres(mi_scene: MitsubaScene, camera: JitCamera) -> tuple[Image, NDArray[
     """Depth [m] and body number at the pixel centres, each (h, w)."""
     mi, dr = backend.mitsuba(), backend.drjit()
     si = mi_scene.mitsuba.ray_intersect(camera.ray(pixels(camera.size)))
-    columns = (
-        camera.place.local(si.p).z,
-        dr.reinterpret_array(mi.UInt32, si.shape),
-        si.is_valid(),
-    )
+    columns = (camera.place.local(si.p).z, dr.reinterpret_array(mi.UInt32, si.shape), si.is_valid())
     dr.eval(*columns)
     depth, body, valid = (column.numpy().reshape(camera.size[::-1]) for column in columns)
     return (
         np.where(valid, depth, np.float32(np.nan)).astype(np.float32),
-        np.where(valid, mi_scene.numbers[np.minimum(body, len(mi_scene.numbers) - 1)], 0),
+        mi_scene.body_numbers(body, valid),
     )
 
 
@@ -188,7 +182,7 @@ def _truth(
     return Truth(
         depth_m=np.where(valid, depth, missing).astype(np.float32),
         normal=np.where(valid[..., None], np.stack([nx, ny, nz], axis=-1), missing),
-        material=np.where(valid, mi_scene.numbers[np.minimum(body, len(mi_scene.numbers) - 1)], 0),
+        material=mi_scene.body_numbers(body, valid),
         right_sees=right_sees,
         lit=lit,
     )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from starling import patterns
 from starling.patterns import dots, errors, faults
 from starling.sim import randomness
-from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.projector import Emitter
 from starling.sim.sensor.sensor import Projector
 
 # Lattices of a D415's two emitters, fitted to one unit in nine rooms

@@ -8,7 +8,6 @@ Without the low-pass, Monte-Carlo noise would differ between the imagers and cau
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,8 +15,8 @@ import numpy as np
 from starling.sim import randomness
 from starling.sim.arrays import Image
 from starling.sim.geometry import frames, placement
-from starling.sim.render import backend, paths, paths_scalar
-from starling.sim.render import emission as projector
+from starling.sim.render import backend, emission, paths, scalar
+from starling.sim.render.beam import FocusedPattern
 from starling.sim.render.layers import Layers
 from starling.sim.render.lights import Lights
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -49,8 +48,8 @@ def add(
     scene, (mi_scene, sensor) = mi_scene.scene, placement.rig_in_model(mi_scene, sensor)
     part = sensor.projector
     irradiances = [
-        _without_dots(projector.irradiance_at_unit_distance(part, number))
-        for number in range(len(projector.emitters(part)))
+        _without_dots(emission.irradiance_at_unit_distance(part, number))
+        for number in range(len(emission.emitters(part)))
     ]
     render = _trace_jit if backend.is_jit() else _trace_scalar
     share = np.float32(1 / scene.model_error.scale**2)  # See `placement.scale_layers`.
@@ -73,26 +72,15 @@ def _without_dots(irradiance: Image) -> Image:
     return np.asarray(mean, np.float32)
 
 
-class _Averaged:
-    """An averaged pattern that replaces the projector's."""
-
-    def __init__(self, irradiance: Image) -> None:
-        mi = backend.mitsuba()
-        self._texture = mi.Texture2f(mi.TensorXf(irradiance[..., None]), use_accel=False)
-
-    def irradiance(self, texel: Any, _depth: Any, active: Any) -> Any:
-        return self._texture.eval(texel, active)[0]
-
-
 def _trace_jit(
     mi_scene: MitsubaScene, sensor: Sensor, irradiances: list[Image], samples: int, seed: int
 ) -> list[Image]:
     """Indirect light of the imagers by `starling.sim.render.paths`."""
     lights = Lights.from_sensor(mi_scene, sensor)
-    averaged: list[Any] = [_Averaged(irradiance) for irradiance in irradiances]
+    averaged = [FocusedPattern(irradiance) for irradiance in irradiances]
     emissions = tuple(
-        dataclasses.replace(emission, pattern=pattern)
-        for emission, pattern in zip(lights.projector.emissions, averaged, strict=True)
+        dataclasses.replace(emitted, pattern=pattern)
+        for emitted, pattern in zip(lights.projector.emissions, averaged, strict=True)
     )
     mean = dataclasses.replace(lights.projector, emissions=emissions)
     lights = dataclasses.replace(lights, projector=mean, other_projector=None, sun=None)
@@ -113,7 +101,7 @@ def _trace_scalar(
     """Indirect light of the imagers by Mitsuba's path tracer."""
     images = []
     for number, pose in enumerate(_poses(mi_scene, sensor).values()):
-        sampled = paths_scalar.radiance(
+        sampled = scalar.radiance(
             mi_scene,
             sensor,
             pose,
@@ -123,7 +111,7 @@ def _trace_scalar(
             seed=(2 * seed + number) % 2**31,
         )
         coarse, fine = (
-            paths_scalar.surfaces(mi_scene, sensor, pose, shrink=shrink) for shrink in (_SHRINK, 1)
+            scalar.surfaces(mi_scene, sensor, pose, shrink=shrink) for shrink in (_SHRINK, 1)
         )
         images.append(_smooth(sampled, coarse, fine, samples))
     return images

@@ -42,6 +42,13 @@ class MitsubaScene:
         _refuse_extent(self)
         _refuse_inside(self)
 
+    def body_numbers(
+        self, handles: NDArray[np.uint32], valid: NDArray[np.bool_]
+    ) -> NDArray[np.uint32]:
+        """Return body numbers, from 1, of Dr.Jit's shape handles; 0 where not valid."""
+        known = self.numbers[np.minimum(handles, len(self.numbers) - 1)]
+        return np.where(valid, known, 0).astype(np.uint32)
+
     def albedo(self, si: Any) -> Any:
         """Reflectance of surface points, times their opaque share."""
         mi, dr = backend.mitsuba(), backend.drjit()

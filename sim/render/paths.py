@@ -1,6 +1,6 @@
 """Path tracing of the projector's light of two or more bounces.
 
-Without a compiler, `starling.sim.render.paths_scalar` uses Mitsuba's path tracer instead.
+Without a compiler, `starling.sim.render.scalar` uses Mitsuba's path tracer instead.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.sim.render import backend, bsdf, coat
+from starling.sim.render import backend, bsdf
 from starling.sim.scene.scene import Body, Finish
 
 _NODES = 33  # Number of cosines of the viewing angle, even from 0 to 1.
@@ -89,11 +89,11 @@ def _metal(alpha: float) -> Table:
 def _coated(alpha: float) -> Table:
     """Table of a coat over a diffuse base, with reflectance R at normal incidence.
 
-    If R is below the coat's own reflectance (see `coat.base_albedo`), A falls below the physical
+    If R is below the coat's own reflectance (see `bsdf.base_albedo`), A falls below the physical
     limit.
     """
     lobes = _lobes(alpha)
-    specular = np.stack([lobe.integrate(_fresnel(lobe.cosine, coat.IOR)) for lobe in lobes])
+    specular = np.stack([lobe.integrate(_fresnel(lobe.cosine, bsdf.IOR)) for lobe in lobes])
     through = 1 - specular[:, 0] / np.array([lobe.integrate(1.0)[0] for lobe in lobes])
     cosine = np.linspace(0, 1, _NODES)
     tilt = float((through * cosine**2).sum() / (through * cosine).sum())

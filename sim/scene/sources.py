@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+import logging
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
 
 from starling.patterns import errors
-from starling.sim.scene.scene import Scene
+from starling.sim.geometry import frames
+from starling.sim.render import backend
+from starling.sim.scene.builtin import solids
+from starling.sim.scene.scene import Ambient, Body, Material, Scene
 from starling.sim.sensor.sensor import Sensor
+
+MESH_SUFFIXES = (".ply", ".obj", ".glb")
+
+_SURFACE = Material(name="unnamed", reflectance=0.5)
+_WHOLE = ("instance", "shapegroup")  # Shapes with child shapes, which are not supported.
 
 
 def load(specifier: str, sensor: Sensor) -> Scene:
@@ -21,7 +35,6 @@ def load(specifier: str, sensor: Sensor) -> Scene:
     Raises:
         InputError: if the specifier is unknown, or the scene is refused.
     """
-    from starling.sim.scene import mesh, mitsuba_xml
     from starling.sim.scene.builtin import scenes
     from starling.sim.scene.captured import captured_scene
 
@@ -29,13 +42,13 @@ def load(specifier: str, sensor: Sensor) -> Scene:
     if name in scenes.BUILTIN:
         return scenes.named(name, number)
     path = Path(specifier)
-    if path.suffix.lower() in mesh.SUFFIXES:
-        return mesh.load(path, sensor)
+    if path.suffix.lower() in MESH_SUFFIXES:
+        return load_mesh(path, sensor)
     if path.suffix.lower() == ".xml":
-        return mitsuba_xml.load(path)
+        return load_xml(path)
     if path.is_dir():
         return captured_scene.load(path, sensor)
-    known = f"Builtin: {', '.join(scenes.BUILTIN)}; meshes: {', '.join(mesh.SUFFIXES)}."
+    known = f"Builtin: {', '.join(scenes.BUILTIN)}; meshes: {', '.join(MESH_SUFFIXES)}."
     if not path.exists() and "/" not in specifier:
         errors.one_of("scene", name, scenes.BUILTIN)
     raise errors.refuse(
@@ -44,3 +57,117 @@ def load(specifier: str, sensor: Sensor) -> Scene:
         repr(specifier),
         known,
     )
+
+
+def load_mesh(path: Path, sensor: Sensor, world_from_left: frames.Pose | None = None) -> Scene:
+    """Load a mesh in metres, y up (glTF's convention), as diffuse surfaces of reflectance 0.5.
+
+    Args:
+        path: Mesh file.
+        sensor: Sensor whose field of view the default pose fits.
+        world_from_left: Pose of the left imager. The default looks from the front (+z) and above,
+            and sees the whole mesh.
+
+    Raises:
+        InputError: if the file is missing, corrupt or empty.
+    """
+    bodies = tuple(
+        Body(name=name, mesh=solids.mesh(part, smooth=False), material=_SURFACE)
+        for name, part in mesh_parts(path)
+    )
+    pose = _front(bodies, sensor) if world_from_left is None else world_from_left
+    up = Ambient(up=(0.0, 1.0, 0.0))
+    return Scene(name=path.stem, bodies=bodies, ambient=up, world_from_left=pose)
+
+
+def mesh_parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
+    """Name and triangles of each part of a mesh file, in the file's frame.
+
+    Raises:
+        InputError: if the file is missing, corrupt or empty.
+    """
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # Its errors are reported below.
+    if not path.is_file():
+        raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
+    try:
+        loaded = trimesh.load_scene(path, process=False)
+        parts = [
+            (str(name), mesh.copy().apply_transform(loaded.graph.get(node)[0]))
+            for node in loaded.graph.nodes_geometry
+            for name in [loaded.graph[node][1]]
+            for mesh in [loaded.geometry[name]]
+            if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
+        ]
+    except Exception as error:  # The parsers of trimesh raise errors of any type.
+        raise errors.refuse(
+            "scene", "must be a mesh", path, f"It cannot be read: {error}"
+        ) from None
+    if not parts:
+        raise errors.refuse("scene", "must hold triangles", path, "The mesh is empty.")
+    return parts
+
+
+def _front(bodies: tuple[Body, ...], sensor: Sensor) -> frames.Pose:
+    """Pose in front, 20 degrees above, that sees the whole bounding sphere.
+
+    The distance respects the sensor's nearest depth and its search range.
+    """
+    points = np.concatenate([body.mesh.vertices for body in bodies])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = (low + high) / 2
+    radius = float(np.linalg.norm(high - low)) / 2
+    half = min(sensor.width / sensor.fx_px, sensor.height / sensor.fy_px) / 2
+    nearest = max(sensor.post.near_m, sensor.focal_baseline_px_m / sensor.matcher.search_px)
+    distance = max(radius * np.sqrt(1 + 1 / half**2), 1.2 * nearest + radius)
+    away = np.array([0.0, np.sin(np.deg2rad(20)), np.cos(np.deg2rad(20))])
+    eye = middle + max(distance, 1e-3) * away
+    return frames.look_at(tuple(eye), tuple(middle), (0.0, 1.0, 0.0))
+
+
+def load_xml(path: Path) -> Scene:
+    """Load a Mitsuba 3 scene, y up, at the pose of its first sensor or Mitsuba's default pose.
+
+    Projector and ambient light replace all emitters of the file. The shapes of lamps remain.
+
+    Raises:
+        InputError: if the file is missing, cannot be loaded, has no shapes, or has instances.
+    """
+    if not path.is_file():
+        raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
+    loaded = _without_lights(path)
+    if not loaded.shapes():
+        raise errors.refuse("scene", "must hold shapes", path, "Add a shape to the XML.")
+    to_world = np.eye(4)
+    if loaded.sensors():
+        matrix = np.array(loaded.sensors()[0].world_transform().matrix, np.float64)
+        to_world = matrix.reshape(4, 4)
+        to_world[:3, :3] /= np.linalg.norm(to_world[:3, :3], axis=0)
+    return Scene(
+        name=path.stem,
+        shapes=tuple(loaded.shapes()),
+        ambient=Ambient(up=(0.0, 1.0, 0.0)),
+        world_from_left=frames.opencv_from_mitsuba(to_world),
+    )
+
+
+def _without_lights(path: Path) -> Any:
+    """Load the file without emitters, including those attached to shapes."""
+    mi = backend.mitsuba()
+    try:
+        root = ElementTree.fromstring(path.read_bytes())
+    except (ElementTree.ParseError, OSError, ValueError) as error:
+        raise errors.refuse("scene", "must be a Mitsuba XML", path, f"{error}.") from None
+    for shape in root.iter("shape"):
+        if shape.get("type") in _WHOLE:
+            raise errors.refuse(
+                "scene", "must not hold instances", path, "Write each shape out, or export a mesh."
+            )
+    for parent in list(root.iter()):
+        for light in parent.findall("emitter"):
+            parent.remove(light)
+    resolver = mi.file_resolver()
+    resolver.prepend(str(path.parent.resolve()))  # Paths in the XML start at its folder.
+    try:
+        return mi.load_string(ElementTree.tostring(root, encoding="unicode"))
+    except (RuntimeError, OSError, ValueError) as error:
+        raise errors.refuse("scene", "must be a Mitsuba XML", path, f"{error}") from None

@@ -22,9 +22,15 @@ def _odd(name: str, value: int, low: int, high: int) -> None:
         raise refuse(name, "must be odd", value, "A window needs a centre pixel.")
 
 
-def _whole(name: str, value: int, low: int, high: int) -> None:
-    """Refuse a count that is not a whole number in [low, high]."""
-    in_interval(name, value, low, high)
+def whole(
+    name: str, value: int, low: int, high: int, remedy: str = "Choose a value inside."
+) -> None:
+    """Refuse a count that is not a whole number in [low, high].
+
+    Raises:
+        InputError: if the value is outside or not whole.
+    """
+    in_interval(name, value, low, high, remedy)
     if int(value) != value:
         raise refuse(name, "must be a whole number", value, "Round it.")
 
@@ -42,9 +48,9 @@ class SemiGlobalBlock:
     def __post_init__(self) -> None:
         one_of("mode", self.mode, ("3way", "hh"))
         _odd("block_px", self.block_px, 1, 21)
-        _whole("small_penalty", self.small_penalty, 0, 100_000)
-        _whole("large_penalty", self.large_penalty, 0, 100_000)
-        _whole("prefilter_cap", self.prefilter_cap, 0, 127)
+        whole("small_penalty", self.small_penalty, 0, 100_000)
+        whole("large_penalty", self.large_penalty, 0, 100_000)
+        whole("prefilter_cap", self.prefilter_cap, 0, 127)
         if self.large_penalty <= self.small_penalty:
             raise refuse(
                 "large_penalty",
@@ -63,7 +69,7 @@ class Block:
 
     def __post_init__(self) -> None:
         _odd("block_px", self.block_px, 5, 51)
-        _whole("prefilter_cap", self.prefilter_cap, 1, 63)
+        whole("prefilter_cap", self.prefilter_cap, 1, 63)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -163,7 +169,7 @@ class Checks:
             _odd("left_right_mean_px", self.left_right_mean_px, 1, 31)
         in_interval("texture_dn", self.texture_dn, 0.0, 255.0)
         in_interval("jump_px", self.jump_px, 0.0, 1024.0)
-        _whole("speckle_count", self.speckle_count, 0, 1_000_000)
+        whole("speckle_count", self.speckle_count, 0, 1_000_000)
         in_interval("speckle_step_px", self.speckle_step_px, 0.0, 64.0)
         in_interval("border_px", self.border_px, 0.0, 64.0)
 
@@ -186,8 +192,8 @@ class Matcher:
                 type(self.engine).__name__,
                 "Build one from starling.sim.sensor.matcher.",
             )
-        _whole("min_disparity_px", self.min_disparity_px, 0, 512)
-        _whole("search_px", self.search_px, FIXED_POINT, 256)
+        whole("min_disparity_px", self.min_disparity_px, 0, 512)
+        whole("search_px", self.search_px, FIXED_POINT, 256)
         if self.search_px % FIXED_POINT:
             raise refuse(
                 "search_px", f"must be a multiple of {FIXED_POINT}", self.search_px, "Round it up."

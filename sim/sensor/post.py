@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from starling.patterns import errors
+from starling.sim.sensor.matcher import whole
 
 HoleFilling = Literal["off", "left", "farthest", "nearest"]  # Neighbour that fills a hole.
 
@@ -41,17 +42,17 @@ class Post:
             raise errors.refuse(
                 "post.far_m", "must be > post.near_m", repr(self.far_m), "Swap or widen the range."
             )
-        _whole("post.decimation", self.decimation, 1, 8, "1 switches it off.")
+        whole("post.decimation", self.decimation, 1, 8, "1 switches it off.")
         errors.in_interval(
             "post.spatial_alpha", self.spatial_alpha, 0.25, 1.0, "1 switches it off."
         )
         errors.in_interval("post.spatial_delta_px", self.spatial_delta_px, 0.0, 64.0)
-        _whole("post.spatial_iterations", self.spatial_iterations, 1, 5)
+        whole("post.spatial_iterations", self.spatial_iterations, 1, 5)
         errors.in_interval(
             "post.temporal_alpha", self.temporal_alpha, 0.0, 1.0, "1 switches it off."
         )
         errors.in_interval("post.temporal_delta_px", self.temporal_delta_px, 0.0, 64.0)
-        _whole("post.temporal_persistence", self.temporal_persistence, 0, 8)
+        whole("post.temporal_persistence", self.temporal_persistence, 0, 8)
         errors.one_of("post.hole_filling", self.hole_filling, get_args(HoleFilling))
 
 
@@ -72,11 +73,3 @@ def refuse_single_frame(post: Post, frames: int) -> None:
             repr(post.temporal_alpha),
             "Give --frames 2 or more.",
         )
-
-
-def _whole(
-    name: str, value: int, low: int, high: int, remedy: str = "Choose a value inside."
-) -> None:
-    errors.in_interval(name, value, low, high, remedy)
-    if int(value) != value:
-        raise errors.refuse(name, "must be a whole number", repr(value), "Round it.")

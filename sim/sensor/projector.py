@@ -1,13 +1,30 @@
-"""The infrared pattern projector."""
+"""The infrared pattern projector and its emitters."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from starling.patterns import errors
-from starling.sim.sensor.emitter import Emitter
 
 _MOST_EMITTERS = 16  # Each emitter costs a pass of shadow rays. Dots are not emitters.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Emitter:
+    """One laser with its optics and pattern, posed in the projector's frame."""
+
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # In the projector's frame [m].
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector [deg].
+    pattern: str = ""  # As `Projector.pattern`, which is used if this is empty.
+    power_share: float = 1.0  # Weight of its power; normalised over all emitters.
+
+    def __post_init__(self) -> None:
+        name = "projector.emitters"
+        for axis, value in zip("xyz", self.offset_m, strict=True):
+            errors.in_interval(f"{name}.offset_m.{axis}", value, -0.5, 0.5, "Give metres.")
+        for axis, value in zip("xyz", self.rotation_deg, strict=True):
+            errors.in_interval(f"{name}.rotation_deg.{axis}", value, -360.0, 360.0)
+        errors.positive(f"{name}.power_share", self.power_share, "Leave a dark emitter out.")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -48,6 +65,10 @@ class Projector:
     def faulty(self) -> bool:
         """Whether dots of the pattern are dark or displaced."""
         return self.dropped_dots > 0 or self.shifted_dots_mrad > 0
+
+    def steady(self) -> Projector:
+        """Return the projector without speckle and flicker; its mean light is unchanged."""
+        return replace(self, speckle_contrast=0.0, flicker=0.0)
 
     def __post_init__(self) -> None:
         errors.in_interval("projector.power_w", self.power_w, 0.0, 10.0, "Give watts.")

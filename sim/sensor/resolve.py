@@ -8,8 +8,8 @@ from typing import Literal
 
 from starling.sim.captures import capture
 from starling.sim.console.progress import Note, ignore_note
-from starling.sim.sensor import edits as sensor_edits
 from starling.sim.sensor import presets
+from starling.sim.sensor.edits import apply
 from starling.sim.sensor.sensor import Sensor
 
 
@@ -51,7 +51,7 @@ def load(
             sensor = info.geometry_into(sensor)
     if device_preset is not None or emitter is not None:
         sensor = _with_controls(sensor, device_preset, emitter, note)
-    return presets.with_absolute_patterns(sensor_edits.apply(sensor, edits), Path.cwd())
+    return presets.with_absolute_patterns(apply(sensor, edits), Path.cwd())
 
 
 def _with_controls(

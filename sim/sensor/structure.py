@@ -1,4 +1,4 @@
-"""Conversion of frozen dataclass trees to and from plain tables, and edits by dotted path.
+"""Conversion of frozen dataclass trees to and from plain tables and TOML, and edits by path.
 
 In a union of dataclasses the key `kind` holds the class's name.
 """
@@ -6,10 +6,12 @@ In a union of dataclasses the key `kind` holds the class's name.
 from __future__ import annotations
 
 import dataclasses
+import tomllib
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 from starling.patterns import errors
@@ -71,21 +73,40 @@ def from_table(cls: type[T], table: Mapping[str, Any], name: str = "") -> T:
     return cls(**values)
 
 
-def edit(tree: T, path: str, value: Any) -> T:
+def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
+    """Read a TOML file and build an object from its table.
+
+    Args:
+        path: the file; error messages start with its name.
+        build: builds the result from the table.
+
+    Raises:
+        InputError: if the file is missing or no TOML; also as `build`, with the path in front.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise errors.refuse(path.name, "must be readable", path, f"{error.strerror}.") from error
+    except (ValueError, RecursionError) as error:  # No TOML, no UTF-8, or nested too deep.
+        raise errors.refuse(path.name, "must be TOML", path, f"{error}.") from error
+    try:
+        return build(table)
+    except errors.InputError as error:
+        raise errors.InputError(f"{path}: {error}") from error
+
+
+def edit(tree: T, path: str, value: Any, name: str = "") -> T:
     """Return the tree with the field at a dotted path replaced.
 
     Args:
         tree: Dataclass tree.
         path: Dotted path, e.g. `projector.power_w`.
         value: Plain value as in TOML.
+        name: Dotted path of the tree, for error messages.
 
     Raises:
         InputError: for an unknown path or a refused value.
     """
-    return _edit(tree, path, value, "")
-
-
-def _edit(tree: T, path: str, value: Any, name: str) -> T:
     head, _, rest = path.partition(".")
     hints = _hints(type(tree))
     errors.one_of(f"field in {name or type(tree).__name__}", head, hints)
@@ -95,7 +116,7 @@ def _edit(tree: T, path: str, value: Any, name: str) -> T:
             raise errors.refuse(
                 _join(name, head), "has no fields", f".{rest}", "Drop the last part."
             )
-        new = _edit(old, rest, value, _join(name, head))
+        new = edit(old, rest, value, _join(name, head))
     else:
         new = _value(hints[head], value, _join(name, head))
     return dataclasses.replace(tree, **{head: new})  # type: ignore[type-var]

@@ -11,7 +11,7 @@ import numpy as np
 from starling.patterns import errors
 from starling.sim.geometry import frames
 from starling.sim.imaging.imager import Infrared, quantise_matched
-from starling.sim.imaging.optics.blur import blur
+from starling.sim.imaging.optics.spot import blur
 from starling.sim.render import emission
 from starling.sim.sensor.sensor import Sensor
 

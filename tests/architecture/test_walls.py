@@ -37,8 +37,7 @@ LIBRARY_ROOMS = {
 }
 # The files that make pictures, and which pictures.
 PICTURE_MAKERS: dict[str, str] = {
-    "sim/plotting/canvas.py": "every picture: an empty figure, and its file",
-    "sim/plotting/sheet.py": "sheets of panels",
+    "sim/plotting/sheet.py": "every picture: an empty figure, and its file; sheets of panels",
     "sim/plotting/panels.py": "the panels",
     "sim/commands/sweep/picture.py": "the curves of a sweep",
     "learning/evaluation/pictures.py": "the curves of an evaluation",

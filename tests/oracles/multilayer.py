@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from starling.patterns import errors
-from starling.sim.scene.spectra import wavelength
-from starling.sim.scene.spectra.wavelength import Spectrum
+from starling.sim.imaging.optics import bandpass
+from starling.sim.imaging.optics.bandpass import Spectrum
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,7 +46,7 @@ def single_cavity(
         InputError: if the centre is not a near-infrared wavelength, `pairs` is outside 1 to 20,
             or `high` is not above `low`.
     """
-    wavelength.in_silicon("filter centre", centre_nm)
+    bandpass.in_silicon("filter centre", centre_nm)
     errors.in_interval("pairs", pairs, 1, 20)
     errors.in_interval("low", low, 1.0, 5.0)
     errors.in_interval("high", high, low + 0.05, 5.0, "It must exceed the low index.")

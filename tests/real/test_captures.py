@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from starling.sim.captures import capture
-from starling.sim.commands.compare import compare
-from starling.sim.imaging.dot_contrast import dot_contrast
+from starling.sim.commands.compare import compare, dot_contrast
 
 
 def _open(captures: Path, name: str) -> capture.CaptureSet:

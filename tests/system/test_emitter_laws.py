@@ -20,14 +20,14 @@ from starling.patterns import InputError, Pattern
 from starling.patterns.field import Field
 from starling.sim.effects import setting as setting
 from starling.sim.geometry import frames
-from starling.sim.render import backend, emission, indirect, paths_scalar, scalar
+from starling.sim.render import backend, emission, indirect, scalar
 from starling.sim.render import direct as render
 from starling.sim.render.layers import Layers
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import presets
-from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.projector import Emitter
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo import structured_light
 
@@ -163,7 +163,7 @@ def test_the_path_tracer_without_a_compiler_adds_emitters() -> None:
 
     def bounced(sensor: Sensor, irradiances: list[np.ndarray]) -> np.ndarray:
         pose = stage.scene.world_from_left
-        return paths_scalar.radiance(stage, sensor, pose, irradiances, shrink=4, samples=4, seed=1)
+        return scalar.radiance(stage, sensor, pose, irradiances, shrink=4, samples=4, seed=1)
 
     lit = [emission.irradiance_at_unit_distance(both.projector, number) for number in (0, 1)]
     each = [

@@ -27,10 +27,11 @@ from starling.sim.captures import capture
 from starling.sim.captures import info as capture_info
 from starling.sim.captures import writer as capture_writer
 from starling.sim.captures.exchange import labelfusion, tum
-from starling.sim.captures.fusion import fuse, pairs, reference, trajectory
-from starling.sim.captures.fusion.fused import fuse_frames as surface_of
+from starling.sim.captures.exchange.stream import posed_frames
+from starling.sim.captures.fusion import fuse, pairs
+from starling.sim.captures.fusion.volume import fuse_frames as surface_of
 from starling.sim.console.output import OutputFolder
-from starling.sim.datasets.files import MemoryFolder
+from starling.sim.datasets.render_view import MemoryFolder
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -182,7 +183,7 @@ def hold_reference(fy_px: float) -> None:
     camera = Pinhole(width=40, height=36, fx_px=50.0, fy_px=fy_px, cx_px=17.2, cy_px=16.9)
     ramp = trimesh.Trimesh([[-3, -3, 1], [3, -3, 2], [3, 3, 3], [-3, 3, 2]], [[0, 2, 1], [0, 3, 2]])
     pose = frames.pose((0.1, -0.2, 0.3), (4.0, -8.0, 11.0))
-    (result,) = reference.depths(ramp, camera, [pose])
+    (result,) = pairs.reference_depths(ramp, camera, [pose])
     u, v = np.meshgrid(np.arange(40), np.arange(36))
     way = np.stack([(u - 17.2) / 50, (v - 16.9) / fy_px, np.ones(u.shape)], -1) @ pose[:3, :3].T
     normal = np.array([-1 / 6, -1 / 6, 1.0])
@@ -209,7 +210,7 @@ def test_the_back_of_a_surface_is_no_reference():
     camera = Pinhole(width=32, height=32, fx_px=40.0, fy_px=40.0, cx_px=15.5, cy_px=15.5)
     card = trimesh.Trimesh([[-9, -9, 0], [9, -9, 0], [0, 9, 0]], [[0, 2, 1]])
     before, behind = frames.pose((0, 0, -1.0)), frames.pose((0, 0, 1.0), (0, 180.0, 0))
-    front, back = reference.depths(card, camera, [before, behind])
+    front, back = pairs.reference_depths(card, camera, [before, behind])
     assert np.isfinite(front).all() and np.isnan(back).all()
 
 
@@ -322,7 +323,7 @@ def test_a_grey_picture_of_another_size_is_refused(tmp_path: Path):
         dataclasses.replace(moment, image=lambda: np.zeros((20, 24), np.uint8))
         for moment in stream.moments
     ]
-    chosen = trajectory.posed_frames(dataclasses.replace(stream, moments=tuple(grey)))
+    chosen = posed_frames(dataclasses.replace(stream, moments=tuple(grey)))
     mesh = surface_of(chosen, stream.camera, fuse.Fusion())
     with pytest.raises(InputError, match="grey image must be 48x40 as the depth; got 24x20 at 0"):
         pairs.write("log", chosen, mesh, info_of(stream.camera), MemoryFolder(tmp_path))
@@ -331,7 +332,7 @@ def test_a_grey_picture_of_another_size_is_refused(tmp_path: Path):
 def test_invisible_surface_has_no_figures(tmp_path: Path):
     log = wall(tmp_path / "log")
     stream = labelfusion.read(log, fuse.parse_camera("40 40 23.5 19.5 48 40"))
-    chosen = trajectory.posed_frames(stream)
+    chosen = posed_frames(stream)
     aside = trimesh.creation.box((0.1, 0.1, 0.1)).apply_translation((9.0, 0, 0))
     figures = pairs.write("log", chosen, aside, info_of(stream.camera), MemoryFolder(tmp_path))
     assert figures == {"completeness": 0.0, "residual_m": None, "ndp": None}

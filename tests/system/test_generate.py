@@ -24,7 +24,7 @@ from starling import command_line
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, exr, png
 from starling.sim.datasets import index, set_folder, shard
-from starling.sim.datasets import ray_workers as on_ray
+from starling.sim.datasets import workers as on_ray
 from starling.sim.datasets.generate import generate
 from starling.sim.datasets.verify import verify
 from starling.sim.reason import Reason
@@ -192,7 +192,7 @@ def test_killed_worker_stops_the_run_without_losses(plan: Path, whole: Path):
         "from pathlib import Path\n"
         "from starling.sim.datasets import local_workers as local\n"
         "from starling.sim.datasets.generate import generate\n"
-        "from starling.sim.datasets.task import make\n"
+        "from starling.sim.datasets.workers import make\n"
         "def die(plan, info, out, task):\n"
         "    if task.number == 2: os.kill(os.getpid(), 9)\n"
         "    return make(plan, info, out, task)\n"

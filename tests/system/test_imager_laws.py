@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from starling.sim.imaging import imager
-from starling.sim.imaging.imager import charge, converter, smoothing, well
-from starling.sim.imaging.imager.fixed_pattern import Die
+from starling.sim.imaging.imager import charge, converter
+from starling.sim.imaging.imager.charge import Die
 from starling.sim.sensor.sensor import Imager
 
 SHAPE = (240, 320)
@@ -210,7 +210,7 @@ def test_blooming_accounts_for_the_charge(share: float, seed: int):
     part = Imager(blooming=share, full_well_e=1000.0)
     light = np.full((200, 12), 100.0, np.float32)
     light[90:110, 2:10] = rng.uniform(0, 3000, (20, 8)).astype(np.float32)
-    stored = well.limit_to_full_well(part, light)
+    stored = charge.limit_to_full_well(part, light)
     excess = np.maximum(light - 1000, 0).sum(axis=0, dtype=np.float64)
     total = light.sum(axis=0, dtype=np.float64)
     assert stored.sum(axis=0, dtype=np.float64) == pytest.approx(
@@ -229,9 +229,9 @@ def test_blooming_fills_pixel_after_pixel():
     """
     light = np.full((9, 1), 100.0, np.float32)
     light[2] = 5000.0
-    stored = well.limit_to_full_well(Imager(blooming=1.0, full_well_e=1000.0), light)[:, 0]
+    stored = charge.limit_to_full_well(Imager(blooming=1.0, full_well_e=1000.0), light)[:, 0]
     assert stored.tolist() == [1000, 1000, 1000, 1000, 1000, 300, 100, 100, 100]
-    none = well.limit_to_full_well(Imager(full_well_e=1000.0), light)[:, 0]
+    none = charge.limit_to_full_well(Imager(full_well_e=1000.0), light)[:, 0]
     assert none.tolist() == [100, 100, 1000, 100, 100, 100, 100, 100, 100]
 
 
@@ -253,7 +253,7 @@ def test_smoothing_lowers_and_correlates_noise(sigma: float):
     kept = (1 + 2 * q) / (2 * np.sqrt(np.pi) * sigma)
     assert variance == pytest.approx(20.0**2 * kept**2, rel=0.02)
     assert kept**2 == pytest.approx(1 / (4 * np.pi * sigma**2), rel=0.035)
-    assert smoothing.variance_share(sigma) == pytest.approx(kept, rel=1e-3)
+    assert converter.variance_share(sigma) == pytest.approx(kept, rel=1e-3)
     for apart in (1, 2, 3):
         along = (deviation[..., apart:] * deviation[..., :-apart]).mean() / variance
         down = (deviation[:, apart:] * deviation[:, :-apart]).mean() / variance

@@ -14,7 +14,7 @@ import pytest
 
 from starling.sim.geometry import frames
 from starling.sim.imaging.lens_input import combine_light
-from starling.sim.render import backend, emission, indirect, mitsuba_scene, paths, paths_scalar
+from starling.sim.render import backend, emission, indirect, mitsuba_scene, paths, scalar
 from starling.sim.render import direct as render
 from starling.sim.render.lights import Lights
 from starling.sim.render.rays import cameras
@@ -216,14 +216,14 @@ def test_paths_agree_with_mitsubas_path_tracer(even):
     dots = emission.irradiance_at_unit_distance(even.projector)
     camera, _ = cameras(even, mi_scene.scene.world_from_left)
     traced = paths.radiance(mi_scene, camera, Lights.from_sensor(mi_scene, even), 512, 1)
-    theirs = paths_scalar.radiance(
+    theirs = scalar.radiance(
         mi_scene, even, mi_scene.scene.world_from_left, [dots], shrink=1, samples=512, seed=1
     )
     assert traced.mean() == pytest.approx(theirs.mean(), rel=0.02)
     small_own, small_theirs = (cv2.blur(image, (5, 5)).ravel() for image in (traced, theirs))
     assert np.corrcoef(small_own, small_theirs)[0, 1] > 0.98
     seen = paths.surfaces(mi_scene, camera)
-    plugged = paths_scalar.surfaces(mi_scene, even, mi_scene.scene.world_from_left, shrink=1)
+    plugged = scalar.surfaces(mi_scene, even, mi_scene.scene.world_from_left, shrink=1)
     for name in ("albedo", "depth_m", "normal"):
         apart = np.abs(getattr(seen, name) - getattr(plugged, name))
         assert np.quantile(apart, 0.99) < 2e-3

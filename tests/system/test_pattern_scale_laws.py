@@ -21,7 +21,7 @@ from starling.sim.render import direct, emission
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import presets
-from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.projector import Emitter
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo import structured_light
 

@@ -16,7 +16,7 @@ from starling.sim.render import direct, mitsuba_scene
 from starling.sim.render.layers import Layers
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import presets
-from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.projector import Emitter
 from starling.sim.sensor.sensor import Sensor
 
 TWIN = """

@@ -77,7 +77,7 @@ def test_electrons_are_in_proportion(exposure_s, efficiency, wavelength_nm, f_nu
     """Electrons scale with time, quantum efficiency, wavelength, pixel area and 1 / N^2.
 
     The quantum efficiency is given at the laser's line. Its dependence on the wavelength is tested
-    with `starling.sim.scene.spectra.silicon`.
+    with `starling.sim.imaging.optics.bandpass`.
     """
     base = Imager(quantum_efficiency=0.5, pixel_pitch_m=3e-6)
     lens = dataclasses.replace(base.lens, f_number=f_number)

@@ -10,13 +10,14 @@ import pytest
 from starling.patterns.errors import InputError
 from starling.sim import simulate
 from starling.sim.geometry import frames
-from starling.sim.imaging import speckle_field
+from starling.sim.imaging.optics import speckle
 from starling.sim.scene import materials
 from starling.sim.scene.builtin import scenes, solids
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import presets
 from starling.sim.sensor.matcher import CensusSemiGlobal, named
 from starling.sim.stereo import structured_light
+from tests.oracles.speckle import looks_in_pixel
 
 EIGHTHS = 8
 
@@ -137,12 +138,12 @@ def test_a_reference_of_absurd_width_is_refused(beyond_px):
 def test_speckle_follows_the_aperture(name):
     """C = 1 / sqrt(2 M): a pixel averages M looks of each of two polarisations (Goodman 2007)."""
     sensor = presets.load(name)
-    grain_px = speckle_field.grain_px(
+    grain_px = speckle.grain_size_px(
         wavelength_nm=sensor.projector.wavelength_nm,
         f_number=sensor.left.lens.f_number,
         pixel_pitch_m=sensor.left.pixel_pitch_m,
     )
-    looks = 2 * speckle_field.looks_in_pixel(grain_px)
+    looks = 2 * looks_in_pixel(grain_px)
     assert sensor.projector.speckle_contrast == pytest.approx(looks**-0.5, rel=0.01)
 
 

@@ -9,7 +9,7 @@ import scipy.ndimage
 import scipy.optimize
 
 from starling.sim.geometry import frames
-from starling.sim.render import backend, bsdf, coat, direct, mitsuba_scene, scalar
+from starling.sim.render import backend, bsdf, direct, mitsuba_scene, scalar
 from starling.sim.render.backend import BackendError
 from starling.sim.scene.builtin import solids
 from starling.sim.scene.scene import Ambient, Body, Finish, Material, Mesh, Scene, Sun
@@ -129,10 +129,10 @@ def test_a_coated_surface_returns_its_reflectance(reflectance, roughness):
 
 
 def test_unreachable_coat_reflectances_are_clipped():
-    assert coat.base_albedo(0.01, 0.1) == 0 and coat.base_albedo(1.0, 0.3) == 1
+    assert bsdf.base_albedo(0.01, 0.1) == 0 and bsdf.base_albedo(1.0, 0.3) == 1
     texture = np.array([[0.1, 0.5]], np.float32)
-    each = [coat.base_albedo(float(value), 0.15) for value in texture[0]]
-    assert coat.base_albedo(texture, 0.15) == pytest.approx(np.array([each]))
+    each = [bsdf.base_albedo(float(value), 0.15) for value in texture[0]]
+    assert bsdf.base_albedo(texture, 0.15) == pytest.approx(np.array([each]))
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.5, 1.5, 3.0])

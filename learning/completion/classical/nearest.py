@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from starling.learning.completion.classical.outcome import completed, trusted
 from starling.learning.completion.frame import CompletionFrame
 from starling.learning.completion.method import Completed
-from starling.sim.stereo.filled import filled
+from starling.sim.arrays import filled
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -16,7 +16,7 @@ from starling.learning.completion.classical.outcome import completed, guide, inv
 from starling.learning.completion.frame import CompletionFrame
 from starling.learning.completion.method import Completed
 from starling.patterns.errors import in_interval
-from starling.sim.stereo.filled import filled
+from starling.sim.arrays import filled
 
 _REACHED = 1e-6  # Least share of a valid pixel's weight at a filled pixel.
 

@@ -23,6 +23,7 @@ from starling.learning.data import captured
 from starling.learning.data.example import Example
 from starling.learning.features.hole_kinds import hole_kinds
 from starling.patterns.errors import InputError, one_of, refuse
+from starling.sim.arrays import filled
 from starling.sim.captures import exr, png
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.captures.info import CaptureInfo
@@ -30,7 +31,6 @@ from starling.sim.captures.png import GreyImage
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.reason import Reason
 from starling.sim.sensor.sensor import Colour, Sensor
-from starling.sim.stereo.filled import filled
 from starling.sim.stereo.registration import register
 
 Picture = Literal["ir_left", "ir_left_off", "rgb"]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from starling.learning.completion.classical.outcome import trusted
 from starling.learning.completion.classical.wls import WeightedLeastSquares
 from starling.learning.completion.frame import CompletionFrame, Image, Mask
-from starling.sim.stereo.filled import filled
+from starling.sim.arrays import filled
 
 NAMES = ("left", "right", "above", "below", "nearest", "smooth")
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from starling.learning.data.example import Example, Image, Physics
 from starling.learning.data.physics_probability import as_precise_as_physics, physics_probability
 from starling.patterns import errors
+from starling.sim.arrays import filled
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.geometry.planes import fit_planes, incidence_cosine
 from starling.sim.reason import Reason
-from starling.sim.stereo.filled import filled
 
 PLANE_RADIUS_PX = 3  # Normals are estimated over 7x7 pixels.
 LOGIT_SCALE = 0.25  # A power of two, so that the logit is recovered exactly.

@@ -27,7 +27,7 @@ from starling.sim.captures import png
 from starling.sim.captures.capture import CapturedScene, CaptureSet, Frame
 from starling.sim.console.output import Folder
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.scene import mesh as mesh_file
+from starling.sim.scene import sources
 from starling.sim.scene.builtin import solids
 from starling.sim.stereo.depth import to_code
 
@@ -96,7 +96,7 @@ def _models(captures: CaptureSet, meshes: Path) -> dict[str, trimesh.Trimesh]:
         paths = sorted(meshes.rglob(name))
         if not paths:
             raise refuse("meshes", f"must hold {name}", meshes, "Give the plan's folder.")
-        models[name] = solids.join([part for _, part in mesh_file.parts(paths[0])])
+        models[name] = solids.join([part for _, part in sources.mesh_parts(paths[0])])
     return models
 
 

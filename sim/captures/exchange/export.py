@@ -44,8 +44,7 @@ def export(
         else:
             count = bop.export(opened, meshes, folder)
         arguments = {"captures": captures, "layout": layout, "meshes": str(meshes)}
-        result = {"verb": "export", "arguments": arguments, "versions": record.versions()}
-        folder.write(RECORD, record.dumps({**result, "figures": {"frames": count}}))
+        folder.write(RECORD, record.of_run("export", arguments, {"frames": count}))
     return {
         "out": str(folder.path),
         "layout": layout,

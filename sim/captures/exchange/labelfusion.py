@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from starling.patterns.errors import refuse
 from starling.sim.captures import png
-from starling.sim.captures.exchange import quaternion, stream_file
-from starling.sim.captures.exchange.stream import Moment, Stream, nearest
+from starling.sim.captures.exchange.stream import Moment, Stream, nearest, read_depth, read_text
+from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
 
@@ -65,7 +65,7 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
             Moment(
                 time_s=time_s,
                 world_from_camera=nearest(poses, time_s),
-                depth=partial(stream_file.depth, images / f"{number}_depth.png", UNIT_M),
+                depth=partial(read_depth, images / f"{number}_depth.png", UNIT_M),
                 image=partial(_picture, picture) if picture.is_file() else None,
             )
         )
@@ -79,7 +79,7 @@ def _names(images: Path) -> list[str]:
 
 
 def _time_s(path: Path) -> float:
-    text = stream_file.text(path)
+    text = read_text(path)
     if not text.strip().isdecimal():
         raise refuse(path.name, "must hold microseconds", repr(text[:40]), "Is the log whole?")
     return int(text) / 1e6
@@ -89,10 +89,10 @@ def _poses(path: Path) -> list[tuple[float, Pose]]:
     trajectory = next((path / name for name in _TRAJECTORIES if (path / name).is_file()), None)
     if trajectory is None:
         raise refuse("log", f"must hold {_TRAJECTORIES[-1]}", path, "Run ElasticFusion on it.")
-    rows = [
-        _row(line, trajectory) for line in stream_file.text(trajectory).splitlines() if line.strip()
-    ]
-    return sorted(((row[0], quaternion.pose(row[1:4], row[4:])) for row in rows), key=_time_of)
+    rows = [_row(line, trajectory) for line in read_text(trajectory).splitlines() if line.strip()]
+    return sorted(
+        ((row[0], frames.from_quaternion(row[1:4], row[4:])) for row in rows), key=_time_of
+    )
 
 
 def _time_of(timed: tuple[float, Pose]) -> float:

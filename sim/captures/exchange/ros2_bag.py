@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from starling.patterns.errors import needs, refuse
 from starling.sim.captures.capture import CapturedScene
-from starling.sim.captures.exchange import sequence
-from starling.sim.captures.exchange.ros2_messages import Messages
+from starling.sim.captures.exchange.stream import in_time_order, pose_of_left
 from starling.sim.captures.info import CaptureInfo
+from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.stereo.depth import to_code
 
@@ -61,18 +61,18 @@ def export(scenes: Sequence[CapturedScene], path: Path) -> int:
     """
     rosbag2, typesys = _rosbags()
     types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    info, frames = scenes[0].info, sequence.in_time_order(scenes)
-    first_s = frames[0].time_s
+    info, ordered = scenes[0].info, in_time_order(scenes)
+    first_s = ordered[0].time_s
     shift_s = 0.0 if first_s > 0 else _FIRST_S - first_s
     with _refused(path), rosbag2.Writer(path, version=_VERSION) as bag:
         publish = _publisher(bag, types)
         messages = Messages(types.types)
         static = messages.transforms(_fixed(info), shift_s + first_s)
         publish("/tf_static", "tf2_msgs/msg/TFMessage", static, shift_s + first_s)
-        for timed in frames:
+        for timed in ordered:
             frame, depth_m = timed.read()
             time_s = shift_s + timed.time_s
-            world_from_left = sequence.world_from_left(frame)
+            world_from_left = pose_of_left(frame)
             if world_from_left is not None:
                 link = world_from_left @ np.linalg.inv(_BODY_FROM_OPTICAL)
                 moved = messages.transforms([(_WORLD, _LINK, link)], time_s)
@@ -88,7 +88,7 @@ def export(scenes: Sequence[CapturedScene], path: Path) -> int:
                 publish(f"{topic}/image_rect_raw", "sensor_msgs/msg/Image", picture, time_s)
                 message = messages.camera_info(stream, info, time_s)
                 publish(f"{topic}/camera_info", "sensor_msgs/msg/CameraInfo", message, time_s)
-    return len(frames)
+    return len(ordered)
 
 
 def _rosbags() -> tuple[Any, Any]:
@@ -157,3 +157,77 @@ def _fixed(info: CaptureInfo) -> list[tuple[str, str, Pose]]:
         optical = f"camera_{name}_optical_frame"
         transforms.append((f"camera_{name}_frame", optical, _BODY_FROM_OPTICAL))
     return transforms
+
+
+class Messages:
+    """Builds ROS messages from captures."""
+
+    def __init__(self, types: dict[str, Any]) -> None:
+        """Store the message classes by type name, as `rosbags` provides them."""
+        self._types = types
+
+    def image(self, stream: str, image: NDArray[Any], time_s: float) -> Any:
+        """Return an image message with one channel."""
+        height, width = image.shape
+        little = np.ascontiguousarray(image, image.dtype.newbyteorder("<"))
+        return self._types["sensor_msgs/msg/Image"](
+            header=self._header(stream, time_s),
+            height=height,
+            width=width,
+            encoding="16UC1" if stream == "depth" else f"mono{8 * image.itemsize}",
+            is_bigendian=0,
+            step=width * image.itemsize,
+            data=little.view(np.uint8).ravel(),
+        )
+
+    def camera_info(self, stream: str, info: CaptureInfo, time_s: float) -> Any:
+        """Return the intrinsics of rectified images, without distortion."""
+        shift = -info.fx_px * info.baseline_m if stream == "infra2" else 0.0
+        k = [info.fx_px, 0, info.cx_px, 0, info.fy_px, info.cy_px, 0, 0, 1]
+        p = [info.fx_px, 0, info.cx_px, shift, 0, info.fy_px, info.cy_px, 0, 0, 0, 1, 0]
+        roi = self._types["sensor_msgs/msg/RegionOfInterest"](
+            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        )
+        return self._types["sensor_msgs/msg/CameraInfo"](
+            header=self._header(stream, time_s),
+            height=info.height,
+            width=info.width,
+            distortion_model="plumb_bob",
+            d=np.zeros(5),
+            k=np.array(k, float),
+            r=np.eye(3).ravel(),
+            p=np.array(p, float),
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+        )
+
+    def transforms(self, poses: Sequence[tuple[str, str, Pose]], time_s: float) -> Any:
+        """Return the transforms of (parent, child, `parent_from_child`)."""
+        kind = self._types
+        transforms = []
+        for parent, child, pose in poses:
+            x, y, z, w = frames.to_quaternion(pose)
+            place = [float(component) for component in pose[:3, 3]]
+            transform = kind["geometry_msgs/msg/Transform"](
+                translation=kind["geometry_msgs/msg/Vector3"](*place),
+                rotation=kind["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w),
+            )
+            header = kind["std_msgs/msg/Header"](stamp=_stamp(kind, time_s), frame_id=parent)
+            transforms.append(
+                kind["geometry_msgs/msg/TransformStamped"](
+                    header=header, child_frame_id=child, transform=transform
+                )
+            )
+        return kind["tf2_msgs/msg/TFMessage"](transforms=transforms)
+
+    def _header(self, stream: str, time_s: float) -> Any:
+        frame = "depth" if stream == "depth" else "infra1"
+        return self._types["std_msgs/msg/Header"](
+            stamp=_stamp(self._types, time_s), frame_id=f"camera_{frame}_optical_frame"
+        )
+
+
+def _stamp(types: dict[str, Any], time_s: float) -> Any:
+    seconds, rest = divmod(round(time_s * 1e9), 10**9)
+    return types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest)

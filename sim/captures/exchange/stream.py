@@ -1,19 +1,31 @@
-"""An RGB-D stream: images, depth and poses of a moving camera, independent of the layout."""
+"""RGB-D streams of a moving camera, independent of the layout.
+
+A `Stream` is read from files. The frames of a capture set in time order are written to them.
+"""
 
 from __future__ import annotations
 
 import bisect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.patterns.errors import in_interval, refuse
+from starling.sim.captures import png
+from starling.sim.captures.capture import CapturedScene, Frame
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.stereo.depth import from_code
 
 NEAR_S = 0.02  # Times within this difference count as equal [s].
+_STEP_S = 1 / 30  # Interval of frames without time stamps [s].
+_FARTHEST_M = 1000.0  # Largest distance of a pose from the origin [m].
+_JUMP_M = 1.0  # Jump accepted at any time [m]: views need not form a continuous film.
+_FASTEST_M_S = 10.0  # Largest speed beyond that jump [m/s].
 
 _T = TypeVar("_T")
 
@@ -44,3 +56,138 @@ def nearest(timed: Sequence[tuple[float, _T]], time_s: float) -> _T | None:
         return None
     nearest_s, item = min(around, key=lambda pair: abs(pair[0] - time_s))
     return item if abs(nearest_s - time_s) <= NEAR_S else None
+
+
+def read_text(path: Path) -> str:
+    """Read a text file.
+
+    Raises:
+        InputError: if the file cannot be read, or is not UTF-8.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise refuse(path.name, "must be readable", path, f"{error}.") from error
+
+
+def read_depth(path: Path, unit_m: float) -> NDArray[np.float32]:
+    """Read depth z [m] (h, w), NaN = none, from 16-bit codes.
+
+    Raises:
+        InputError: if the file cannot be read, or has 8 bits.
+    """
+    code = png.read(path, "depth")
+    if code.dtype != np.uint16:
+        raise refuse("depth", "must be of 16 bits", f"{path}, 8-bit", "Extract it again.")
+    return from_code(code.astype(np.uint16), unit_m)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TimedFrame:
+    """One frame and its time; images are read on demand."""
+
+    time_s: float
+    scene: CapturedScene
+    number: int
+
+    def read(self) -> tuple[Frame, NDArray[np.float32]]:
+        """Read the frame and its depth (h, w) [m].
+
+        Raises:
+            InputError: as `CapturedScene.frame`, or if it has no depth.
+        """
+        frame = self.scene.frame(self.number)
+        if frame.depth_m is None:
+            name = f"frame {self.number} of {self.scene.name}"
+            raise refuse(name, "must have depth", "none", "The layout needs depth.")
+        return frame, frame.depth_m
+
+
+def in_time_order(scenes: Sequence[CapturedScene]) -> list[TimedFrame]:
+    """Return all frames in order of time.
+
+    The times are the `timestamp` [s] of `frame.json`, if all frames have distinct ones. Otherwise
+    the scenes follow each other at 30 frames per second, from 0.
+
+    Raises:
+        InputError: if the scenes are not of one camera.
+    """
+    first = scenes[0].info
+    for scene in scenes:
+        same = Pinhole.from_camera(scene.info) == Pinhole.from_camera(first)
+        if not (same and scene.info.baseline_m == first.baseline_m):
+            advice = "Export the scenes of one camera."
+            raise refuse("scenes", "must be of one camera", scene.path, advice)
+    frames = [(scene, number) for scene in scenes for number in scene.frames]
+    stamps: list[Any] = [scene.record(number).get("timestamp") for scene, number in frames]
+    times = [float(stamp) for stamp in stamps if isinstance(stamp, (int, float))]
+    if len(set(times)) < len(frames):
+        times = [count * _STEP_S for count in range(len(frames))]
+    ordered = sorted(zip(times, range(len(frames)), strict=True))
+    return [
+        TimedFrame(time_s=time, scene=frames[index][0], number=frames[index][1])
+        for time, index in ordered
+    ]
+
+
+def pose_of_left(frame: Frame) -> Pose | None:
+    """Return the left imager's pose in `frame.json`, or None without one."""
+    pose = frame.record.get("left_from_world")
+    return None if pose is None else np.linalg.inv(np.array(pose, float))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Posed:
+    """A moment with its pose."""
+
+    number: int  # Index in the stream.
+    moment: Moment
+    world_from_camera: Pose
+
+
+def posed_frames(stream: Stream, every: int = 1) -> list[Posed]:
+    """Return the moments with a pose, out of each `every`-th moment of the stream.
+
+    Args:
+        stream: stream in order of time.
+        every: step between moments; 1 uses all.
+
+    Raises:
+        InputError: if no moment has a pose, or a pose is not finite, not rigid or more than 1 km
+            from the origin. Also if it is farther from the previous one than 1 m + 10 m/s allow.
+    """
+    in_interval("every", every, 1, 10**6)
+    frames = [
+        Posed(number=number, moment=moment, world_from_camera=moment.world_from_camera)
+        for number, moment in list(enumerate(stream.moments))[::every]
+        if moment.world_from_camera is not None
+    ]
+    if not frames:
+        advice = "Add its trajectory, with the times of the images."
+        raise refuse("stream", "must have poses", f"{len(stream.moments)} frames", advice)
+    for before, frame in zip([frames[0], *frames], frames, strict=False):
+        _refuse_impossible(frame)
+        _refuse_jump(before, frame)
+    return frames
+
+
+def _refuse_impossible(frame: Posed) -> None:
+    pose = np.asarray(frame.world_from_camera)
+    turn = pose[:3, :3]
+    rigid = np.isfinite(pose).all() and np.allclose(turn @ turn.T, np.eye(3), atol=1e-3)
+    if not rigid or np.linalg.det(turn) < 0 or np.abs(pose[:3, 3]).max() > _FARTHEST_M:
+        rule = f"must be rigid, within {_FARTHEST_M:g} m"
+        raise refuse(_name(frame), rule, pose[:3].tolist(), "Give metres and quaternions.")
+
+
+def _refuse_jump(before: Posed, frame: Posed) -> None:
+    far = np.linalg.norm(frame.world_from_camera[:3, 3] - before.world_from_camera[:3, 3])
+    since_s = frame.moment.time_s - before.moment.time_s
+    if far > _JUMP_M + _FASTEST_M_S * since_s:
+        rule = f"must be within {_JUMP_M:g} m + {_FASTEST_M_S:g} m/s of the previous pose"
+        advice = "Cut the stream where tracking was lost; give poses in metres."
+        raise refuse(_name(frame), rule, f"{far:.3g} m in {since_s:.3g} s", advice)
+
+
+def _name(frame: Posed) -> str:
+    return f"pose at {frame.moment.time_s:.6f} s"

@@ -22,9 +22,17 @@ from numpy.typing import NDArray
 from starling.patterns.errors import refuse
 from starling.sim.captures import png
 from starling.sim.captures.capture import CapturedScene
-from starling.sim.captures.exchange import quaternion, sequence, stream_file
-from starling.sim.captures.exchange.stream import Moment, Stream, nearest
+from starling.sim.captures.exchange.stream import (
+    Moment,
+    Stream,
+    in_time_order,
+    nearest,
+    pose_of_left,
+    read_depth,
+    read_text,
+)
 from starling.sim.console.output import Folder
+from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.stereo.depth import to_code
@@ -48,8 +56,8 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
     """
     info = scenes[0].info
     lists: dict[str, list[str]] = {"rgb": [], "depth": [], "groundtruth": []}
-    frames = sequence.in_time_order(scenes)
-    for timed in frames:
+    ordered = in_time_order(scenes)
+    for timed in ordered:
         frame, depth_m = timed.read()
         time = f"{timed.time_s:.6f}"
         folder.write(f"depth/{time}.png", png.encode(to_code(depth_m, UNIT_M)))
@@ -57,9 +65,9 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
         if frame.ir_left is not None:
             folder.write(f"rgb/{time}.png", png.encode(frame.ir_left))
             lists["rgb"].append(f"{time} rgb/{time}.png")
-        pose = sequence.world_from_left(frame)
+        pose = pose_of_left(frame)
         if pose is not None:
-            numbers = (*pose[:3, 3], *quaternion.from_pose(pose))
+            numbers = (*pose[:3, 3], *frames.to_quaternion(pose))
             lists["groundtruth"].append(" ".join([time, *(f"{part:.9g}" for part in numbers)]))
     heads = {"rgb": "timestamp filename", "depth": "timestamp filename"}
     for name, lines in lists.items():
@@ -67,7 +75,7 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
         folder.write(f"{name}.txt", "\n".join([f"# {head}", *lines]) + "\n")
     camera = (info.fx_px, info.fy_px, info.cx_px, info.cy_px, info.width, info.height)
     folder.write(_CAMERA, " ".join(map(repr, camera)) + "\n")
-    return len(frames)
+    return len(ordered)
 
 
 def read(path: Path, camera: Pinhole | None = None) -> Stream:
@@ -90,7 +98,7 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
             Moment(
                 time_s=time,
                 world_from_camera=nearest(poses, time),
-                depth=partial(stream_file.depth, path / file, UNIT_M),
+                depth=partial(read_depth, path / file, UNIT_M),
                 image=None if picture is None else partial(_picture, path / picture),
             )
         )
@@ -107,12 +115,12 @@ def _poses(path: Path) -> list[tuple[float, Pose]]:
         if not any(row[4:]):
             advice = "Is it TUM's layout?"
             raise refuse(path.name, "must have quaternions of nonzero length", row, advice)
-    return [(row[0], quaternion.pose(np.array(row[1:4]), np.array(row[4:]))) for row in rows]
+    return [(row[0], frames.from_quaternion(np.array(row[1:4]), np.array(row[4:]))) for row in rows]
 
 
 def _lines(path: Path, columns: int) -> list[list[str]]:
     """Split the lines of a list; with two columns the second is a file name, others numbers."""
-    lines = stream_file.text(path).splitlines()
+    lines = read_text(path).splitlines()
     rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     for words in rows:
         numbers = words[:1] if columns == 2 else words

@@ -13,9 +13,9 @@ import numpy as np
 from starling.patterns import errors
 from starling.sim.captures import writer
 from starling.sim.captures.exchange import labelfusion, tum
-from starling.sim.captures.exchange.stream import Stream
-from starling.sim.captures.fusion import pairs, surface, trajectory
-from starling.sim.captures.fusion.fused import Fusion, fuse_frames
+from starling.sim.captures.exchange.stream import Stream, posed_frames
+from starling.sim.captures.fusion import pairs, volume
+from starling.sim.captures.fusion.volume import Fusion, fuse_frames
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.console import progress
 from starling.sim.console.output import Folder, OutputFolder, refuse_own_input
@@ -59,7 +59,7 @@ def fuse(
     """
     started = time.perf_counter()
     fusion = fusion or Fusion()
-    surface.refuse_without()
+    volume.refuse_without()
     opened = _opened(streams, layout, parse_camera(camera) if camera else None)
     for path in streams:
         refuse_own_input(out, path)
@@ -139,7 +139,7 @@ def _fuse_stream(
     folder: Folder,
     track: progress.Progress,
 ) -> dict[str, Any]:
-    frames = trajectory.posed_frames(stream, fusion.every)
+    frames = posed_frames(stream, fusion.every)
     mesh = fuse_frames(frames, stream.camera, fusion, track=track)
     folder.write_by(f"{name}.ply", lambda path: mesh.export(path, file_type="ply"))
     figures = pairs.write(name, frames, mesh, info, folder, track=track)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,19 +14,29 @@ from starling.patterns import errors
 from starling.sim.arrays import Image
 from starling.sim.captures import writer
 from starling.sim.captures.exchange import tum
-from starling.sim.captures.fusion import reference
-from starling.sim.captures.fusion.fused import depth_of
-from starling.sim.captures.fusion.trajectory import Posed
+from starling.sim.captures.exchange.stream import Posed
+from starling.sim.captures.fusion.volume import depth_of
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.captures.png import GreyImage
 from starling.sim.console import progress
 from starling.sim.console.output import Folder
+from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.reason import Reason
+from starling.sim.render import backend, plugin_scene
+from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.render.rays import cameras, pixels
+from starling.sim.scene.builtin import solids
+from starling.sim.scene.scene import Material, Scene
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import DepthMap
 
 UNIT_M = tum.UNIT_M  # A fifth of a millimetre, so that depths of all layouts are whole codes [m].
 _LARGEST_M = 65535 * UNIT_M  # Largest depth that the 16-bit code represents [m].
+
+_SEEN = "p:position,n:geo_normal"
+_Traced = tuple[NDArray[np.float64], NDArray[np.float64]]  # Points and normals, 0 without a hit.
 
 
 def write(
@@ -57,7 +68,7 @@ def write(
         InputError: if an image is damaged, or a grey image has not the camera's size.
     """
     camera = Pinhole.from_camera(info)
-    references = reference.depths(mesh, camera, [posed.world_from_camera for posed in frames])
+    references = reference_depths(mesh, camera, [posed.world_from_camera for posed in frames])
     complete: list[float] = []
     residual_m: list[float] = []
     ndp: list[float] = []
@@ -130,3 +141,49 @@ def _device(depth_m: Image, info: CaptureInfo) -> DepthMap:
         valid=valid,
         reason=np.where(valid, Reason.VALID, Reason.UNKNOWN).astype(np.uint32),
     )
+
+
+def reference_depths(
+    mesh: trimesh.Trimesh, camera: Pinhole, poses: Sequence[Pose]
+) -> Iterator[Image]:
+    """Trace z (h, w) [m] at each pose, NaN where no front side of the surface is visible.
+
+    A back side is visible only through a hole in the front, so its depth is not used.
+
+    Args:
+        mesh: surface in the world frame [m].
+        camera: intrinsics of the images.
+        poses: `world_from_camera` of each image.
+
+    Raises:
+        InputError: if the mesh is not in metres, or the camera's pixels are not square (scalar
+            variant only).
+    """
+    body = solids.body("fused", mesh, Material(name="fused"))
+    stage = MitsubaScene(Scene(name="fused", bodies=(body,), world_from_left=poses[0]))
+    lens = dataclasses.replace(presets.load("d435"), **dataclasses.asdict(camera))
+    traced = _compiled if backend.is_jit() else _scalar
+    for pose in poses:
+        point, normal = traced(stage, lens, pose)
+        away = point - pose[:3, 3]
+        front = (normal * away).sum(axis=-1) < 0
+        yield np.where(front, away @ pose[:3, 2], np.nan).astype(np.float32)
+
+
+def _compiled(stage: MitsubaScene, lens: Sensor, pose: Pose) -> _Traced:
+    dr = backend.drjit()
+    eye, _ = cameras(lens, pose)
+    si = stage.mitsuba.ray_intersect(eye.ray(pixels(eye.size)))
+    normal = dr.select(si.is_valid(), si.n, 0)
+    dr.eval(si.p, normal)
+    shape = (*eye.size[::-1], 3)
+    point, normal = (np.array(vectors, np.float64).T.reshape(shape) for vectors in (si.p, normal))
+    return point, normal
+
+
+def _scalar(stage: MitsubaScene, lens: Sensor, pose: Pose) -> _Traced:
+    mi = backend.mitsuba()
+    eye = plugin_scene.camera(lens, pose, sampler=plugin_scene.fixed(1))
+    integrator = mi.load_dict({"type": "aov", "aovs": _SEEN})
+    image = np.array(mi.render(stage.mitsuba, sensor=eye, integrator=integrator, spp=1), np.float64)
+    return image[..., :3], image[..., 3:6]

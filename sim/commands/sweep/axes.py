@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from starling.patterns import errors
 from starling.sim.render import emission
-from starling.sim.sensor import edits as sensor_edits
+from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 
 
@@ -50,7 +50,7 @@ def with_focal(sensor: Sensor, focal_px: float) -> Sensor:
     for side in ("left", "right"):
         defocus = getattr(sensor, side).lens.defocus_px_m
         edits.append((f"{side}.lens.defocus_px_m", ratio**2 * defocus))
-    return sensor_edits.with_values(sensor, edits)
+    return with_values(sensor, edits)
 
 
 AXES: dict[str, Axis] = {
@@ -78,9 +78,7 @@ AXES: dict[str, Axis] = {
         unit="mm",
         scale=1e3,
         read=lambda sensor: sensor.projector.position_m[0],
-        write=lambda sensor, value: sensor_edits.with_values(
-            sensor, [("projector.position_m.x", value)]
-        ),
+        write=lambda sensor, value: with_values(sensor, [("projector.position_m.x", value)]),
         defaults=lambda _: (-0.05, 0.0, 0.1),
     ),
     "dot_density": Axis(
@@ -89,9 +87,7 @@ AXES: dict[str, Axis] = {
         unit="x",
         scale=1.0,
         read=lambda sensor: sensor.projector.dot_density,
-        write=lambda sensor, value: sensor_edits.with_values(
-            sensor, [("projector.dot_density", value)]
-        ),
+        write=lambda sensor, value: with_values(sensor, [("projector.dot_density", value)]),
         # A pattern that is read from an image has a fixed number of dots.
         defaults=lambda sensor: (0.25, 0.5, 2.0, 4.0) if _is_generated(sensor) else (),
     ),

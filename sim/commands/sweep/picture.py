@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 from starling.sim.commands.sweep import axes as sweep_axes
 from starling.sim.commands.sweep.axes import AXES, Camera
 from starling.sim.commands.sweep.figures import BEHIND, Figures, nearest_m
-from starling.sim.plotting import canvas
+from starling.sim.plotting import sheet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from starling.sim.commands.sweep.result import Sweep
+    from starling.sim.commands.sweep.figures import Sweep
 
 # Reasons for missing depth, grouped by what a camera designer can change: colour and reasons.
 GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -47,7 +47,7 @@ def draw(result: Sweep) -> bytes:
     rows = {name: cameras for name, cameras in shown.items() if len(cameras) > 1}
     rows = rows or {next(iter(AXES)): list(result.cameras)}  # Only the base.
     height = _HEAD_IN + _FOOT_IN + _ROW_IN * len(rows)
-    figure = canvas.new_figure((_WIDTH_IN, height), _DPI)
+    figure = sheet.new_figure((_WIDTH_IN, height), _DPI)
     grid = figure.add_gridspec(
         len(rows),
         3,
@@ -71,7 +71,7 @@ def draw(result: Sweep) -> bytes:
             axes.set_xlabel("distance [m]" if last else "")
         reasons.set_xlabel("share of the image [%]" if last else "")
     _headings(figure, result, height)
-    return canvas.encode(figure)
+    return sheet.encode(figure)
 
 
 def _headings(figure: Any, result: Sweep, height: float) -> None:

@@ -15,7 +15,7 @@ from starling.patterns import errors
 from starling.sim.commands.sweep import axes as sweep_axes
 from starling.sim.commands.sweep.axes import AXES
 from starling.sim.commands.sweep.figures import Figures, SweepScenes, measure
-from starling.sim.commands.sweep.result import Sweep as Sweep
+from starling.sim.commands.sweep.figures import Sweep as Sweep
 from starling.sim.console import progress, record
 from starling.sim.console.output import RECORD, OutputFolder
 from starling.sim.render import backend, emission
@@ -127,15 +127,7 @@ def run(
             "sweep.csv": table(result),
             "sweep.json": record.dumps(listed(result)),
             "sensor.toml": presets.dumps(base),
-            RECORD: record.dumps(
-                {
-                    "verb": "sweep",
-                    "arguments": arguments,
-                    "versions": record.versions(),
-                    "renderer": backend.renderer(),
-                    "figures": figures,
-                }
-            ),
+            RECORD: record.of_run("sweep", arguments, figures, backend.renderer()),
         }
         for name, content in files.items():
             folder.write(name, content)

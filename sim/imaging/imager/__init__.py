@@ -4,6 +4,11 @@ Charge: crosstalk, pixel sensitivity, dark current, noise, offsets, full well. C
 averaging, gamma, black level, quantisation.
 """
 
+from __future__ import annotations
+
+from starling.sim.arrays import Image
+from starling.sim.imaging.imager import charge, converter, noise
+from starling.sim.imaging.imager.charge import Die, Side
 from starling.sim.imaging.imager.converter import Infrared as Infrared
 from starling.sim.imaging.imager.converter import Readout as Readout
 from starling.sim.imaging.imager.converter import quantise as quantise
@@ -12,6 +17,39 @@ from starling.sim.imaging.imager.exposure import Exposure as Exposure
 from starling.sim.imaging.imager.exposure import choose_exposure as choose_exposure
 from starling.sim.imaging.imager.exposure import electrons_per_radiance as electrons_per_radiance
 from starling.sim.imaging.imager.exposure import mean_electrons as mean_electrons
-from starling.sim.imaging.imager.mixing import mix_pixels as mix_pixels
 from starling.sim.imaging.imager.noise import noise_e as noise_e
-from starling.sim.imaging.imager.readout import read_out as read_out
+from starling.sim.sensor.sensor import Imager
+
+
+def read_out(
+    part: Imager,
+    electrons: Image,
+    *,
+    exposure_s: float,
+    unit: int,
+    side: Side,
+    seed: int,
+    frame: int,
+) -> Readout:
+    """Convert mean photoelectrons to DN, with all noise of the imager.
+
+    Args:
+        part: the imager's electronics.
+        electrons: mean photoelectrons in each pixel's area (h, w).
+        exposure_s: integration time, for the dark current [s].
+        unit: number of the device; it selects the fixed patterns.
+        side: which imager.
+        seed: seed of the capture.
+        frame: number of the frame in the capture.
+    """
+    die = Die(unit, side)
+    held = charge.collect(part, electrons, exposure_s, die)
+    held = noise.shot_and_read(part, held, die=die, seed=seed, frame=frame)
+    held = noise.offsets(part, held, die=die, seed=seed, frame=frame)
+    held = charge.fill_hot_pixels(part, held, die)
+    return converter.convert(part, charge.limit_to_full_well(part, held))
+
+
+def mix_pixels(part: Imager, light: Image) -> Image:
+    """Apply crosstalk and averaging, which preserve the mean, to light (h, w) in any unit."""
+    return converter.smooth(charge.crosstalk(light, part.crosstalk), part.smoothing_px)

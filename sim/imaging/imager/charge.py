@@ -1,14 +1,48 @@
-"""Mean charge: crosstalk, pixel sensitivity (PRNU) and dark current."""
+"""Charge of the pixels: fixed patterns, crosstalk, dark current, hot pixels and the full well."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
 
 import cv2
 import numba as nb
 import numpy as np
 
+from starling.sim import randomness
 from starling.sim.arrays import Image
-from starling.sim.imaging.imager.fixed_pattern import Die
 from starling.sim.sensor.sensor import Imager
+
+Side = Literal["left", "right"]
+
+
+@dataclass(frozen=True, slots=True)
+class Die:
+    """One imager of one device; it identifies the fixed patterns."""
+
+    unit: int  # Number of the device, `Sensor.unit`.
+    side: Side
+
+    def normal(self, effect: str, shape: tuple[int, ...]) -> Image:
+        """Return standard normal deviates of the pixels (h, w), or of the columns (w,).
+
+        Another image size has an independent pattern: it models a readout mode, not a crop.
+        """
+        return _drawn(self, effect, shape, "normal")
+
+    def uniform(self, effect: str, shape: tuple[int, ...]) -> Image:
+        """Return uniform deviates in [0, 1) of the pixels (h, w)."""
+        return _drawn(self, effect, shape, "uniform")
+
+
+@lru_cache(maxsize=12)  # Three patterns, two imagers, two image sizes.
+def _drawn(die: Die, effect: str, shape: tuple[int, ...], law: Literal["normal", "uniform"]):
+    rng = randomness.generator(die.unit, 0, "imager", f"fixed {effect} {die.side}")
+    draw = rng.standard_normal if law == "normal" else rng.random
+    pattern = draw(shape, np.float32)
+    pattern.setflags(write=False)  # All captures share the array.
+    return pattern
 
 
 def collect(part: Imager, electrons: Image, exposure_s: float, die: Die) -> Image:
@@ -54,3 +88,61 @@ def crosstalk(electrons: Image, share: float) -> Image:
     )
     mixed = cv2.filter2D(electrons, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(mixed, np.float32)
+
+
+def fill_hot_pixels(part: Imager, charge: Image, die: Die) -> Image:
+    """Fill the device's hot pixels; a share of 0 is the identity.
+
+    The hot pixels of a smaller share are a subset of those of a larger share.
+    """
+    if part.hot_pixels == 0:
+        return charge
+    full = np.flatnonzero(die.uniform("hot", charge.shape) < np.float32(part.hot_pixels))
+    filled = charge.copy()
+    flat = filled.ravel()
+    flat[full] = np.maximum(flat[full], np.float32(part.full_well_e))
+    return filled
+
+
+def limit_to_full_well(part: Imager, charge: Image) -> Image:
+    """Limit the charge to the full well; with blooming, part of the excess fills its column.
+
+    The share 1 - `blooming` of the excess charge is drained in its pixel. Half of the remaining
+    charge moves upwards, half downwards. It fills the free capacity of the pixels on its way, until
+    it is used up or leaves the image. Where two streaks meet, the downward one fills first.
+
+    Source: Janesick, Scientific Charge-Coupled Devices (2001). Charge above the full well runs
+    along its column; the drained share models an anti-blooming gate.
+    """
+    full = np.float32(part.full_well_e)
+    if part.blooming == 0 or charge.max() <= full:
+        return np.minimum(charge, full)
+    return _spilled(charge, full, np.float32(part.blooming / 2))
+
+
+@nb.njit(nogil=True, cache=True)
+def _spilled(charge, full, half):
+    height, width = charge.shape
+    out = charge.copy()
+    down, up = np.zeros(width, charge.dtype), np.zeros(width, charge.dtype)
+    for y in range(height):
+        for x in range(width):
+            held = out[y, x]
+            if held > full:
+                down[x] += half * (held - full)
+            elif down[x] > 0:
+                taken = min(down[x], full - held)
+                out[y, x] = held + taken
+                down[x] -= taken
+    for row in range(height):
+        y = height - 1 - row
+        for x in range(width):
+            held = out[y, x]
+            if charge[y, x] > full:
+                up[x] += half * (charge[y, x] - full)
+            elif up[x] > 0:
+                taken = min(up[x], max(full - held, np.float32(0)))
+                held += taken
+                up[x] -= taken
+            out[y, x] = min(held, full)
+    return out

@@ -7,8 +7,8 @@ import numpy as np
 
 from starling.sim import randomness
 from starling.sim.arrays import Image
-from starling.sim.imaging.imager import smoothing
-from starling.sim.imaging.imager.fixed_pattern import Die
+from starling.sim.imaging.imager import converter
+from starling.sim.imaging.imager.charge import Die
 from starling.sim.sensor.sensor import Imager
 
 
@@ -27,7 +27,7 @@ def noise_e(part: Imager, electrons: Image, exposure_s: float) -> Image:
     mean = np.maximum(electrons, 0) + np.float32(part.dark_current_e_s * exposure_s)
     alone = part.read_noise_e**2 + part.dsnu_e**2
     along = part.row_noise_e**2 + part.column_noise_e**2
-    share = smoothing.variance_share(part.smoothing_px)
+    share = converter.variance_share(part.smoothing_px)
     shot = np.float32(part.shot_noise**2 * share * share)
     return np.sqrt(shot * mean + np.float32(share * (share * alone + along)))
 

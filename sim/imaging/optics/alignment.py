@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from starling.sim.arrays import Image
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.sensor.lens import Alignment
+from starling.sim.sensor.imager import Alignment
 
 _ALIGNED = Alignment()
 

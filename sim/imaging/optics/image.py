@@ -9,7 +9,7 @@ import numpy as np
 from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging.lens_input import LensInput
-from starling.sim.imaging.optics import alignment, shading, speckle, spot, veil
+from starling.sim.imaging.optics import alignment, shading, speckle, spot
 from starling.sim.sensor.sensor import Imager, Sensor
 
 
@@ -46,7 +46,7 @@ def image(
         formed = parts[0]
         if imager.lens.vignetting > 0:
             formed = formed * shading.vignetting(imager.lens.vignetting, pinhole)
-    return veil.add_veiling_glare(formed, imager.lens.veil)
+    return add_veiling_glare(formed, imager.lens.veil)
 
 
 def _filtered(
@@ -58,6 +58,26 @@ def _filtered(
         if imager.lens.vignetting > 0:
             formed *= shading.vignetting(imager.lens.vignetting, pinhole)
         return formed
-    formed = laser * shading.laser(imager, wavelength_nm, pinhole)
-    formed += rest * shading.rest(imager, wavelength_nm, pinhole)
+    formed = laser * shading.laser(imager.lens, wavelength_nm, pinhole)
+    formed += rest * shading.rest(imager.lens, imager.quantum_efficiency, wavelength_nm, pinhole)
     return formed
+
+
+def add_veiling_glare(radiance: Image, share: float) -> Image:
+    """Spread a share v of the light over the whole image: (1 - v) L + v mean(L).
+
+    The mean is unchanged and the pedestal has no structure. Light from outside the image is not
+    modelled.
+
+    Args:
+        radiance: (h, w) [W m^-2 sr^-1].
+        share: v, 0 ... 1; 0 is the identity, bit for bit.
+
+    Source: ISO 9358. The veiling glare index v is the level of a small black patch within a uniform
+    bright field, relative to the field.
+    """
+    if share == 0:
+        return radiance
+    out = radiance * np.float32(1 - share)
+    out += np.float32(share * radiance.mean(dtype=np.float64))
+    return out

@@ -15,7 +15,8 @@ import numpy as np
 
 from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.sensor.sensor import Imager
+from starling.sim.imaging.optics import bandpass
+from starling.sim.sensor.imager import Lens
 
 
 @lru_cache(maxsize=4)
@@ -28,75 +29,37 @@ def vignetting(exponent: float, pinhole: Pinhole) -> Image:
     return _fixed(np.asarray(cv2.pow(secant_squared, -exponent / 2), np.float32))
 
 
-def laser(imager: Imager, wavelength_nm: float, pinhole: Pinhole) -> Image:
-    """Return the laser's transmission relative to the band's peak on the axis (h, w)."""
-    lens = imager.lens
-    return _laser(
-        lens.vignetting,
-        wavelength_nm,
-        lens.filter_centre_nm,
-        lens.filter_width_nm,
-        lens.filter_index,
-        pinhole,
-    )
-
-
-def rest(imager: Imager, wavelength_nm: float, pinhole: Pinhole) -> Image:
-    """Return the transmission of other light, of uniform spectrum, relative to the axis (h, w)."""
-    lens = imager.lens
-    return _rest(
-        lens.vignetting,
-        lens.filter_centre_nm,
-        lens.filter_width_nm,
-        lens.filter_index,
-        imager.quantum_efficiency,
-        wavelength_nm,
-        pinhole,
-    )
-
-
 @lru_cache(maxsize=4)
-def _laser(
-    exponent: float,
-    wavelength_nm: float,
-    centre_nm: float,
-    width_nm: float,
-    index: float,
-    pinhole: Pinhole,
-) -> Image:
-    from starling.sim.scene import spectra
-
-    passed = spectra.laser_transmission(
+def laser(lens: Lens, wavelength_nm: float, pinhole: Pinhole) -> Image:
+    """Return the laser's transmission relative to the band's peak on the axis (h, w), read-only."""
+    passed = bandpass.laser_transmission(
         pinhole.angle(),
         wavelength_nm=wavelength_nm,
-        centre_nm=centre_nm,
-        width_nm=width_nm,
-        index=index,
+        centre_nm=lens.filter_centre_nm,
+        width_nm=lens.filter_width_nm,
+        index=lens.filter_index,
     )
-    return _fixed(passed * vignetting(exponent, pinhole))
+    return _fixed(passed * vignetting(lens.vignetting, pinhole))
 
 
 @lru_cache(maxsize=4)
-def _rest(
-    exponent: float,
-    centre_nm: float,
-    width_nm: float,
-    index: float,
-    efficiency: float,
-    wavelength_nm: float,
-    pinhole: Pinhole,
-) -> Image:
-    from starling.sim.scene import spectra
-    from starling.sim.scene.spectra import silicon
+def rest(lens: Lens, quantum_efficiency: float, wavelength_nm: float, pinhole: Pinhole) -> Image:
+    """Return the transmission of other light, of uniform spectrum, relative to the axis (h, w).
 
-    passed = spectra.ambient_transmission(
+    Args:
+        lens: supplies filter and vignetting.
+        quantum_efficiency: the imager's, at the laser's wavelength.
+        wavelength_nm: the laser's wavelength [nm].
+        pinhole: intrinsics of the image.
+    """
+    passed = bandpass.ambient_transmission(
         pinhole.angle(),
-        centre_nm=centre_nm,
-        width_nm=width_nm,
-        index=index,
-        epitaxy_um=silicon.depth_um(efficiency, wavelength_nm),
+        centre_nm=lens.filter_centre_nm,
+        width_nm=lens.filter_width_nm,
+        index=lens.filter_index,
+        epitaxy_um=bandpass.depth_um(quantum_efficiency, wavelength_nm),
     )
-    return _fixed(passed * vignetting(exponent, pinhole))
+    return _fixed(passed * vignetting(lens.vignetting, pinhole))
 
 
 def _fixed(image: Image) -> Image:

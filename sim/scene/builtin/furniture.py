@@ -21,7 +21,7 @@ _REFLECTANCE = (0.08, 0.85)  # Range for paints, cloths and woods.
 _GLOSSY, _METAL, _BLACK = 0.25, 0.05, 0.08  # Shares of the parts with these materials.
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class FurniturePart:
     """A solid with one material."""
 
@@ -83,14 +83,12 @@ def _table(rng: Rng) -> Iterator[FurniturePart]:
     width, depth = rng.uniform(0.5, 1.8), rng.uniform(0.45, 0.9)
     height, top = rng.uniform(0.45, 0.78), rng.uniform(0.02, 0.05)
     yield FurniturePart(
-        name="table top",
-        solid=box(width, top, depth, foot=(0, top - height, 0)),
-        material=draw_material(rng),
+        "table top", box(width, top, depth, foot=(0, top - height, 0)), draw_material(rng)
     )
     yield FurniturePart(
-        name="table legs",
-        solid=_legs(width - 0.1, depth - 0.1, height - top, rng.uniform(0.012, 0.04)),
-        material=draw_material(rng),
+        "table legs",
+        _legs(width - 0.1, depth - 0.1, height - top, rng.uniform(0.012, 0.04)),
+        draw_material(rng),
     )
     yield from _things(width, depth, -height, rng)
 
@@ -98,31 +96,25 @@ def _table(rng: Rng) -> Iterator[FurniturePart]:
 def _chair(rng: Rng) -> Iterator[FurniturePart]:
     side, seat, back = rng.uniform(0.38, 0.5), rng.uniform(0.4, 0.48), rng.uniform(0.35, 0.6)
     cloth = draw_material(rng)
-    yield FurniturePart(
-        name="chair seat", solid=box(side, 0.04, side, foot=(0, 0.04 - seat, 0)), material=cloth
-    )
+    yield FurniturePart("chair seat", box(side, 0.04, side, foot=(0, 0.04 - seat, 0)), cloth)
     if rng.random() < 0.5:
         rest = box(side, back, 0.03, foot=(0, -seat, side / 2))
     else:  # A back of bars.
         count = int(rng.integers(3, 7))
         bars = np.linspace(-side / 2, side / 2, count)
         rest = solids.join([pole(0.01, back, foot=(float(x), -seat, side / 2)) for x in bars])
-    yield FurniturePart(name="chair back", solid=rest, material=cloth)
+    yield FurniturePart("chair back", rest, cloth)
     legs = _legs(side - 0.05, side - 0.05, seat - 0.04, rng.uniform(0.01, 0.025))
-    yield FurniturePart(name="chair legs", solid=legs, material=draw_material(rng))
+    yield FurniturePart("chair legs", legs, draw_material(rng))
 
 
 def _cabinet(rng: Rng) -> Iterator[FurniturePart]:
     width, height, depth = rng.uniform(0.4, 1.4), rng.uniform(0.5, 2.0), rng.uniform(0.3, 0.6)
-    yield FurniturePart(
-        name="cabinet", solid=box(width, height, depth, foot=(0, 0, 0)), material=draw_material(rng)
-    )
+    yield FurniturePart("cabinet", box(width, height, depth, foot=(0, 0, 0)), draw_material(rng))
     knobs = [
         box(0.02, 0.1, 0.03, foot=(x, -height / 2, -depth / 2)) for x in (-width / 8, width / 8)
     ]
-    yield FurniturePart(
-        name="cabinet handles", solid=solids.join(knobs), material=draw_material(rng)
-    )
+    yield FurniturePart("cabinet handles", solids.join(knobs), draw_material(rng))
     yield from _things(width, depth, -height, rng)
 
 
@@ -134,7 +126,7 @@ def _shelf(rng: Rng) -> Iterator[FurniturePart]:
     frame += [box(width, 0.02, depth, foot=(0, -float(level), 0)) for level in levels]
     if rng.random() < 0.5:
         frame.append(box(width, height, 0.01, foot=(0, 0, depth / 2)))
-    yield FurniturePart(name="shelf", solid=solids.join(frame), material=draw_material(rng))
+    yield FurniturePart("shelf", solids.join(frame), draw_material(rng))
     gap = float(levels[1] - levels[0])
     for level in levels[:-1]:
         x = -width / 2 + 0.03
@@ -142,9 +134,7 @@ def _shelf(rng: Rng) -> Iterator[FurniturePart]:
             thick, tall = rng.uniform(0.015, 0.06), gap * rng.uniform(0.5, 0.85)
             deep = depth * rng.uniform(0.5, 0.9)
             foot = (x + thick / 2, -float(level) - 0.02, 0.0)
-            yield FurniturePart(
-                name="book", solid=box(thick, tall, deep, foot=foot), material=draw_material(rng)
-            )
+            yield FurniturePart("book", box(thick, tall, deep, foot=foot), draw_material(rng))
             x += thick + (0.0 if rng.random() < 0.8 else float(rng.uniform(0.02, 0.2)))
 
 
@@ -157,30 +147,28 @@ def _sofa(rng: Rng) -> Iterator[FurniturePart]:
         box(width, back, 0.2, foot=(0, -seat, depth / 2 - 0.1)),
         *(box(arm, seat + 0.18, depth, foot=(x, 0, 0)) for x in (-width / 2, width / 2)),
     ]
-    yield FurniturePart(name="sofa", solid=solids.join(body), material=cloth)
+    yield FurniturePart("sofa", solids.join(body), cloth)
     for _ in range(int(rng.integers(0, 4))):
         pillow = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
         pillow.apply_scale((rng.uniform(0.18, 0.28), rng.uniform(0.15, 0.22), 0.09))
         place = (float(rng.uniform(-0.4, 0.4)) * width, -seat - 0.15, depth / 2 - 0.28)
         pillow.apply_transform(frames.pose(place, (float(rng.uniform(-25, 0)), 0, 0)))
-        yield FurniturePart(name="pillow", solid=pillow, material=draw_material(rng), smooth=True)
+        yield FurniturePart("pillow", pillow, draw_material(rng), smooth=True)
 
 
 def _lamp(rng: Rng) -> Iterator[FurniturePart]:
     height, wide = rng.uniform(1.1, 1.8), rng.uniform(0.12, 0.25)
     stand = [pole(0.012, height, foot=(0, 0, 0)), pole(0.14, 0.02, foot=(0, 0, 0))]
-    yield FurniturePart(name="lamp stand", solid=solids.join(stand), material=draw_material(rng))
+    yield FurniturePart("lamp stand", solids.join(stand), draw_material(rng))
     tall = rng.uniform(0.2, 0.35)
     shade = solids.cup(wide, tall, 0.004)
     shade.apply_transform(frames.pose((0, -height, 0)) @ _UPRIGHT)
-    yield FurniturePart(name="lamp shade", solid=shade, material=draw_material(rng))
+    yield FurniturePart("lamp shade", shade, draw_material(rng))
 
 
 def _plant(rng: Rng) -> Iterator[FurniturePart]:
     pot, wide = rng.uniform(0.15, 0.4), rng.uniform(0.1, 0.2)
-    yield FurniturePart(
-        name="pot", solid=pole(wide, pot, foot=(0, 0, 0)), material=draw_material(rng)
-    )
+    yield FurniturePart("pot", pole(wide, pot, foot=(0, 0, 0)), draw_material(rng))
     leaves = []
     tall, reach = rng.uniform(0.3, 1.2), rng.uniform(0.15, 0.4)
     for _ in range(int(rng.integers(25, 80))):
@@ -193,9 +181,7 @@ def _plant(rng: Rng) -> Iterator[FurniturePart]:
         leaf.apply_transform(frames.pose(place, (turn[0], turn[1], turn[2])))
         leaves.append(leaf)
     stem = pole(0.008, pot + tall, foot=(0, 0, 0))
-    yield FurniturePart(
-        name="plant", solid=solids.join([stem, *leaves]), material=materials.named("leaf")
-    )
+    yield FurniturePart("plant", solids.join([stem, *leaves]), materials.named("leaf"))
 
 
 def _cartons(rng: Rng) -> Iterator[FurniturePart]:
@@ -205,7 +191,7 @@ def _cartons(rng: Rng) -> Iterator[FurniturePart]:
         carton = box(width, height, depth, foot=(0, 0, 0))
         turn = (0, float(rng.uniform(-20, 20)), 0)
         carton.apply_transform(frames.pose((0, -level, 0), turn))
-        yield FurniturePart(name="carton", solid=carton, material=draw_material(rng))
+        yield FurniturePart("carton", carton, draw_material(rng))
         level += height
 
 
@@ -213,7 +199,7 @@ def _bin(rng: Rng) -> Iterator[FurniturePart]:
     wide, height = rng.uniform(0.1, 0.2), rng.uniform(0.25, 0.6)
     solid = solids.cup(wide, height, 0.01)
     solid.apply_transform(frames.pose((0, -height / 2, 0)) @ _UPRIGHT)
-    yield FurniturePart(name="bin", solid=solid, material=draw_material(rng))
+    yield FurniturePart("bin", solid, draw_material(rng))
 
 
 def _ladder(rng: Rng) -> Iterator[FurniturePart]:
@@ -224,7 +210,7 @@ def _ladder(rng: Rng) -> Iterator[FurniturePart]:
         pole(thick, height, foot=(float(x), 0, 0)) for x in np.linspace(-0.5, 0.5, count) * width
     ]
     rails = [box(width, 0.03, 0.03, foot=(0, -level, 0)) for level in (0.1, height - 0.05)]
-    yield FurniturePart(name="rods", solid=solids.join(rods + rails), material=draw_material(rng))
+    yield FurniturePart("rods", solids.join(rods + rails), draw_material(rng))
 
 
 def _legs(width: float, depth: float, height: float, thick: float) -> Solid:
@@ -251,9 +237,7 @@ def _things(width: float, depth: float, level: float, rng: Rng) -> Iterator[Furn
         else:  # A screen on a foot.
             screen = box(4 * size, 2.4 * size, 0.02, foot=(foot[0], level - 0.08, foot[2]))
             thing = solids.join([screen, pole(0.02, 0.1, foot=foot)])
-        yield FurniturePart(
-            name="thing", solid=thing, material=draw_material(rng), smooth=0.7 <= number < 0.85
-        )
+        yield FurniturePart("thing", thing, draw_material(rng), smooth=0.7 <= number < 0.85)
 
 
 _KINDS: tuple[Callable[[Rng], Iterator[FurniturePart]], ...] = (

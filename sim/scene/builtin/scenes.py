@@ -8,26 +8,24 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import trimesh
 
 from starling.patterns import errors
 from starling.sim.geometry import frames
 from starling.sim.scene import materials
 from starling.sim.scene.builtin import solids
 from starling.sim.scene.builtin.room import room
-from starling.sim.scene.scene import Body, Scene
+from starling.sim.scene.scene import Body, Material, Scene
 
 _DOWN = np.array([0.0, 1.0, 0.0])
+_UPRIGHT = frames.pose((0, 0, 0), (90, 0, 0))  # Turns a solid's z axis to the vertical.
 
 
 def wall(distance_m: float = 1.0) -> Scene:
     """A painted, fronto-parallel wall at `distance_m`."""
-    sheet = solids.body(
-        "wall",
-        solids.plane(8 * distance_m, 8 * distance_m),
-        materials.WALL_PAINT,
-        frames.pose((0, 0, distance_m)),
-    )
-    return Scene(name=f"wall:{distance_m:g}", bodies=(sheet,))
+    sheet = solids.plane(8 * distance_m, 8 * distance_m)
+    body = solids.body("wall", sheet, materials.WALL_PAINT, frames.pose((0, 0, distance_m)))
+    return Scene(name=f"wall:{distance_m:g}", bodies=(body,))
 
 
 def staircase(nearest_m: float = 0.6) -> Scene:
@@ -101,17 +99,15 @@ def _on_table(
     """Place objects on a jittered grid, on a table 0.35 m below the camera."""
     rng = np.random.default_rng([seed, spots[0]])
     table_y, depth = 0.35, 1.05
+    table, wall, floor = (
+        solids.box((2.0, 0.04, 1.1)),
+        solids.plane(12, 8),
+        solids.box((12, 0.02, 8)),
+    )
     bodies = [
-        solids.body(
-            "table",
-            solids.box((2.0, 0.04, 1.1)),
-            materials.WOOD,
-            frames.pose((0, table_y + 0.02, depth)),
-        ),
-        solids.body("wall", solids.plane(12, 8), materials.WALL_PAINT, frames.pose((0, 0, 2.2))),
-        solids.body(
-            "floor", solids.box((12, 0.02, 8)), materials.CARDBOARD, frames.pose((0, 1.1, 2.0))
-        ),
+        solids.body("table", table, materials.WOOD, frames.pose((0, table_y + 0.02, depth))),
+        solids.body("wall", wall, materials.WALL_PAINT, frames.pose((0, 0, 2.2))),
+        solids.body("floor", floor, materials.CARDBOARD, frames.pose((0, 1.1, 2.0))),
     ]
     cells = [(i, j) for j in range(spots[1]) for i in range(spots[0])]
     for number, (i, j) in enumerate(cells):
@@ -126,86 +122,50 @@ def _object(number: int, foot: np.ndarray, rng: np.random.Generator) -> list[Bod
     """An object that stands on `foot`; kinds alternate, so that each scene has all of them."""
     size = rng.uniform(0.8, 1.25)
     turn = frames.pose((0, 0, 0), (0, rng.uniform(0, 360), 0))
-    upright = frames.pose((0, 0, 0), (90, 0, 0))  # Turns a solid's z axis to the vertical.
 
     def pose_at(height: float) -> frames.Pose:
         return frames.pose(tuple(foot - _DOWN * height)) @ turn
 
+    def placed(
+        name: str,
+        solid: trimesh.Trimesh,
+        material: Material,
+        height: float,
+        *,
+        upright: bool = False,
+        smooth: bool = False,
+    ) -> list[Body]:
+        """One solid with its centre at a height above the foot."""
+        pose = pose_at(height) @ _UPRIGHT if upright else pose_at(height)
+        return [solids.body(f"{name} {number}", solid, material, pose, smooth=smooth)]
+
     kind = number % 8
     if kind == 0:
         h = 0.11 * size
-        return [
-            solids.body(
-                f"carton {number}",
-                solids.box((0.12 * size, h, 0.08 * size)),
-                materials.CARDBOARD,
-                pose_at(h / 2),
-            )
-        ]
+        box = solids.box((0.12 * size, h, 0.08 * size))
+        return placed("carton", box, materials.CARDBOARD, h / 2)
     if kind == 1:
         r = 0.05 * size
-        return [
-            solids.body(
-                f"ball {number}",
-                solids.sphere(r),
-                materials.GLAZED_CERAMIC,
-                pose_at(r),
-                smooth=True,
-            )
-        ]
+        return placed("ball", solids.sphere(r), materials.GLAZED_CERAMIC, r, smooth=True)
     if kind == 2:
         r, h = 0.033 * size, 0.12 * size
-        return [
-            solids.body(
-                f"can {number}",
-                solids.cylinder(r, h),
-                materials.BRUSHED_STEEL,
-                pose_at(h / 2) @ upright,
-            )
-        ]
+        can = solids.cylinder(r, h)
+        return placed("can", can, materials.BRUSHED_STEEL, h / 2, upright=True)
     if kind == 3:
         h = 0.16 * size
-        return [
-            solids.body(
-                f"dark block {number}",
-                solids.box((0.06 * size, h, 0.06 * size)),
-                materials.CARBON_BLACK,
-                pose_at(h / 2),
-            )
-        ]
+        block = solids.box((0.06 * size, h, 0.06 * size))
+        return placed("dark block", block, materials.CARBON_BLACK, h / 2)
     if kind == 4:
         return _plant(number, pose_at, size, rng)
     if kind == 5:
         r, h = 0.04 * size, 0.095 * size
-        return [
-            solids.body(
-                f"cup {number}",
-                solids.cup(r, h, 0.004),
-                materials.PLASTIC,
-                pose_at(h / 2) @ upright,
-            )
-        ]
+        return placed("cup", solids.cup(r, h, 0.004), materials.PLASTIC, h / 2, upright=True)
     if kind == 6:
         r, tube = 0.05 * size, 0.012 * size
-        return [
-            solids.body(
-                f"ring {number}",
-                solids.ring(r, tube),
-                materials.DARK_PLASTIC,
-                pose_at(tube) @ upright,
-                smooth=True,
-            )
-        ]
+        ring = solids.ring(r, tube)
+        return placed("ring", ring, materials.DARK_PLASTIC, tube, upright=True, smooth=True)
     r = 0.04 * size
-    return [
-        solids.body(
-            f"mirror ball {number}",
-            solids.sphere(r),
-            materials.POLISHED_ALUMINIUM,
-            pose_at(r),
-            smooth=True,
-        )
-    ]
+    return placed("mirror ball", solids.sphere(r), materials.POLISHED_ALUMINIUM, r, smooth=True)
 
 
 def _plant(
@@ -213,17 +173,16 @@ def _plant(
 ) -> list[Body]:
     """Thin leaning rods in a pot, narrower than a matcher's window."""
     pot_height = 0.06 * size
-    upright = frames.pose((0, 0, 0), (90, 0, 0))
     pot = solids.cylinder(0.035 * size, pot_height)
     rods = []
     for _ in range(7):
         length = rng.uniform(0.12, 0.2) * size
         lean = frames.pose((0, 0, 0), (rng.uniform(-25, 25), 0, rng.uniform(-25, 25)))
         rod = solids.cylinder(0.0025, length)
-        rod.apply_transform(lean @ frames.pose((0, -length / 2, 0)) @ upright)
+        rod.apply_transform(lean @ frames.pose((0, -length / 2, 0)) @ _UPRIGHT)
         rods.append(rod)
     stems = solids.join(rods)
     return [
-        solids.body(f"pot {number}", pot, materials.RUBBER, pose_at(pot_height / 2) @ upright),
+        solids.body(f"pot {number}", pot, materials.RUBBER, pose_at(pot_height / 2) @ _UPRIGHT),
         solids.body(f"stems {number}", stems, materials.PAPER, pose_at(pot_height)),
     ]

@@ -13,10 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.sim.arrays import Image
+from starling.sim.arrays import Image, filled
 from starling.sim.imaging.signals import Signals
-from starling.sim.scene.captured import depth_mesh
-from starling.sim.stereo.filled import filled
+from starling.sim.scene.captured import depth_surface
 
 _LEVEL_PX = 12.0  # Sigma of the image's local mean [px]; a few dots of a D415 wide.
 _AROUND_PX = 24.0  # Sigma of the neighbourhood of the regression on the dots [px].
@@ -45,7 +44,7 @@ def estimate(dotted: Image, light: Signals, disparity_px: Image) -> Image | None
     """
     if not light.laser.any():
         return None
-    surface_px = depth_mesh.smooth(depth_mesh.close_holes(disparity_px))
+    surface_px = depth_surface.smooth(depth_surface.close_holes(disparity_px))
     guide = np.ascontiguousarray(filled(surface_px, np.isfinite(surface_px)), np.float32)
     laser = np.asarray(light.laser / np.mean(light.laser), np.float32)
     response = np.asarray(light.ambient / np.mean(light.laser), np.float32)
@@ -85,7 +84,7 @@ def estimate(dotted: Image, light: Signals, disparity_px: Image) -> Image | None
 
 
 def _mean(image: NDArray, guide: Image, sigma_px: float) -> Image:
-    """Edge-aware mean (domain transform, see `starling.sim.scene.captured.edge_unmixing`)."""
+    """Edge-aware mean (domain transform, see `starling.sim.scene.captured.captured_scene`)."""
     image = np.ascontiguousarray(image, np.float32)
     mode = cv2.ximgproc.DTF_NC
     mean = cv2.ximgproc.dtFilter(guide, image, sigma_px, _JUMP_PX, mode=mode)

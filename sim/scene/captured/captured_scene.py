@@ -9,17 +9,20 @@ import cv2
 import numpy as np
 
 from starling.patterns import errors
-from starling.sim.arrays import Image
+from starling.sim.arrays import Image, filled
 from starling.sim.captures.capture import CapturedScene, Frame, GreyImage, open_set
 from starling.sim.imaging.imager import mix_pixels
 from starling.sim.imaging.signals import Signals, signals
-from starling.sim.imaging.steady import steady
 from starling.sim.render.layers import ViewLayers
-from starling.sim.scene.captured import depth_surface, dot_removal, room_light
-from starling.sim.scene.captured.edge_unmixing import unmix_edges
+from starling.sim.scene.captured import depth_surface, room_light
 from starling.sim.scene.captured.room_light import LIT_ROOM_W_M2, RoomLight
 from starling.sim.scene.scene import Material, Scene
 from starling.sim.sensor.sensor import Sensor
+
+_PASSES = 10  # Iterations of the unmixing; 20 give no visible change.
+_WITHIN = 2 / 3  # Smoothing within surfaces in the unmixing, relative to that of the image.
+_JUMP_PX = 2.0  # Disparity steps well above this separate surfaces; smaller slopes do not [px].
+_DARKEST = 1e-4  # Least divisor of the unmixing, relative to the brightest pixel.
 
 
 def load(
@@ -80,7 +83,7 @@ def estimate_light(
 
     The light on the reference surface is rendered with the sensor's projector and lens, in the
     captures' geometry. Reflectance is the image over that light. A projector-off image is used if
-    there is one; otherwise the dots are removed (`starling.sim.scene.captured.dot_removal`). The
+    there is one; otherwise the dots are removed (`starling.sim.scene.captured.room_light`). The
     contrast of the dots gives the ambient light (`starling.sim.scene.captured.room_light`). If the
     dots of sensor and image agree, it also gives the light's variation over the image
     (`starling.sim.scene.captured.ambient_share`).
@@ -91,7 +94,7 @@ def estimate_light(
         smoothing_px: Sigma of a Gaussian that smooths the image, dots included, so that the scene
             contains no detail of the image. 0 removes the dots instead.
         within_surfaces: Undo the Gaussian's mixing across edges of the reference depth
-            (`starling.sim.scene.captured.edge_unmixing`).
+            (`starling.sim.scene.captured.captured_scene`).
 
     Raises:
         InputError: if smoothing_px is outside 0 to 100, or if reference depth or infrared image is
@@ -127,7 +130,7 @@ def estimate_light(
         if smoothing_px > 0:
             edges_px = disparity_px if within_surfaces else None
             return _smoothed(image, smoothing_px, edges_px)
-        return image if off else np.maximum(dot_removal.remove_dots(image), 0)
+        return image if off else np.maximum(room_light.remove_dots(image), 0)
 
     return RoomLight(room_light.reflectance(image_dn, light, ambient, detail), ambient, share)
 
@@ -143,7 +146,7 @@ def mean_signals(view: ViewLayers, scene: Scene, sensor: Sensor) -> Signals:
         scene: Scene of the view.
         sensor: Projector, optics, crosstalk and blur.
     """
-    still = dataclasses.replace(sensor, projector=steady(sensor.projector))
+    still = dataclasses.replace(sensor, projector=sensor.projector.steady())
     steady_light = signals(view, scene, still, "left")
     lights = (steady_light.laser, steady_light.ambient, steady_light.other)
     laser, ambient, rest = (mix_pixels(sensor.left, light) for light in lights)
@@ -198,3 +201,36 @@ def _incomplete(path: Path) -> errors.InputError:
     return errors.refuse(
         "scene", "must have truth.png and ir_left.png", path, "Choose a scene with both."
     )
+
+
+def unmix_edges(image: Image, disparity_px: Image, sigma_px: float) -> Image:
+    """Undo the mixing of a Gaussian across depth edges; detail within surfaces stays lost.
+
+    Richardson-Lucy deconvolution. After each iteration an edge-aware filter smooths within
+    surfaces. Without the unmixing, a bright wall would brighten adjacent surfaces.
+
+    Args:
+        image: (h, w) >= 0, smoothed by a Gaussian of `sigma_px`.
+        disparity_px: (h, w) reference, NaN where unknown; known somewhere.
+        sigma_px: Sigma of the Gaussian [px].
+
+    Returns:
+        (h, w) >= 0 with jumps at depth edges. Smoothed again, it equals `image` to a few per cent.
+
+    Source: Richardson, J. Opt. Soc. Am. 62, 1972, eq. 7; domain transform: Gastal and Oliveira,
+    ACM Trans. Graph. 30 (SIGGRAPH 2011), normalised convolution.
+    """
+    filled_px = filled(disparity_px, np.isfinite(disparity_px))
+    guide = np.ascontiguousarray(filled_px, np.float32)
+    least = np.float32(_DARKEST * max(float(image.max()), 1e-30))
+    estimate = image
+    for _ in range(_PASSES):
+        blurred = np.maximum(cv2.GaussianBlur(estimate, (0, 0), sigma_px), least)
+        estimate = cv2.ximgproc.dtFilter(
+            guide,
+            np.asarray(estimate * (image / blurred), np.float32),
+            _WITHIN * sigma_px,
+            _JUMP_PX,
+            mode=cv2.ximgproc.DTF_NC,
+        )
+    return np.asarray(np.maximum(estimate, 0), np.float32)

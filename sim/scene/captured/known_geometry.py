@@ -12,13 +12,13 @@ import numpy as np
 from starling.patterns import errors
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.geometry.frames import Pose
-from starling.sim.scene import mesh, scene_file, sources
-from starling.sim.scene.builtin import scenes as builtin
+from starling.sim.scene import scene_file, sources
+from starling.sim.scene.builtin import scenes
 from starling.sim.scene.scene import Body, Scene
 from starling.sim.scene.scene_file import KnownMaterial, SceneFile
 from starling.sim.sensor.sensor import Sensor
 
-_FILES = (*mesh.SUFFIXES, ".xml")
+_FILES = (*sources.MESH_SUFFIXES, ".xml")
 _SINGLE = 1e-4  # Tolerance of rotations in single precision, as in Mitsuba.
 
 
@@ -104,7 +104,7 @@ def _row(row: np.ndarray) -> tuple[float, float, float, float]:
 
 
 def _is_builtin(specifier: str) -> bool:
-    return specifier.partition(":")[0] in builtin.BUILTIN
+    return specifier.partition(":")[0] in scenes.BUILTIN
 
 
 def _is_file(specifier: str) -> bool:
@@ -120,7 +120,7 @@ def _resolve_path(specifier: str, folder: Path) -> str:
             "scene",
             "must be a builtin name, a mesh or a Mitsuba XML",
             repr(specifier),
-            f"Builtin: {', '.join(builtin.BUILTIN)}; files: {', '.join(_FILES)}.",
+            f"Builtin: {', '.join(scenes.BUILTIN)}; files: {', '.join(_FILES)}.",
         )
     path = os.path.join(folder, specifier)
     if not os.path.isfile(path):

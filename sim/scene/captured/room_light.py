@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from starling.sim.arrays import Image
+from starling.sim.arrays import Image, Mask
 from starling.sim.imaging.imager import read_out
 from starling.sim.imaging.signals import Signals
-from starling.sim.scene.captured import dot_removal
 from starling.sim.sensor.sensor import Imager
 
 # Default without dots [W m^-2]. It gives a D415's dots the contrast of lit rooms, 0.1 to 0.35.
@@ -27,6 +26,10 @@ _EVEN_PX = 12.0  # Sigma at which the model's brightness is matched to the image
 _AROUND_PX = 16.0  # Sigma of the neighbourhood of dot contrast, a few dots wide [px].
 _MEAN_REFLECTANCE = 0.5  # Assumed, because an image gives reflectance only up to a factor.
 _DARKEST = 0.02  # Least divisor, relative to the median.
+
+_DOT_SIGMA_PX = 1.55  # FWHM of 3.4 to 3.9 px, as measured on the D415 [px].
+_ROUNDNESS = 0.45  # Least ratio of a dot's two curvatures; stripes and letters have smaller ones.
+_ROUNDS = 4  # Passes over the residual, since dots overlap.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +94,7 @@ def plausible_reflectance(brightness: Image) -> Image:
 def _dot_share(image: Image) -> Image:
     """Share of round spots in the light around each pixel."""
     image = np.asarray(np.maximum(image, 0), np.float32)
-    spots = np.asarray(np.maximum(image - dot_removal.remove_dots(image), 0), np.float32)
+    spots = np.asarray(np.maximum(image - remove_dots(image), 0), np.float32)
     return _ratio(_blurred(spots, _AROUND_PX), _blurred(image, _AROUND_PX))
 
 
@@ -121,3 +124,43 @@ def _ratio(image: Image, divisor: Image) -> Image:
     """Divide images; the divisor is at least a share of its median."""
     least = max(_DARKEST * float(np.median(divisor)), 1e-30)
     return np.asarray(image / np.maximum(divisor, least), np.float32)
+
+
+def remove_dots(level: Image) -> Image:
+    """Subtract round Gaussian spots, detected by curvature and fitted over a local plane.
+
+    Args:
+        level: (h, w) linear image with dots.
+
+    Returns:
+        (h, w) image without dots; weak and even projector light remains.
+    """
+    spot, fit = _spot_and_fit()
+    rest = level
+    for _ in range(_ROUNDS):
+        amplitude = np.where(_round_peaks(rest), cv2.filter2D(rest, -1, fit), 0)
+        rest = rest - cv2.filter2D(np.maximum(amplitude, 0).astype(np.float32), -1, spot)
+    # The median removes pits that remain where a spot was off its pixel centre.
+    return np.asarray(cv2.medianBlur(rest, 3), np.float32)
+
+
+def _spot_and_fit() -> tuple[Image, Image]:
+    """The spot (9, 9), and the least-squares filter of its height over a local plane."""
+    axis = np.arange(-4, 5, dtype=np.float64)
+    x, y = np.meshgrid(axis, axis)
+    spot = np.exp(-(x**2 + y**2) / (2 * _DOT_SIGMA_PX**2))
+    columns = np.stack([spot.ravel(), np.ones(81), x.ravel(), y.ravel()], axis=1)
+    fit = np.linalg.pinv(columns)[0].reshape(9, 9)
+    return spot.astype(np.float32), fit.astype(np.float32)
+
+
+def _round_peaks(image: Image) -> Mask:
+    """Maxima of the negative curvature with similar curvature in all directions."""
+    smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
+    xx = cv2.Sobel(smooth, cv2.CV_32F, 2, 0, ksize=3)
+    yy = cv2.Sobel(smooth, cv2.CV_32F, 0, 2, ksize=3)
+    xy = cv2.Sobel(smooth, cv2.CV_32F, 1, 1, ksize=3)
+    mean, spread = -(xx + yy) / 2, np.sqrt(((xx - yy) / 2) ** 2 + xy**2)
+    weaker, stronger = mean - spread, mean + spread
+    peak = mean >= cv2.dilate(mean, np.ones((3, 3), np.uint8))
+    return peak & (weaker > _ROUNDNESS * stronger) & (weaker > 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from starling.sim.sensor.realsense import advanced_mode, presets
+from starling.sim.sensor.realsense import controls
 from starling.sim.sensor.realsense.mapping import Report as Report
 from starling.sim.sensor.realsense.mapping import apply as apply
 from starling.sim.sensor.realsense.mapping import with_emitter as with_emitter
@@ -14,8 +14,7 @@ def with_preset(sensor: Sensor, preset: str) -> tuple[Sensor, Report]:
 
     Args:
         sensor: Sensor whose settings represent the device's default preset.
-        preset: Name of a preset (`starling.sim.sensor.realsense.presets.names`) or an exported
-            file (`*.json`).
+        preset: Name of a preset (`controls.preset_names`) or an exported file (`*.json`).
 
     Returns:
         The sensor, and a report of the mapped and unmapped controls.
@@ -25,5 +24,5 @@ def with_preset(sensor: Sensor, preset: str) -> tuple[Sensor, Report]:
             that `apply` refuses.
     """
     if preset.lower().endswith(".json"):
-        return apply(sensor, advanced_mode.read(preset))
-    return apply(sensor, presets.named(preset))
+        return apply(sensor, controls.read_file(preset))
+    return apply(sensor, controls.named_preset(preset))

@@ -1,14 +1,22 @@
-"""The controls of a RealSense D400: names, admitted values, and parsing.
+"""The controls of a RealSense D400: names, admitted values, presets, and the viewer's JSON files.
 
 Names: librealsense src/ds/advanced_mode/json_loader.hpp. Meaning of the thresholds: DSAPI, the
 library of the family's first chips (DSAPITypes.h). The ranges are assumed; they admit all known
 files.
+
+The viewer exports two forms: a flat table of controls, and in newer viewers
+`{"schema version": 1, "device": {...}, "parameters": {...}, "viewer": {...}}`. Values are text
+or numbers.
 """
 
 from __future__ import annotations
 
+import json
 import math
+import tomllib
 from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from starling.patterns import errors
@@ -109,6 +117,11 @@ _FREE = ("result", "result:", "stream-depth-format", "stream-ir-format")  # Acce
 _WIDEST = 1e6  # Range of other controls; all registers are smaller.
 KNOWN = frozenset({*WORDS, *RANGES, *WITHOUT_COUNTERPART})
 
+DEFAULT_PRESET = "default"  # Preset that an unchanged sensor represents.
+_SECTIONS = ("schema version", "device", "parameters", "viewer")
+PRODUCT_LINE = "D400"
+_EXAMPLE = 'Write {"param-leftrightthreshold": 24, ...}.'
+
 
 def canonical(values: Iterable[tuple[str, Any]]) -> dict[str, Control]:
     """Return the values by the controls' canonical names, as numbers or words.
@@ -157,3 +170,76 @@ def _read(alias: str, name: str, value: Any) -> Control:
         raise errors.refuse(alias, "must be a number", repr(value), "Export the file again.")
     errors.in_interval(alias, number, low, high, "It is outside what the device takes.")
     return float(number)
+
+
+def preset_names() -> list[str]:
+    """List the presets, the device's default first."""
+    return list(_tables())
+
+
+def named_preset(name: str = DEFAULT_PRESET) -> dict[str, Control]:
+    """Return a preset's values by control.
+
+    Raises:
+        InputError: for an unknown preset; the message lists the known ones, nearest first.
+    """
+    errors.one_of("device preset", name, _tables())
+    return dict(_tables()[name])
+
+
+@cache
+def _tables() -> dict[str, dict[str, Control]]:
+    text = Path(__file__).with_name("presets.toml").read_text(encoding="utf-8")
+    return {name: canonical(t.items()) for name, t in tomllib.loads(text).items()}
+
+
+def read_file(path: str | Path) -> dict[str, Control]:
+    """Read an exported file.
+
+    Args:
+        path: JSON file.
+
+    Returns:
+        Values by the controls' canonical names.
+
+    Raises:
+        InputError: for an unreadable file, a file without a JSON table, another product line, or a
+            control that `starling.sim.sensor.realsense.controls.canonical` refuses.
+    """
+    try:
+        table = json.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise errors.refuse(
+            "device preset", "must be a readable file", path, f"{error.strerror}."
+        ) from None
+    except (ValueError, RecursionError):
+        raise errors.refuse(
+            "device preset", "must be a JSON file", path, "Export it from the RealSense viewer."
+        ) from None
+    if not isinstance(table, Mapping):
+        raise errors.refuse(
+            "device preset", "must hold a table", f"{type(table).__name__} in {path}", _EXAMPLE
+        )
+    return canonical(_entries(table))
+
+
+def _entries(table: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """List all controls of either form."""
+    if "parameters" not in table:
+        return list(table.items())
+    for name in table:
+        errors.one_of("section", name, _SECTIONS)
+    device = _section(table, "device")
+    line = device.get("product line", PRODUCT_LINE)
+    if line != PRODUCT_LINE:
+        raise errors.refuse(
+            "device.product line", f"must be {PRODUCT_LINE}", repr(line), "Others are not modelled."
+        )
+    return [*_section(table, "parameters").items(), *_section(table, "viewer").items()]
+
+
+def _section(table: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    section = table.get(name, {})
+    if not isinstance(section, Mapping):
+        raise errors.refuse(name, "must be a table", repr(section), _EXAMPLE)
+    return section

@@ -15,13 +15,13 @@ from typing import Any, Literal
 from starling.patterns import errors
 from starling.sim.sensor import edits
 from starling.sim.sensor.matcher import MOST_BITS, CensusSemiGlobal
-from starling.sim.sensor.realsense import presets
 from starling.sim.sensor.realsense.controls import (
     RANGES,
     WITHOUT_COUNTERPART,
     WORDS,
     Control,
     Controls,
+    named_preset,
 )
 from starling.sim.sensor.sensor import Sensor
 
@@ -94,7 +94,7 @@ def apply(sensor: Sensor, controls: Controls) -> tuple[Sensor, Report]:
             does not admit a value.
     """
     _refuse_other_devices(sensor)
-    default = presets.named(presets.DEFAULT)
+    default = named_preset()
     mapping = _Mapping(sensor, {**default, **controls})
     for rule in (_thresholds, _costs, _depth_table, _exposure, _laser):
         rule(mapping)
@@ -156,7 +156,7 @@ class _Mapping:
 
     def over_default(self, name: str) -> float:
         """Difference of a control from the default preset, in the control's unit."""
-        return self.engine_value(name) - float(presets.named(presets.DEFAULT)[name])
+        return self.engine_value(name) - float(named_preset()[name])
 
     def set(self, field: str, after: Any, rule: str, *controls: str) -> None:
         """Record a field's new value."""
@@ -175,7 +175,7 @@ def _thresholds(mapping: _Mapping) -> None:
         "matcher.checks.left_right_px", mapping.engine_value(lr) / _LR_PER_PX, "in 1/32 px", lr
     )
     # The device compares scores with penalties, so both have one unit.
-    bit = mapping.engine.large_penalty / _penalties(presets.named(presets.DEFAULT))[1]
+    bit = mapping.engine.large_penalty / _penalties(named_preset())[1]
     for name, field in (
         ("param-secondpeakdelta", "second_peak"),
         ("param-neighborthresh", "neighbour_peak"),
@@ -214,7 +214,7 @@ def _penalties(values: Controls) -> tuple[float, float]:
 
 def _costs(mapping: _Mapping) -> None:
     """Census size, weight of the absolute difference, and penalties."""
-    engine, default = mapping.engine, presets.named(presets.DEFAULT)
+    engine, default = mapping.engine, named_preset()
     u, v = "param-censususize", "param-censusvsize"
     side = math.sqrt(mapping.engine_value(u) * mapping.engine_value(v))
     odd = 2 * math.floor(side / 2) + 1

@@ -23,7 +23,7 @@ from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes as builtin
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.edits import with_values
-from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.projector import Emitter
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import infrared
 from tests.unit.calibration import small_camera

@@ -17,7 +17,7 @@ from starling.calibration.pattern.recovery import RecoveredPattern
 from starling.calibration.pattern.unprojected import PatternImage
 from starling.calibration.solution import Solution
 from starling.sim.sensor import edits, presets
-from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.projector import Emitter
 from starling.sim.sensor.sensor import Sensor
 
 SCENES = {"kitchen": 0.999, "hall": 1.001}

@@ -19,7 +19,7 @@ from starling.calibration.photometry.photon_transfer import fit_photon_transfer
 from starling.calibration.photometry.speckle_contrast import SPECKLE, fit_speckle, speckle_bound
 from starling.patterns.errors import InputError
 from starling.sim import simulate
-from starling.sim.imaging.imager import charge, smoothing
+from starling.sim.imaging.imager import charge, converter
 from starling.sim.imaging.imager.exposure import Exposure
 from starling.sim.render import direct
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -80,7 +80,7 @@ def test_sharp_laser_light_precedes_crosstalk_and_averaging() -> None:
     values = light_model.start(sensor, {SCENE.name: AMBIENT_W_M2}) | {light_model.HAZE: 0.3}
     column = light_model.columns(image, values, sensor, (), {})
     assert column.sharp_laser.std() > 1.1 * column.laser.std()
-    mixed = smoothing.smooth(charge.crosstalk(column.sharp_laser, 0.2), 0.68)
+    mixed = converter.smooth(charge.crosstalk(column.sharp_laser, 0.2), 0.68)
     np.testing.assert_allclose(mixed, column.laser, rtol=1e-4, atol=1e-3)
 
 

@@ -13,7 +13,8 @@ import pytest
 
 from starling.calibration.photometry.prediction import Prediction
 from starling.calibration.photometry.speckle_contrast import fit_speckle, speckle_bound
-from starling.sim.imaging import imager, speckle_field
+from starling.sim.imaging import imager
+from starling.sim.imaging.optics import speckle
 from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Sensor
 
@@ -34,12 +35,12 @@ def captured(sensor: Sensor, contrast: float, *, seed: int = 0) -> Prediction:
     part, rng = sensor.left, np.random.default_rng(seed)
     dots = (rng.random(SHAPE) < 0.02).astype(np.float32)
     laser = cv2.GaussianBlur(dots, (0, 0), DOT_PX) * np.float32(PEAK_DN * 2 * np.pi * DOT_PX**2)
-    grain_px = speckle_field.grain_px(
+    grain_px = speckle.grain_size_px(
         wavelength_nm=sensor.projector.wavelength_nm,
         f_number=part.lens.f_number,
         pixel_pitch_m=part.pixel_pitch_m,
     )
-    grained = laser * speckle_field.field(SHAPE, contrast=contrast, grain_px=grain_px, rng=rng)
+    grained = laser * speckle.draw_speckle(SHAPE, contrast=contrast, grain_px=grain_px, rng=rng)
     codes = imager.read_out(
         part,
         (grained + np.float32(AMBIENT_DN)) / np.float32(part.dn_per_electron),

@@ -10,7 +10,7 @@ import pytest
 from starling.diagnosis.scenes import observation
 from starling.patterns.errors import InputError
 from starling.sim.captures.capture import Frame
-from starling.sim.imaging.imager import smoothing
+from starling.sim.imaging.imager import converter
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 
@@ -120,7 +120,7 @@ def test_the_noise_of_one_more_exposure_is_smoothed_by_the_device():
     (alone, _), (averaged, _) = added_noise(80, SENSOR), added_noise(80, device)
     point = np.zeros((11, 11), np.float32)
     point[5, 5] = 1
-    spot = smoothing.smooth(point, 0.6)
+    spot = converter.smooth(point, 0.6)
     squares = float((spot**2).sum())
     assert averaged.var() - rounding == pytest.approx(squares * (alone.var() - rounding), rel=0.05)
     correlation = (averaged[:, 1:] * averaged[:, :-1]).mean() / (averaged.var() - rounding)

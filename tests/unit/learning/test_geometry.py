@@ -12,9 +12,9 @@ from starling.learning.features.edges import edges_left, edges_right
 from starling.learning.features.thickness import gap_width, thickness
 from starling.learning.features.visibility import seen_from, signed_distance
 from starling.patterns.errors import InputError
+from starling.sim.arrays import filled
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.geometry.planes import fit_planes, incidence_cosine, surface_planes
-from starling.sim.stereo.filled import filled
 
 from .seen import BASELINE_M, FOCAL_PX, HEIGHT, WIDTH, box, flat, info
 

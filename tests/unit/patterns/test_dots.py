@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from starling.patterns import Field, InputError, draw, measure
+from starling.patterns import Field, InputError, draw
+from tests.oracles.pattern_statistics import measure
 
 FIELD = Field(60.0, 40.0)
 SHAPE = FIELD.shape(320)

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from starling.patterns import InputError, load, measure, quasirandom
+from starling.patterns import InputError, load, quasirandom
+from tests.oracles.pattern_statistics import measure
 
 FOV = {"fov_x_deg": 60.0, "fov_y_deg": 40.0}
 

@@ -10,7 +10,7 @@ import pytest
 
 from starling.patterns import InputError
 from starling.sim import effects
-from starling.sim.commands import atlas, atlas_page
+from starling.sim.commands import atlas
 from starling.sim.effects import Effect, Parameter, Stage
 from starling.sim.effects import setting as setting
 from starling.sim.scene.builtin import scenes
@@ -39,40 +39,40 @@ ROW = Effect(
 def test_every_row_has_a_picture_and_the_generated_page(row: Effect) -> None:
     """The figures below the text come from the drawing. The test cannot detect outdated figures."""
     page = FOLDER / f"{row.name}.md"
-    assert page.is_file() and page.read_text().startswith(atlas_page.text(row)), RENEW
+    assert page.is_file() and page.read_text().startswith(atlas.effect_text(row)), RENEW
     picture = FOLDER / f"{row.name}.jpg"
     assert picture.is_file() and picture.read_bytes().startswith(b"\xff\xd8\xff"), RENEW
 
 
 def test_index_lists_all_pages_and_no_others_exist() -> None:
-    assert (FOLDER / "index.md").read_text() == atlas_page.index(ROWS), RENEW
+    assert (FOLDER / "index.md").read_text() == atlas.index_page(ROWS), RENEW
     pages = {path.stem for path in FOLDER.glob("*.md")} - {"index"}
     pictures = {path.stem for path in FOLDER.glob("*.jpg")}
     assert pages == pictures == {row.name for row in ROWS}, RENEW
 
 
 def test_text_contains_all_entries_of_the_row() -> None:
-    text = atlas_page.text(ROW)
+    text = atlas.effect_text(ROW)
     assert text.startswith("# Soft focus\n\nA lens.\n\n![") and text.endswith("|\n")
     assert "(soft_focus.jpg)" in text
     assert "[lens blur](lens_blur.md), [gamma](gamma.md)." in text
     assert "**Law.** s = 2" in text and "**Source.** Hecht" in text
     assert "New render" not in text
-    assert "**New render.** a.\n" in atlas_page.text(dataclasses.replace(ROW, rerender="a"))
+    assert "**New render.** a.\n" in atlas.effect_text(dataclasses.replace(ROW, rerender="a"))
     assert "| sigma | `left.a`, `b` | 0 | 0.5 to 2 | px |" in text
     assert "| mode | `c` | as the sensor | in, out | 1 |" in text
 
 
 def test_page_is_the_text_and_the_figures() -> None:
     figures = {"without": {"no depth [%]": 1.0}, "with": {"no depth [%]": 12.345}}
-    page = atlas_page.page(ROW, 2.0, figures)
-    assert page.startswith(atlas_page.text(ROW))
+    page = atlas.effect_page(ROW, 2.0, figures)
+    assert page.startswith(atlas.effect_text(ROW))
     assert "Measured on the picture, sigma = 2:" in page
     assert page.endswith("| no depth [%] | 1 | 12.3 |\n")
 
 
 def test_index_is_sorted_by_stage_without_empty_stages() -> None:
-    index = atlas_page.index([ROW])
+    index = atlas.index_page([ROW])
     assert "## Optics" in index and "## Imager" not in index
     assert "- [soft focus](soft_focus.md) (focus)\n" in index
 

@@ -11,8 +11,7 @@ import pytest
 
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture
-from starling.sim.commands.compare import compare, pair_scenes
-from starling.sim.imaging.dot_contrast import dot_contrast
+from starling.sim.commands.compare import compare, dot_contrast, pair_scenes
 
 NAMES = {"ndp_rate", "ndp_iou", "nmad_px", "dot_contrast", "mean_dn"}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from starling.sim.render import direct, mitsuba_scene
-from starling.sim.scene.captured import depth_mesh, dot_removal
+from starling.sim.scene.captured import depth_surface, room_light
 from starling.sim.scene.scene import Ambient, Body, Material, Scene
 from starling.sim.sensor import presets
 from starling.sim.stereo.depth import disparity_from_depth
@@ -23,7 +23,7 @@ def step() -> np.ndarray:
 def test_holes_are_closed_from_behind():
     disparity = step()
     disparity[150:250, 498:503] = np.nan
-    closed = depth_mesh.close_holes(disparity)
+    closed = depth_surface.close_holes(disparity)
     assert np.isfinite(closed).all()
     assert (closed[155:245, 498:503] == 10.0).all()
 
@@ -31,20 +31,20 @@ def test_holes_are_closed_from_behind():
 def test_wide_holes_stay_open():
     disparity = step()
     disparity[:, 600:700] = np.nan
-    closed = depth_mesh.close_holes(disparity)
+    closed = depth_surface.close_holes(disparity)
     assert np.isnan(closed[:, 650]).all()
 
 
 def test_smoothing_removes_noise_but_keeps_edges():
     noisy = step() + np.random.default_rng(0).normal(0, 0.2, step().shape).astype(np.float32)
-    smooth = depth_mesh.smooth(noisy)
+    smooth = depth_surface.smooth(noisy)
     assert np.std(smooth[320:460, 20:800]) < 0.3 * 0.2
     assert np.abs(smooth[100:300, 300] - 30).max() < 1.0
     assert np.abs(smooth[100:300, 299] - 10).max() < 1.0
 
 
 def test_the_far_surface_continues_behind_the_near_one():
-    hidden, source = depth_mesh.continue_behind(step())
+    hidden, source = depth_surface.continue_behind(step())
     assert (hidden[200, 300:340] == 10.0).all()  # Behind the block's left part.
     assert np.isnan(hidden[200, 400])  # Not behind its middle.
     assert np.isnan(hidden[200, 100])  # Not next to it.
@@ -56,7 +56,7 @@ def test_the_rendered_mesh_matches_its_depth_image():
     rows, columns = np.mgrid[0 : SENSOR.height, 0 : SENSOR.width].astype(np.float32)
     disparity = 20 + 0.01 * columns + 2 * np.sin(rows / 40)
     texture = (0.2 + 0.6 * ((columns // 40 + rows // 40) % 2)).astype(np.float32)
-    mesh = depth_mesh.triangulate(disparity, K, SENSOR.focal_baseline_px_m)
+    mesh = depth_surface.triangulate(disparity, K, SENSOR.focal_baseline_px_m)
     body = Body(name="b", mesh=mesh, material=Material(name="m"), texture=texture)
     even = Ambient(gradient=0.0)
     scene = Scene(name="s", bodies=(body,), ambient=even)
@@ -74,9 +74,9 @@ def test_the_rendered_mesh_matches_its_depth_image():
 
 def test_edges_are_cut_and_the_right_imager_sees_behind_them():
     disparity = step()
-    near = depth_mesh.triangulate(disparity, K, SENSOR.focal_baseline_px_m)
-    hidden, _ = depth_mesh.continue_behind(disparity)
-    far = depth_mesh.triangulate(hidden, K, SENSOR.focal_baseline_px_m, jump_px=8.0)
+    near = depth_surface.triangulate(disparity, K, SENSOR.focal_baseline_px_m)
+    hidden, _ = depth_surface.continue_behind(disparity)
+    far = depth_surface.triangulate(hidden, K, SENSOR.focal_baseline_px_m, jump_px=8.0)
     grey = Material(name="m")
     bodies = (
         Body(name="near", mesh=near, material=grey),
@@ -95,8 +95,8 @@ def test_round_spots_are_removed_and_stripes_stay():
     for v in range(10, 110, 9):
         for u in range(10, 150, 9):
             spots += 12 * np.exp(-((rows - v) ** 2 + (columns - u) ** 2) / (2 * 1.55**2))
-    assert np.std(dot_removal.remove_dots(30 + spots)[12:-12, 12:-12]) < 0.2 * np.std(spots)
-    remaining = dot_removal.remove_dots(stripes)
+    assert np.std(room_light.remove_dots(30 + spots)[12:-12, 12:-12]) < 0.2 * np.std(spots)
+    remaining = room_light.remove_dots(stripes)
     assert np.corrcoef(remaining.ravel(), stripes.ravel())[0, 1] == pytest.approx(1.0, abs=0.02)
 
 
@@ -105,7 +105,7 @@ def test_a_slanted_plane_becomes_its_own_triangles() -> None:
     intrinsics = np.array([[100.0, 0, 4.3], [0, 110.0, 3.1], [0, 0, 1]])
     row, column = np.mgrid[0:7, 0:9].astype(np.float32)
     disparity_px = (20 + 0.2 * column - 0.2 * row).astype(np.float32)
-    mesh = depth_mesh.triangulate(disparity_px, intrinsics, 10.0)
+    mesh = depth_surface.triangulate(disparity_px, intrinsics, 10.0)
     x, y, z = mesh.vertices.T.astype(float)
     column, row = 100 * x / z + 4.3, 110 * y / z + 3.1
     np.testing.assert_allclose(10.0 / z, 20 + 0.2 * column - 0.2 * row, rtol=1e-5)

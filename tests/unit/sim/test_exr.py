@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from starling.patterns.errors import InputError
-from starling.sim.captures import exr, exr_structure
+from starling.sim.captures import exr
 from starling.sim.console.output import OutputFolder
 from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.stereo.depth import DepthMap
@@ -145,7 +145,7 @@ def test_damaged_chunks_are_refused(tmp_path: Path) -> None:
     """The first chunk follows the headers and the tables of offsets; the last one is packed."""
     data = _whole(tmp_path)
     path = tmp_path / "f.exr"
-    parts, tables = exr_structure._headers(data)
+    parts, tables = exr._headers(data)
     first = tables + 8 * sum(part.chunks for part in parts)
     (last,) = struct.unpack_from("<Q", data, first - 8)
     (packed,) = struct.unpack_from("<i", data, last + 8)
@@ -208,9 +208,9 @@ def test_silently_truncated_file_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def cut(data: bytes, *, pixels: bool) -> None:
-        raise exr_structure.DamagedError("cut short")
+        raise exr.DamagedError("cut short")
 
-    monkeypatch.setattr(exr_structure, "check", cut)
+    monkeypatch.setattr(exr, "check_structure", cut)
     with pytest.raises(OSError, match="cut short") as error:
         exr.write(tmp_path / "f.exr", *_frame())
     assert error.value.errno == errno.ENOSPC

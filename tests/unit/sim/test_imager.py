@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from starling.patterns import InputError
 from starling.sim.imaging import imager
-from starling.sim.imaging.imager import charge, converter, noise, smoothing, well
+from starling.sim.imaging.imager import charge, converter, noise
+from starling.sim.imaging.imager.charge import Die
 from starling.sim.imaging.imager.exposure import Exposure, read_exposure
-from starling.sim.imaging.imager.fixed_pattern import Die
-from starling.sim.imaging.optics import blur
+from starling.sim.imaging.optics import spot
 from starling.sim.sensor.sensor import Imager
 
 REAL = Imager(
@@ -190,8 +190,8 @@ def test_neutral_fields_return_the_input_array():
     assert charge.collect(ideal, light, 1.0, die) is light
     assert noise.shot_and_read(ideal, light, die=die, seed=0, frame=0) is light
     assert noise.offsets(ideal, light, die=die, seed=0, frame=0) is light
-    assert well.fill_hot_pixels(ideal, light, die) is light
-    assert smoothing.smooth(light, 0.0) is light
+    assert charge.fill_hot_pixels(ideal, light, die) is light
+    assert converter.smooth(light, 0.0) is light
     assert converter.apply_gamma(light, 1.0, 255) is light
 
 
@@ -304,8 +304,8 @@ def test_more_read_noise_does_not_reshuffle():
 def test_blur_keeps_light_and_is_neutral_at_zero():
     image = np.zeros((65, 65), np.float32)
     image[32, 32] = 1.0
-    assert blur.blur(image, 0.0) is image
-    seen = blur.blur(image, 1.5)
+    assert spot.blur(image, 0.0) is image
+    seen = spot.blur(image, 1.5)
     assert seen.sum() == pytest.approx(1.0, rel=1e-5)
     columns = np.arange(65) - 32
     assert float((seen.sum(axis=0) * columns**2).sum()) == pytest.approx(1.5**2, rel=0.02)
@@ -383,7 +383,7 @@ def test_averaging_with_gamma_is_clipped_at_the_ceiling() -> None:
     )
     dot = np.zeros((31, 31), np.float32)
     dot[15, 15] = 65535.0
-    share = smoothing.smooth((dot > 0).astype(np.float32), 1.0)[15, 15]
+    share = converter.smooth((dot > 0).astype(np.float32), 1.0)[15, 15]
     most = 65535 * 0.75**2
     expected = 65535 * np.sqrt(most * share / 65535) + 16384
     assert converter.convert(part, dot).delivered[15, 15] == pytest.approx(expected, rel=2e-3)

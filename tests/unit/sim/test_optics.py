@@ -13,7 +13,7 @@ from starling.patterns.errors import InputError
 from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging.lens_input import LensInput
-from starling.sim.imaging.optics import alignment, blur, image, shading, spot, veil
+from starling.sim.imaging.optics import alignment, image, shading, spot
 from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Alignment, Imager, Lens, Sensor
 
@@ -38,7 +38,7 @@ def moments(seen: np.ndarray) -> tuple[float, float, float, float]:
 
 def texture(seed: int = 0) -> np.ndarray:
     noise = np.random.default_rng(seed).random(SHAPE, np.float32)
-    return blur.blur(noise, 1.5)
+    return spot.blur(noise, 1.5)
 
 
 # The spot.
@@ -47,22 +47,22 @@ def texture(seed: int = 0) -> np.ndarray:
 @given(SIGMA)
 def test_a_point_is_as_wide_as_set(sigma: float) -> None:
     """Second moment to 1 %, also far below a pixel; not that a real spot is Gaussian."""
-    _, _, across, down = moments(blur.blur(point(80, 60), sigma))
+    _, _, across, down = moments(spot.blur(point(80, 60), sigma))
     assert (across, down) == pytest.approx((sigma**2, sigma**2), rel=0.01)
 
 
 @given(SIGMA, SIGMA)
 def test_blurs_add_in_quadrature(first: float, second: float) -> None:
     """The same image as one blur of the summed variance, to 0.5 % of the peak."""
-    twice = blur.blur(blur.blur(point(80, 60), first), second)
-    once = blur.blur(point(80, 60), float(np.hypot(first, second)))
+    twice = spot.blur(spot.blur(point(80, 60), first), second)
+    once = spot.blur(point(80, 60), float(np.hypot(first, second)))
     np.testing.assert_allclose(twice, once, atol=0.005 * once.max())
 
 
 @given(SIGMA, st.integers(0, 99))
 def test_blur_keeps_the_light(sigma: float, seed: int) -> None:
     seen = texture(seed)
-    blurred = blur.blur(seen, sigma)
+    blurred = spot.blur(seen, sigma)
     assert blurred.mean(dtype=float) == pytest.approx(seen.mean(dtype=float), rel=1e-5)
 
 
@@ -112,7 +112,7 @@ def test_missing_depth_counts_as_far_and_focus_is_sharp() -> None:
 
 
 def seen_at(settings: Alignment, column: int, row: int) -> tuple[float, float]:
-    (moved,) = alignment.misalign((blur.blur(point(column, row), 1.0),), settings, PINHOLE)
+    (moved,) = alignment.misalign((spot.blur(point(column, row), 1.0),), settings, PINHOLE)
     x, y, *_ = moments(moved)
     return x, y
 
@@ -168,7 +168,7 @@ def test_a_shifted_dot_is_as_wide_as_before(dx: float, dy: float) -> None:
 
     Does not show that fine texture keeps its contrast: near the pixels' limit it loses some.
     """
-    dot = blur.blur(point(80, 60), 0.8)
+    dot = spot.blur(point(80, 60), 0.8)
     (moved,) = alignment.misalign((dot,), Alignment(offset_x_px=dx, offset_y_px=dy), PINHOLE)
     x, y, across, down = moments(moved)
     assert (x - 80, y - 60) == pytest.approx((dx, dy), abs=1e-3)
@@ -194,7 +194,7 @@ def test_a_warp_shifts_right_by_its_cells(place: tuple[int, int], shift: float) 
 
 
 def test_a_warp_of_one_value_is_an_offset() -> None:
-    dot = blur.blur(point(80, 60), 1.0)
+    dot = spot.blur(point(80, 60), 1.0)
     warped = alignment.misalign((dot,), Alignment(warp_px=((0.37,),)), PINHOLE)
     shifted = alignment.misalign((dot,), Alignment(offset_x_px=0.37), PINHOLE)
     np.testing.assert_allclose(warped, shifted, atol=1e-6)
@@ -242,8 +242,8 @@ def test_the_filter_dims_the_laser_in_corners_and_not_the_rest() -> None:
     lens = Lens(filter_width_nm=30.0, vignetting=2.0)
     imager = Imager(lens=lens, quantum_efficiency=0.25)
     even = shading.vignetting(2.0, PINHOLE)
-    laser = shading.laser(imager, 850.0, PINHOLE) / even
-    rest = shading.rest(imager, 850.0, PINHOLE) / even
+    laser = shading.laser(imager.lens, 850.0, PINHOLE) / even
+    rest = shading.rest(imager.lens, imager.quantum_efficiency, 850.0, PINHOLE) / even
     # The band has moved from 850 to 850 sqrt(1 - (sin a / n)^2) nm.
     angle = PINHOLE.angle()[120, 160]
     left_nm = 850 - 850 / np.sqrt(1 - (np.sin(angle) / 2) ** 2)
@@ -256,7 +256,7 @@ def test_the_filter_dims_the_laser_in_corners_and_not_the_rest() -> None:
 @given(st.floats(0.001, 1.0), st.integers(0, 99))
 def test_veiling_glare_keeps_the_mean_and_adds_no_structure(share: float, seed: int) -> None:
     seen = texture(seed)
-    veiled = veil.add_veiling_glare(seen, share)
+    veiled = image.add_veiling_glare(seen, share)
     assert veiled.mean(dtype=float) == pytest.approx(seen.mean(dtype=float), rel=1e-5)
     pedestal = veiled.astype(float) - (1 - share) * seen
     assert np.ptp(pedestal) < 1e-6
@@ -305,8 +305,8 @@ def test_neutral_stages_return_the_input() -> None:
         for a, b in zip(spot.blur_by_spot(parts, depth_m, focused, PINHOLE), parts, strict=True)
     )
     assert alignment.misalign(parts, Alignment(), PINHOLE) is parts
-    assert veil.add_veiling_glare(parts[0], 0.0) is parts[0]
-    assert blur.blur(parts[0], 0.0) is parts[0]
+    assert image.add_veiling_glare(parts[0], 0.0) is parts[0]
+    assert spot.blur(parts[0], 0.0) is parts[0]
     formed = form(sensor_with(focused), *parts)
     assert np.array_equal(formed, parts[0] + parts[1])
 

@@ -14,11 +14,11 @@ from starling.patterns.errors import InputError
 from starling.sim.sensor import edits, realsense
 from starling.sim.sensor import presets as sensors
 from starling.sim.sensor.matcher import CensusSemiGlobal
-from starling.sim.sensor.realsense import advanced_mode, controls, presets
+from starling.sim.sensor.realsense import controls
 from starling.sim.sensor.sensor import Sensor
 
 D415 = sensors.load("d415")
-DEFAULT = presets.named("default")
+DEFAULT = controls.named_preset("default")
 CAMERA = {  # Further controls that the viewer exports, with a D415's defaults.
     "controls-autoexposure-auto": "True",
     "controls-autoexposure-manual": "32000",
@@ -86,7 +86,9 @@ def test_a_non_default_factor_is_reported():
 
 
 def test_presets_are_ordered_by_their_names():
-    matchers = {name: realsense.with_preset(D415, name)[0].matcher for name in presets.names()}
+    matchers = {
+        name: realsense.with_preset(D415, name)[0].matcher for name in controls.preset_names()
+    }
     for field in ("second_peak", "neighbour_peak"):
         rank = [
             getattr(matchers[name].engine, field)
@@ -109,7 +111,7 @@ def test_both_forms_of_the_file_are_equivalent(tmp_path):
             "viewer": {"stream-width": 1280, "stream-depth-format": "Z16"},
         },
     )
-    flat_controls, nested_controls = advanced_mode.read(flat), advanced_mode.read(nested)
+    flat_controls, nested_controls = controls.read_file(flat), controls.read_file(nested)
     assert nested_controls == flat_controls | {"stream-depth-format": "Z16"}
     moved, report = realsense.with_preset(D415, nested)
     level = edits.with_values(D415, [("imager.auto_exposure_level", 400 / 4096)])

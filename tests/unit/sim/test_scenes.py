@@ -10,8 +10,8 @@ from starling.patterns import InputError
 from starling.sim import simulate
 from starling.sim.geometry import frames
 from starling.sim.render import direct, mitsuba_scene
-from starling.sim.scene import mesh as mesh_file
 from starling.sim.scene import sources
+from starling.sim.scene import sources as mesh_file
 from starling.sim.scene.builtin import scenes as builtin
 from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Scene
 from starling.sim.sensor import presets
@@ -128,11 +128,11 @@ def test_the_camera_must_be_outside_bodies(tmp_path):
     inside = frames.pose((0.1, 0.2, 0.0))
     trimesh.creation.box((1.0, 1.0, 1.0)).export(path)
     with pytest.raises(InputError, match="camera must stand outside every body"):
-        mitsuba_scene.MitsubaScene(mesh_file.load(path, SENSOR, inside))
+        mitsuba_scene.MitsubaScene(mesh_file.load_mesh(path, SENSOR, inside))
     room = trimesh.creation.box((3.0, 3.0, 3.0))
     room.invert()
     room.export(path)
-    assert mitsuba_scene.MitsubaScene(mesh_file.load(path, SENSOR, inside)).shapes
+    assert mitsuba_scene.MitsubaScene(mesh_file.load_mesh(path, SENSOR, inside)).shapes
 
 
 def test_small_meshes_are_viewed_from_a_measurable_distance(tmp_path):

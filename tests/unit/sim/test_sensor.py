@@ -13,8 +13,8 @@ from starling.sim.captures import info as capture_info
 from starling.sim.captures.writer import info_of
 from starling.sim.sensor import edits as sensor_edits
 from starling.sim.sensor import presets, resolve
-from starling.sim.sensor.emitter import Emitter
 from starling.sim.sensor.matcher import Block, CensusSemiGlobal, named
+from starling.sim.sensor.projector import Emitter
 from starling.sim.sensor.sensor import Imager, Lens, Post, Projector, Sensor
 
 GEOMETRY = {

@@ -12,7 +12,6 @@ import pytest
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, exr
 from starling.sim.commands import show_captures
-from starling.sim.plotting import capture_picture
 from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.stereo.depth import DepthMap
 
@@ -44,12 +43,12 @@ def _add_reasons(frame: Path, shape: tuple[int, int] = (48, 160)) -> None:
 
 def test_draws_two_columns_of_panels(small_set: Path) -> None:
     scene = capture.open_set(small_set).scenes[0]
-    image = _decode(capture_picture.picture(scene))
+    image = _decode(show_captures.draw_picture(scene))
     assert image.shape[1] > 1000
     assert len(np.unique(image.reshape(-1, 3), axis=0)) > 100
     _add_reasons(small_set / "a" / "0")
     taller = _decode(
-        capture_picture.picture(scene)
+        show_captures.draw_picture(scene)
     )  # The legend of fourteen reasons needs additional height.
     assert taller.shape[0] > image.shape[0]
 
@@ -60,10 +59,10 @@ def test_draws_available_images(small_set: Path) -> None:
     (small_set / "a" / "truth.png").unlink()
     (small_set / "b" / "0" / "depth.png").unlink()
     first, second = capture.open_set(small_set).scenes
-    assert _decode(capture_picture.picture(first)).size
-    assert _decode(capture_picture.picture(second)).size
+    assert _decode(show_captures.draw_picture(first)).size
+    assert _decode(show_captures.draw_picture(second)).size
     with pytest.raises(InputError, match="must have an image in common"):
-        capture_picture.picture(first, against=second)
+        show_captures.draw_picture(first, against=second)
 
 
 def test_draws_depth_that_is_all_holes(small_set: Path) -> None:
@@ -71,21 +70,21 @@ def test_draws_depth_that_is_all_holes(small_set: Path) -> None:
     cv2.imwrite(str(path), np.zeros((48, 160), np.uint16))
     (small_set / "a" / "truth.png").unlink()
     scene = capture.open_set(small_set).scenes[0]
-    assert _decode(capture_picture.picture(scene)).size
+    assert _decode(show_captures.draw_picture(scene)).size
     cv2.imwrite(str(small_set / "a" / "truth.png"), np.zeros((48, 160), np.uint16))
-    assert _decode(capture_picture.picture(scene)).size
+    assert _decode(show_captures.draw_picture(scene)).size
 
 
 def test_sizes_must_agree(small_set: Path, write_set: Callable, tmp_path: Path) -> None:
     _add_reasons(small_set / "a" / "0", shape=(48, 152))
     scene = capture.open_set(small_set).scenes[0]
     with pytest.raises(InputError, match=r"frame.exr must be 160x48 .* 152x48"):
-        capture_picture.picture(scene)
+        show_captures.draw_picture(scene)
     second_set = write_set(tmp_path / "other")
     info = second_set / "capture.toml"
     info.write_text(info.read_text().replace("width = 160", "width = 152"))
     with pytest.raises(InputError, match="the two captures must have one image size"):
-        capture_picture.picture(scene, against=capture.open_set(second_set).scenes[0])
+        show_captures.draw_picture(scene, against=capture.open_set(second_set).scenes[0])
 
 
 def test_files_and_folders(small_set: Path, write_set: Callable, tmp_path: Path) -> None:

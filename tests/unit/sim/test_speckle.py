@@ -6,15 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from starling.patterns import InputError
-from starling.sim.imaging import speckle_field
+from starling.sim.imaging.optics import speckle
 from starling.sim.randomness import generator
+from tests.oracles.speckle import looks_in_pixel
 
 SHAPE = (720, 1280)
 
 
 def field(contrast=0.3, grain_px=0.6, *, seed=0, side="left", shape=SHAPE):
     rng = generator(seed, 0, "light", f"speckle {side}")
-    return speckle_field.field(shape, contrast=contrast, grain_px=grain_px, rng=rng)
+    return speckle.draw_speckle(shape, contrast=contrast, grain_px=grain_px, rng=rng)
 
 
 def correlation(image, lag):
@@ -55,7 +56,7 @@ def test_grain_is_as_wide_as_the_formula_says(grain_px, contrast):
     image = field(contrast, grain_px)
     lags = np.arange(1, int(3 * grain_px) + 3)
     result = np.array([1.0, *(correlation(image, lag) for lag in lags)])
-    expected = speckle_field._pixel_covariance(np.arange(len(result), dtype=float), grain_px)
+    expected = speckle._pixel_covariance(np.arange(len(result), dtype=float), grain_px)
     expected /= expected[0]
 
     def half_width(curve):
@@ -82,13 +83,13 @@ def test_grain_and_contrast_follow_from_a_circular_pupil(f_number):
     spectrum = np.fft.fft2(rough) * (radius < 1 / (2 * wavelength_um * f_number))
     intensity = np.abs(np.fft.ifft2(spectrum)) ** 2
     pixels = intensity.reshape(side // fine, fine, side // fine, fine).mean(axis=(1, 3))
-    grain = speckle_field.grain_px(
+    grain = speckle.grain_size_px(
         wavelength_nm=1e3 * wavelength_um, f_number=f_number, pixel_pitch_m=1e-6 * pitch_um
     )
     assert intensity.std() / intensity.mean() == pytest.approx(1, rel=0.03)
-    looks = speckle_field.looks_in_pixel(grain)
+    looks = looks_in_pixel(grain)
     assert pixels.std() / pixels.mean() == pytest.approx(looks**-0.5, rel=0.03)
-    expected = speckle_field._pixel_covariance(np.array([0.0, 1.0]), grain)
+    expected = speckle._pixel_covariance(np.array([0.0, 1.0]), grain)
     assert correlation(pixels, 1) == pytest.approx(expected[1] / expected[0], abs=0.03)
 
 

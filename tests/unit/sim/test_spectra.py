@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from starling.patterns import InputError
+from starling.sim.imaging.imager import electrons_per_radiance
+from starling.sim.imaging.optics import bandpass
+from starling.sim.imaging.optics.bandpass import GRID_NM, integral
 from starling.sim.render import emission
 from starling.sim.scene import spectra
-from starling.sim.scene.spectra import bandpass, illuminants, laser, silicon
-from starling.sim.scene.spectra.wavelength import GRID_NM, integral
 from starling.sim.sensor.sensor import Imager, Lens, Projector
 from tests.oracles import multilayer
 
@@ -33,6 +34,12 @@ def line(centre_nm: float, width_nm: float = 3.0) -> np.ndarray:
     return power / integral(power)
 
 
+def wall_electrons(irradiance_w_m2: float, *, exposure_s: float) -> float:
+    """Mean electrons of a pixel that sees a diffuse wall of reflectance 0.65 at 850 nm."""
+    radiance = 0.65 * irradiance_w_m2 / np.pi
+    return radiance * electrons_per_radiance(IMAGER, 850.0, exposure_s)
+
+
 # --- electrons by hand ---------------------------------------------------------------------------
 
 
@@ -47,9 +54,7 @@ def test_projector_at_one_metre_by_hand():
     """
     part = Projector(power_w=0.36, fov_x_deg=90.0, fov_y_deg=63.0)
     irradiance = part.power_w * float(emission.irradiance_at_unit_distance(part).mean())
-    electrons = spectra.wall_electrons(
-        IMAGER, irradiance, reflectance=0.65, wavelength_nm=850.0, exposure_s=8.5e-3
-    )
+    electrons = wall_electrons(irradiance, exposure_s=8.5e-3)
     assert electrons == pytest.approx(415.0, rel=2e-3)
 
 
@@ -72,9 +77,7 @@ def test_sun_by_hand():
     """
     irradiance = spectra.ambient_w_m2("sun", illuminance_lx=50e3, band=FILTERED)
     assert irradiance == pytest.approx(22.8, rel=0.03)
-    electrons = spectra.wall_electrons(
-        IMAGER, irradiance, reflectance=0.65, wavelength_nm=850.0, exposure_s=1e-3
-    )
+    electrons = wall_electrons(irradiance, exposure_s=1e-3)
     assert electrons == pytest.approx(7590, rel=0.03)
 
 
@@ -84,7 +87,7 @@ def test_incandescent_by_hand():
     h c / k = 1.43878e-2 m K. Exponents at 850 and 560 nm: 5.9268 and 8.9960, so
     E(850) / E(560) = (560 / 850)^5 * (e^8.9960 - 1) / (e^5.9268 - 1) = 0.12412 * 21.57 = 2.677.
     """
-    lamp = illuminants.irradiance("incandescent", 300.0)
+    lamp = spectra.irradiance("incandescent", 300.0)
     ratio = lamp[np.argmin(abs(GRID_NM - 850))] / lamp[np.argmin(abs(GRID_NM - 560))]
     assert ratio == pytest.approx(2.677, rel=2e-3)
 
@@ -94,23 +97,23 @@ def test_incandescent_by_hand():
 
 def test_a_watt_at_555_nm_has_683_lumens():
     """The definition of the lumen, but for the breadth of the line (V falls 0.1 % within it)."""
-    assert illuminants.illuminance_lx(line(555.0)) == pytest.approx(683.0, rel=2e-3)
+    assert spectra.illuminance_lx(line(555.0)) == pytest.approx(683.0, rel=2e-3)
 
 
-@pytest.mark.parametrize("light", illuminants.names())
+@pytest.mark.parametrize("light", spectra.names())
 def test_lights_have_the_given_illuminance(light):
     """Also proves linearity: twice the lux is twice the spectrum."""
-    spectrum = illuminants.irradiance(light, 500.0)
+    spectrum = spectra.irradiance(light, 500.0)
     assert (spectrum >= 0).all()
-    assert illuminants.illuminance_lx(spectrum) == pytest.approx(500.0)
-    np.testing.assert_allclose(illuminants.irradiance(light, 1000.0), 2 * spectrum)
+    assert spectra.illuminance_lx(spectrum) == pytest.approx(500.0)
+    np.testing.assert_allclose(spectra.irradiance(light, 1000.0), 2 * spectrum)
 
 
 def test_sun_is_astm_g173():
     """ASTM's own table at 1 nm, integrated by itself: 772.3 W m^-2 from 380 to 1100 nm (of 1000.4
     in all), 109.5 klx; and means over 5 nm at anchors.
     """
-    spectrum = illuminants.irradiance("sun", 1e5)
+    spectrum = spectra.irradiance("sun", 1e5)
     scale = integral(spectrum) / 772.3
     assert 1e5 / scale == pytest.approx(109.5e3, rel=2e-3)
     for nanometres, expected in ((500, 1.53), (700, 1.29), (860, 0.99), (935, 0.20), (1000, 0.737)):
@@ -124,19 +127,19 @@ def test_sun_is_astm_g173():
 @pytest.mark.parametrize(("nanometres", "per_cm"), [(550, 6390), (850, 534), (940, 183)])
 def test_absorption_is_green_2008(nanometres, per_cm):
     """4 pi k / lambda from the paper's k: 0.027968, 0.003612, 0.0013689."""
-    seen = float(silicon.absorption_per_um(np.array([float(nanometres)]))[0]) * 1e4
+    seen = float(bandpass.absorption_per_um(np.array([float(nanometres)]))[0]) * 1e4
     assert seen == pytest.approx(per_cm, rel=2e-3)
 
 
 def test_beer_lambert_by_hand():
     """5 um at 534 / cm: 1 - exp(-0.267) = 0.2343."""
-    assert silicon.absorbed(np.array([850.0]), 5.0)[0] == pytest.approx(0.2343, rel=1e-3)
+    assert bandpass.absorbed(np.array([850.0]), 5.0)[0] == pytest.approx(0.2343, rel=1e-3)
 
 
 @given(st.floats(0.01, 0.74), st.floats(400, 1000))
 def test_depth_gives_back_its_efficiency(efficiency, nanometres):
-    depth = silicon.depth_um(efficiency, nanometres)
-    seen = silicon.quantum_efficiency(np.array([nanometres]), depth)[0]
+    depth = bandpass.depth_um(efficiency, nanometres)
+    seen = bandpass.COLLECTED * bandpass.absorbed(np.array([nanometres]), depth)[0]
     assert seen == pytest.approx(efficiency, rel=1e-9)
 
 
@@ -187,7 +190,8 @@ def test_band_of_a_sensor():
         Imager(lens=lens, quantum_efficiency=0.25), Projector(wavelength_nm=830.0)
     )
     assert (band.wavelength_nm, band.filter_centre_nm, band.filter_width_nm) == (830.0, 832.0, 30.0)
-    assert silicon.quantum_efficiency(np.array([830.0]), band.epitaxy_um)[0] == pytest.approx(0.25)
+    efficiency = bandpass.COLLECTED * bandpass.absorbed(np.array([830.0]), band.epitaxy_um)[0]
+    assert efficiency == pytest.approx(0.25)
 
 
 # --- the filter ----------------------------------------------------------------------------------
@@ -266,35 +270,17 @@ def test_broad_light_behind_a_filter(light, within):
 
     The largest deviation is due to the sun's water bands at 820 nm.
     """
-    spectrum = np.ones_like(GRID_NM) if light == "even" else illuminants.irradiance(light, 1e4)
+    spectrum = np.ones_like(GRID_NM) if light == "even" else spectra.irradiance(light, 1e4)
 
     def electrons(shift: float) -> float:
         passed = bandpass.transmission(GRID_NM / shift, centre_nm=850.0, width_nm=50.0)
-        return integral(spectrum * passed * silicon.absorbed(GRID_NM, 5.0) * GRID_NM)
+        return integral(spectrum * passed * bandpass.absorbed(GRID_NM, 5.0) * GRID_NM)
 
     angles = np.deg2rad(ANGLES_DEG).astype(np.float32)
     expected = [electrons(float(s)) / electrons(1.0) for s in bandpass.shift(angles, 2.0)]
     seen = bandpass.ambient_transmission(angles, centre_nm=850.0, width_nm=50.0, index=2.0)
     assert seen[0] == 1
     np.testing.assert_allclose(seen, expected, rtol=within)
-
-
-# --- the laser -----------------------------------------------------------------------------------
-
-
-def test_laser_drifts():
-    """From 20 to 60 deg C: 40 K of 0.07 nm."""
-    assert laser.D4XX.line_nm(20.0) == 850.0
-    assert laser.D4XX.line_nm(60.0) == pytest.approx(852.8)
-    assert laser.KINECT.line_nm(20.0) == 830.0
-
-
-def test_laser_line_has_its_width_and_one_watt():
-    fine = np.linspace(840, 860, 20001)
-    power = laser.Laser(width_nm=2.0).spectrum(20.0, fine)
-    assert np.trapezoid(power, fine) == pytest.approx(1.0, rel=1e-6)
-    above = fine[power >= power.max() / 2]
-    assert above[-1] - above[0] == pytest.approx(2.0, abs=0.01)
 
 
 # --- refusals and imports ------------------------------------------------------------------------
@@ -305,12 +291,6 @@ def test_laser_line_has_its_width_and_one_watt():
     [
         (lambda: spectra.Band(wavelength_nm=0.85), "these micrometres are 850"),
         (lambda: spectra.Band(wavelength_nm=850e-9), "these metres are 850"),
-        (lambda: laser.Laser(centre_nm=850e3), "these picometres are 850"),
-        (lambda: laser.Laser(centre_nm=1550.0), "must be in [380, 1100]; got 1550.0. Give nano"),
-        (lambda: laser.Laser(centre_nm="850"), "must be in [380, 1100]; got '850'"),
-        (lambda: laser.Laser(width_nm=0.0), "laser.width_nm must be in"),
-        (lambda: laser.Laser(drift_nm_k=70.0), "laser.drift_nm_k must be in"),
-        (lambda: laser.D4XX.line_nm(300.0), "temperature_c must be in"),
         (lambda: through(0.0, width_nm=0.05), "filter width must be in [2, 500]"),
         (lambda: through(0.0, width_nm=-1.0), "filter width must be in"),
         (lambda: through(0.0, index=0.5), "filter index must be in"),
@@ -327,7 +307,7 @@ def test_laser_line_has_its_width_and_one_watt():
         ),
         (lambda: spectra.Band(epitaxy_um=0.0), "band.epitaxy_um must be > 0"),
         (lambda: spectra.Band(epitaxy_um=float("nan")), "band.epitaxy_um must be > 0"),
-        (lambda: silicon.depth_um(25.0, 850.0), "got 25.0. Give a share, not percent."),
+        (lambda: bandpass.depth_um(25.0, 850.0), "got 25.0. Give a share, not percent."),
         (
             lambda: spectra.ambient_w_m2("son", illuminance_lx=1.0, band=FILTERED),
             "light must be a known name; got 'son'. Known: sun,",
@@ -341,18 +321,6 @@ def test_laser_line_has_its_width_and_one_watt():
             "spectrum must be (1441,) numbers >= 0; got (5,), least 1.0.",
         ),
         (lambda: spectra.in_band_irradiance(-line(850.0), FILTERED), "spectrum must be (1441,)"),
-        (
-            lambda: spectra.wall_electrons(IMAGER, 1.0, reflectance=65.0, wavelength_nm=850.0),
-            "reflectance must be in [0, 1]; got 65.0",
-        ),
-        (
-            lambda: spectra.wall_electrons(IMAGER, -1.0, reflectance=0.5, wavelength_nm=850.0),
-            "irradiance_w_m2 must be in",
-        ),
-        (
-            lambda: spectra.wall_electrons(IMAGER, 1.0, reflectance=0.5, wavelength_nm=850e-9),
-            "these metres are 850",
-        ),
         (lambda: multilayer.single_cavity(0.85), "these micrometres are 850"),
         (lambda: multilayer.single_cavity(850.0, high=1.4), "high must be in"),
         (lambda: multilayer.single_cavity(850.0, low=0.5), "low must be in"),

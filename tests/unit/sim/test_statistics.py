@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 
-from starling.sim.statistics import mean_known
+from starling.sim.arrays import mean_known
 
 
 def test_unknown_values_do_not_count():

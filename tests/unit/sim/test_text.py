@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from starling.sim.console import progress, record, text
+from starling.sim.console import progress, record, shell
 
 
 def test_rows_become_columns() -> None:
@@ -19,7 +19,7 @@ def test_rows_become_columns() -> None:
         "scenes": {"a": {"ours": {"fill": 0.9}, "device": {"fill": None}}},
         "reasons": {"one": {"deep": {"er": {"x": 1}}}},
     }
-    assert text.render(value).splitlines() == [
+    assert shell.render(value).splitlines() == [
         "seconds  1.235",
         "names    -",
         "",
@@ -33,10 +33,10 @@ def test_rows_become_columns() -> None:
 
 
 def test_other_values_are_written() -> None:
-    assert text.render([{"name": "a", "x": [1, 2]}]) == "[0]\nname  a\nx     1, 2"
-    assert text.render({"a": {"x": 1}, "b": {"x": 2}}) == "   x\na  1\nb  2"
-    assert text.render({"a": {}}) == "a  -"
-    assert text.render(3) == "3"
+    assert shell.render([{"name": "a", "x": [1, 2]}]) == "[0]\nname  a\nx     1, 2"
+    assert shell.render({"a": {"x": 1}, "b": {"x": 2}}) == "   x\na  1\nb  2"
+    assert shell.render({"a": {}}) == "a  -"
+    assert shell.render(3) == "3"
 
 
 def test_json_holds_no_nan() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from starling.sim.scene.captured.edge_unmixing import unmix_edges
+from starling.sim.scene.captured.captured_scene import unmix_edges
 
 SHAPE = (96, 160)
 SIGMA_PX = 12.0

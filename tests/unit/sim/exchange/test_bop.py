@@ -15,7 +15,7 @@ import trimesh
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture
 from starling.sim.captures.exchange import bop
-from starling.sim.datasets.files import MemoryFolder
+from starling.sim.datasets.render_view import MemoryFolder
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
 

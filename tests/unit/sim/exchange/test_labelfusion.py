@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from starling.patterns.errors import InputError
-from starling.sim.captures.exchange import labelfusion, quaternion
+from starling.sim.captures.exchange import labelfusion
 from starling.sim.captures.exchange.stream import NEAR_S, nearest
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
@@ -26,7 +26,7 @@ def pose(number: int) -> frames.Pose:
 def row(number: int) -> str:
     """Format a pose as ElasticFusion does: seconds to six digits, quaternion x y z w."""
     matrix = pose(number)
-    numbers = (*matrix[:3, 3], *quaternion.from_pose(matrix))
+    numbers = (*matrix[:3, 3], *frames.to_quaternion(matrix))
     return f"{UTIMES[number] / 1e6:.6f} " + " ".join(f"{value:.9g}" for value in numbers)
 
 

@@ -11,7 +11,8 @@ import pytest
 
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture
-from starling.sim.captures.exchange import ros2_bag, sequence
+from starling.sim.captures.exchange import ros2_bag
+from starling.sim.captures.exchange.stream import in_time_order
 from starling.sim.geometry import frames
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="the extra ros is not installed")
@@ -134,7 +135,7 @@ def test_late_subscribers_receive_static_frames(small_set: Path, tmp_path: Path)
 
 def test_frames_are_ordered_by_their_time_stamps(small_set: Path, tmp_path: Path):
     edit_records(small_set, timestamp=lambda place: 100.25 - place)
-    taken = sequence.in_time_order(capture.open_set(small_set).scenes)
+    taken = in_time_order(capture.open_set(small_set).scenes)
     assert [frame.time_s for frame in taken] == sorted(frame.time_s for frame in taken)
     assert taken[-1].time_s == 100.25 and taken[-1].number == 0
     ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
@@ -143,7 +144,7 @@ def test_frames_are_ordered_by_their_time_stamps(small_set: Path, tmp_path: Path
     ]
     assert (stamps[-1].sec, stamps[-1].nanosec) == (100, 250_000_000)
     edit_records(small_set, timestamp=lambda place: 5.0)  # All at once: their order is the set's.
-    taken = sequence.in_time_order(capture.open_set(small_set).scenes)
+    taken = in_time_order(capture.open_set(small_set).scenes)
     assert [frame.time_s for frame in taken] == pytest.approx([n / 30 for n in range(len(taken))])
 
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from starling.patterns.errors import InputError
-from starling.sim.captures.fusion import blocks, surface, volume
+from starling.sim.captures.fusion import blocks, volume
 from starling.sim.captures.fusion.volume import Volume
 from starling.sim.geometry import frames
 from tests.unit.sim.fusion import bodies
@@ -37,7 +37,7 @@ def test_keys_and_block_numbers_round_trip(block: list[int]):
 
 def test_slanted_plane_has_its_true_position():
     """Distances to a plane are linear, so only float32 and the coarse band limit the accuracy."""
-    mesh = surface.triangulate(filled(bodies.plane), least=2)
+    mesh = volume.triangulate(filled(bodies.plane), least=2)
     error = off_plane(np.asarray(mesh.vertices))
     assert np.median(np.abs(error)) < 2e-3 * VOXEL_M
     assert np.percentile(np.abs(error), 95) < 0.05 * VOXEL_M
@@ -46,7 +46,7 @@ def test_slanted_plane_has_its_true_position():
 
 def test_ball_has_its_true_position():
     """Checked on the side facing the cameras; near the outline pixels are wider than the band."""
-    points = np.asarray(surface.triangulate(filled(bodies.ball), least=2).vertices)
+    points = np.asarray(volume.triangulate(filled(bodies.ball), least=2).vertices)
     facing = points[points[:, 2] < bodies.MIDDLE_M[2] - 0.8 * bodies.RADIUS_M]
     error = np.linalg.norm(facing - bodies.MIDDLE_M, axis=1) - bodies.RADIUS_M
     assert len(facing) > 500 and np.median(np.abs(error)) < 0.02 * VOXEL_M
@@ -54,13 +54,13 @@ def test_ball_has_its_true_position():
 
 
 def test_fronts_face_the_camera():
-    mesh = surface.triangulate(filled(bodies.plane))
+    mesh = volume.triangulate(filled(bodies.plane))
     assert (mesh.face_normals @ bodies.NORMAL < -0.9).mean() > 0.999
 
 
 def test_seams_between_tiles_are_closed():
     """A plane seen once has one outline: no edge of one triangle lies inside it."""
-    mesh = surface.triangulate(filled(bodies.plane))
+    mesh = volume.triangulate(filled(bodies.plane))
     edges, counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
     assert counts.max() == 2
     border = np.asarray(mesh.vertices)[np.unique(edges[counts == 1])]
@@ -81,7 +81,7 @@ def test_noise_falls_with_the_root_of_the_number_of_frames(count: int):
     for _ in range(count):
         noise = rng.normal(0, sigma_m, bodies.plane(pose).shape)
         noisy.add((bodies.plane(pose) + noise).astype(np.float32), pose)
-    error = off_plane(np.asarray(surface.triangulate(noisy).vertices))
+    error = off_plane(np.asarray(volume.triangulate(noisy).vertices))
     inner = error[np.abs(error) < 0.01]
     expected = sigma_m / np.sqrt(count)
     assert 0.3 * expected < inner.std() < 1.05 * expected
@@ -96,7 +96,7 @@ def test_removed_objects_are_carved_away():
     passing[30:50, 40:70] = 0.6
     for depth_m in [passing, *[bodies.plane(pose)] * 9]:
         result.add(depth_m, pose)
-    near = np.asarray(surface.triangulate(result).vertices)[:, 2] < 0.7
+    near = np.asarray(volume.triangulate(result).vertices)[:, 2] < 0.7
     assert not near.any()
 
 
@@ -106,7 +106,7 @@ def test_voxels_seen_too_rarely_are_no_surface():
     for pose in (first, second):
         result.add(np.full((90, 120), 1.0, np.float32), pose)
     wide, narrow = (
-        np.asarray(surface.triangulate(result, least=least).vertices) for least in (1, 2)
+        np.asarray(volume.triangulate(result, least=least).vertices) for least in (1, 2)
     )
     half = 60 / bodies.CAMERA.fx_px
     assert wide[:, 0].min() == pytest.approx(-half, abs=0.05)
@@ -119,7 +119,7 @@ def test_holes_stay_holes():
     result = Volume(bodies.CAMERA, VOXEL_M)
     result.add(depth_m, pose)
     points = (
-        np.asarray(surface.triangulate(result).vertices) @ pose[:3, :3]
+        np.asarray(volume.triangulate(result).vertices) @ pose[:3, :3]
     )  # At the origin, turned.
     points = points - pose[:3, 3] @ pose[:3, :3]
     u = bodies.CAMERA.fx_px * points[:, 0] / points[:, 2] + bodies.CAMERA.cx_px
@@ -135,10 +135,10 @@ def test_invalid_streams_are_refused(monkeypatch: pytest.MonkeyPatch):
     nothing = Volume(bodies.CAMERA, 0.01)
     nothing.add(np.full((90, 120), np.nan, np.float32), np.eye(4))
     with pytest.raises(InputError, match="surface must be seen; got 0 blocks"):
-        surface.triangulate(nothing)
+        volume.triangulate(nothing)
     monkeypatch.setattr(volume, "_MOST", 10)
     with pytest.raises(InputError, match="volume must have at most 10 blocks"):
         filled(bodies.plane)
     monkeypatch.setitem(sys.modules, "skimage.measure", None)
     with pytest.raises(InputError, match="surface needs scikit-image"):
-        surface.refuse_without()
+        volume.refuse_without()

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from starling.patterns.errors import InputError
 from starling.sim.datasets import draw
 from starling.sim.datasets import plan as plans
+from starling.sim.datasets.plan import view
 from starling.sim.datasets.source import Pile, SceneSpecifier
-from starling.sim.datasets.view import view
 
 SMALL: dict[str, Any] = {
     "seed": 7,

@@ -1,4 +1,4 @@
-"""Statistics of a pattern, from its dot list or from its image."""
+"""Statistics of a pattern, from its dot list or from its image, and uniqueness of its windows."""
 
 from __future__ import annotations
 
@@ -6,15 +6,20 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from starling.patterns.dots import SIGMA_PER_FWHM
-from starling.patterns.errors import refuse
+from starling.patterns.errors import in_interval, positive, refuse, whole_number
 from starling.patterns.field import Field, unit_vectors
 from starling.patterns.pattern import Pattern, check_image
-from starling.patterns.uniqueness import unique_share
 
 FURTHEST_MERGE = 1.75  # [2 sigma]. Beyond it, spots merge only at power ratios over 15.
 FAINTEST = 0.05  # Least height of a spot, as a share of the bright spots' height.
+BANDS = 48  # Evenly spaced rows of windows; they give the share to about 1 %.
+BLANK = 0.05  # Contrast floor, relative to the whole image's standard deviation.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -40,11 +45,6 @@ class Statistics:
     dot_share: float
     unique_share: float
     focal_px: float
-
-    @property
-    def fwhm_deg(self) -> float:
-        """Median spot width, full width at half maximum [deg]."""
-        return math.degrees(self.fwhm_mrad * 1e-3)
 
 
 def stated_statistics(pattern: Pattern, *, focal_px: float | None = None) -> Statistics:
@@ -119,13 +119,12 @@ def measure(
 
 def _spots(light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions x, y [px] and sigma_1 * sigma_2 [px^2] of spots; NaN where the fit fails."""
-    from scipy import ndimage  # Heavy, like all of scipy: not at import.
 
     peak = (light == ndimage.maximum_filter(light, 3)) & (
         light > FAINTEST * np.percentile(light, 99.5)
     )
     # A plateau (clipped or quantised) is one spot; its first pixel represents it.
-    labels, count = ndimage.label(peak, structure=np.ones((3, 3)))  # pyright: ignore
+    labels, count = ndimage.label(peak, structure=np.ones((3, 3)))
     flat = np.flatnonzero(peak)
     _, first = np.unique(labels.ravel()[flat], return_index=True)
     row, column = np.divmod(flat[first], light.shape[1])
@@ -161,9 +160,6 @@ def _merge(rays: np.ndarray, power: np.ndarray, sigma: float) -> np.ndarray:
     `d > 1 and |ln q| < 2 d sqrt(d^2 - 1) + 2 ln(d - sqrt(d^2 - 1))`. Source: Behboodian,
     On the modes of a mixture of two normal distributions, Technometrics 12 (1970).
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import KDTree
 
     cosines = rays[:, :2]  # All spots have one width in direction cosines.
     pairs = KDTree(cosines).query_pairs(2 * FURTHEST_MERGE * sigma, output_type="ndarray")
@@ -184,9 +180,109 @@ def _merge(rays: np.ndarray, power: np.ndarray, sigma: float) -> np.ndarray:
 
 def _neighbour_mrad(rays: np.ndarray) -> float:
     """Median angle to the nearest neighbour [mrad]; NaN for a single ray."""
-    from scipy.spatial import KDTree
 
     if len(rays) < 2:
         return math.nan
     chord = KDTree(rays).query(rays, k=2)[0][:, 1]
     return float(np.median(2 * np.arcsin(chord / 2)) * 1e3)
+
+
+def unique_share(
+    image: np.ndarray,
+    field: Field,
+    *,
+    focal_px: float | None = None,
+    window_px: int = 11,
+    search_px: int = 126,
+    threshold: float = 0.8,
+) -> float:
+    """Share of windows without a similar window in the disparity search along their row.
+
+    The image is resampled to the camera's scale (`focal_px` pixels per unit tangent). A window is
+    unique if its normalised cross-correlation (NCC) with all windows of its row, shifted right
+    by s, stays below `threshold`. The shift s runs from window_px // 2 + 1 to search_px; smaller
+    shifts belong to the peak of the correct match. Left shifts would repeat the same pairs.
+
+    The NCC is damped by a contrast floor of 5 % of the image's standard deviation. A window below
+    the floor counts as not unique. Noise and imager blur are ignored, so the share is an upper
+    bound for a matcher. Windows whose search leaves the field on the right are excluded. 48
+    evenly spaced rows of windows are evaluated, at all columns.
+
+    Args:
+        image: (h, w) irradiance.
+        field: Field of view that the image spans.
+        focal_px: Camera focal length [px]; None: the image's own.
+        window_px: Side of the window [px], 3 to 31.
+        search_px: Largest shift [px]; 126 is the D400 search range.
+        threshold: NCC from which two windows count as similar.
+
+    Raises:
+        InputError: if a parameter is out of range or the field is too narrow for the search.
+    """
+    window_px = whole_number("window_px", window_px, 3, 31, "Give the matcher's window side.")
+    search_px = whole_number(
+        "search_px", search_px, window_px, 1024, "Give the disparity search range."
+    )
+    in_interval("threshold", threshold, 0.0, 1.0)
+    scaled = at_focal(image, field, focal_px).astype(np.float64)
+    height, width = scaled.shape
+    if width < search_px + 2 * window_px or height < window_px:
+        raise refuse(
+            "image",
+            f"must be at least {search_px + 2 * window_px} px wide at the camera's scale",
+            f"{width}x{height}",
+            "Lower search_px or raise focal_px or the field.",
+        )
+    scaled -= scaled.mean()
+    tops = np.unique(np.linspace(0, height - window_px, BANDS).astype(int))
+    bands = np.stack([scaled[top : top + window_px] for top in tops])  # (n, window, width)
+    area = window_px**2
+    floor = BLANK**2 * scaled.var()
+    mean = _boxes(bands.sum(axis=1), window_px) / area
+    variance = np.maximum(_boxes((bands**2).sum(axis=1), window_px) / area - mean**2, 0)
+    scale = np.sqrt(variance + floor)
+    count = mean.shape[1] - search_px
+    best = np.full((len(tops), count), -np.inf)
+    for shift in range(window_px // 2 + 1, search_px + 1):
+        product = np.einsum("nkw,nkw->nw", bands[..., :-shift], bands[..., shift:])
+        base, shifted = slice(0, count), slice(shift, shift + count)
+        covariance = _boxes(product, window_px)[:, base] / area - mean[:, base] * mean[:, shifted]
+        np.maximum(best, covariance / (scale[:, base] * scale[:, shifted]), out=best)
+    unique = (best < threshold) & (variance[:, :count] > floor)
+    return float(unique.mean())
+
+
+def at_focal(image: np.ndarray, field: Field, focal_px: float | None) -> np.ndarray:
+    """Resample the image (h, w) to square pixels of a focal length [px]; None: its own fx.
+
+    Raises:
+        InputError: if focal_px is not above zero, or gives an image over 8192 px wide.
+    """
+
+    focal_x, focal_y = field.focal_px((image.shape[0], image.shape[1]))
+    if focal_px is None:
+        focal_px = focal_x
+    positive("focal_px", focal_px, "Give the camera's focal length in pixels.")
+    shape = round(focal_px * 2 * field.half_y), round(focal_px * 2 * field.half_x)
+    in_interval("focal_px", focal_px, 16.0, 8192 / (2 * field.half_x), "Give a camera's focal.")
+    if shape == image.shape:
+        return image
+    step = np.array([focal_y, focal_x]) / focal_px
+    # Anti-aliasing: blur by the coarser grid's pixel before downsampling.
+    smooth = ndimage.gaussian_filter(image, np.maximum(0.0, (step - 1) / 2))
+    offset = (np.array(image.shape) - 1) / 2 - step * (np.array(shape) - 1) / 2
+    return ndimage.affine_transform(
+        smooth,
+        step,
+        offset=offset,
+        output_shape=shape,
+        order=1,
+        mode="nearest",
+    )
+
+
+def _boxes(rows: np.ndarray, window: int) -> np.ndarray:
+    """Sums over every run of `window` columns: (n, w) to (n, w - window + 1)."""
+    total = np.cumsum(rows, axis=1)
+    total = np.pad(total, ((0, 0), (1, 0)))
+    return total[:, window:] - total[:, :-window]
