@@ -9,10 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.learning.data.example import Example
-from starling.learning.features.edges import edges_left, edges_right
-from starling.learning.features.thickness import gap_width, thickness
-from starling.learning.features.visibility import seen_from, signed_distance
-from starling.learning.networks.training import channels
+from starling.learning.features.geometry import (
+    edges_left,
+    edges_right,
+    gap_width,
+    seen_from,
+    signed_distance,
+    thickness,
+)
+from starling.learning.networks import channels
 from starling.patterns import errors
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.geometry.pinhole import Pinhole
@@ -57,7 +62,7 @@ GEOMETRY: dict[str, str] = {
     "bump_fine_px": "disparity less that of the plane over 7 px: signed curvature",
     "bump_coarse_px": "disparity less that of the plane over 21 px: signed curvature",
 }
-# Physics adds the channels of `starling.learning.networks.training.channels.physics_images`.
+# Physics adds the channels of `starling.learning.networks.channels.physics_images`.
 REFLECTANCE: dict[str, str] = {
     "reflectance": "near-infrared reflectance, 0 to 1",
     "reflectance_gradient_per_px": "length of its gradient after smoothing by sigma 4 px",

@@ -15,16 +15,7 @@ from typing import ClassVar
 from torch import Tensor, nn
 
 from starling.learning.data.example import Example
-from starling.learning.networks.training.learner import (
-    Draw,
-    Learner,
-    descend,
-    initialised,
-    mixed_precision,
-)
-from starling.learning.networks.training.samples import Batch
-from starling.learning.networks.training.settings import TrainingSettings
-from starling.learning.networks.training.translation import (
+from starling.learning.methods.translation import (
     ADVERSARIAL,
     DEPTH,
     PatchDiscriminator,
@@ -36,6 +27,9 @@ from starling.learning.networks.training.translation import (
     linear_decay,
     load_translation,
 )
+from starling.learning.networks.device import initialised, mixed_precision
+from starling.learning.networks.samples import Batch
+from starling.learning.networks.training import Draw, Learner, TrainingSettings, descend
 from starling.sim.console import progress
 
 CYCLE_WEIGHT = 10.0  # Relative to the discriminators' loss (Zhu et al., sec. 4).
@@ -110,7 +104,7 @@ class CycleGan:
         """Train, or continue from the folder's checkpoint, and save the weights there.
 
         Raises:
-            InputError: see `starling.learning.networks.training.translation.fit_translation`.
+            InputError: see `starling.learning.methods.translation.fit_translation`.
         """
         build = partial(PatchDiscriminator, 1)
         generators = [initialised(Translator, seed + number) for number in range(2)]
@@ -131,6 +125,6 @@ class CycleGan:
         """Load the weights that `fit` saved.
 
         Raises:
-            InputError: see `starling.learning.networks.training.weights.load`.
+            InputError: see `starling.learning.networks.checkpoint.load`.
         """
         return load_translation(folder, self.name, Translator(), DEPTH)

@@ -21,20 +21,7 @@ import torch
 from torch import Tensor, nn
 
 from starling.learning.data.example import Example, Image
-from starling.learning.networks.training import channels
-from starling.learning.networks.training.learner import (
-    STEEPEST,
-    Draw,
-    Learner,
-    descend,
-    initialised,
-    mean,
-    mixed_precision,
-    one_cycle,
-)
-from starling.learning.networks.training.samples import Batch
-from starling.learning.networks.training.settings import TrainingSettings
-from starling.learning.networks.training.translation import (
+from starling.learning.methods.translation import (
     PatchDiscriminator,
     TranslationPredictor,
     TranslatorInput,
@@ -43,6 +30,18 @@ from starling.learning.networks.training.translation import (
     fit_translation,
     least_squares_loss,
     load_translation,
+)
+from starling.learning.networks import channels
+from starling.learning.networks.device import initialised, mixed_precision
+from starling.learning.networks.samples import Batch
+from starling.learning.networks.training import (
+    STEEPEST,
+    Draw,
+    Learner,
+    TrainingSettings,
+    descend,
+    mean,
+    one_cycle,
 )
 from starling.learning.networks.unet import UNet
 from starling.sim.console import progress
@@ -130,7 +129,7 @@ class Pix2Pix:
         """Train, or continue from the folder's checkpoint, and save the weights there.
 
         Raises:
-            InputError: see `starling.learning.networks.training.translation.fit_translation`.
+            InputError: see `starling.learning.methods.translation.fit_translation`.
         """
         generator = initialised(Keeper, seed)
         discriminator = initialised(partial(PatchDiscriminator, 2), seed)
@@ -150,6 +149,6 @@ class Pix2Pix:
         """Load the weights that `fit` saved.
 
         Raises:
-            InputError: see `starling.learning.networks.training.weights.load`.
+            InputError: see `starling.learning.networks.checkpoint.load`.
         """
         return load_translation(folder, self.name, Keeper(), INPUTS)

@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
 
-from starling.learning.data.example import Image, Mask, Physics
-from starling.learning.data.physics_probability import physics_probability
+from starling.learning import registry
+from starling.learning.data.example import Example, Image, Mask, Physics
+from starling.learning.data.physics import physics_probability
 from starling.learning.sampling import perlin
 from starling.learning.sampling.perlin import Perlin
 from starling.patterns import errors
 from starling.sim.captures.info import CaptureInfo
+from starling.sim.commands.simulate_captures import scene_seed
 
 THRESHOLD = 0.5  # Value of the paper.
 
@@ -157,3 +159,28 @@ def _both_below(limit: NDArray[np.float64], rho: float) -> NDArray[np.float64]:
     """
     slope = math.sqrt((1 - rho) / (1 + rho))
     return stats.norm.cdf(limit) - 2 * special.owens_t(limit, slope)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DrawnFrame:
+    """A scene with the holes drawn by one method."""
+
+    ndp: Mask  # (h, w)
+    depth_m: Image  # (h, w) reference depth with these holes, NaN there.
+
+
+def draw_frame(method: str, probability: Image, example: Example, *, seed: int) -> DrawnFrame:
+    """Draw the holes of a method in a scene.
+
+    Args:
+        method: name of the method. For methods that use physics, the frame has the simulator's
+            depth errors and the shapes of its holes.
+        probability: (h, w) predicted by the method.
+        example: the scene, with physics if the method uses it.
+        seed: seed of the holes; they differ from scene to scene.
+    """
+    physics = example.physics if method in registry.ON_PHYSICS else None
+    holes = ndp(probability, TYPICAL, seed=scene_seed(seed, example.scene), physics=physics)
+    error_px = None if physics is None else example.simulated_error_px
+    depth_m = depth_image(example.depth_m, holes, example.info, error_px=error_px)
+    return DrawnFrame(ndp=holes, depth_m=depth_m)

@@ -267,7 +267,7 @@ def test_without_infrared_only_depth_is_diagnosed(place, diagnosed, tmp_path):
 
 
 def test_residual_without_torch_is_refused_early(place, tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "starling.learning.methods.hybrid", None)
+    monkeypatch.setitem(sys.modules, "starling.learning.methods.network", None)
     flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
     assert command_line.main(["diagnose", str(place / "null"), *flags, "--residual"]) == 1
     assert "hybrid needs" in capsys.readouterr().err and not (tmp_path / "out").exists()

@@ -13,9 +13,8 @@ from transformers import DepthAnythingForDepthEstimation
 
 from starling.learning.completion.alignment import align_inverse_depth, normalisation
 from starling.learning.completion.diffusion.weights import find_weights, read_network
-from starling.learning.completion.frame import CompletionFrame
-from starling.learning.completion.method import Completed, unknown_sigma
-from starling.learning.networks.training.learner import device
+from starling.learning.completion.method import Completed, CompletionFrame, unknown_sigma
+from starling.learning.networks.device import device
 from starling.patterns.errors import in_interval, positive, refuse
 
 PUBLISHED = "depth-anything/Depth-Anything-V2-Small-hf"

@@ -12,9 +12,8 @@ from diffusers.pipelines.marigold.pipeline_marigold_depth import MarigoldDepthPi
 
 from starling.learning.completion.alignment import align_depth, least_squares
 from starling.learning.completion.diffusion import weights
-from starling.learning.completion.frame import CompletionFrame
-from starling.learning.completion.method import Completed, unknown_sigma
-from starling.learning.networks.training.learner import device
+from starling.learning.completion.method import Completed, CompletionFrame, unknown_sigma
+from starling.learning.networks.device import device
 from starling.patterns.errors import in_interval, refuse
 
 PUBLISHED = "prs-eth/marigold-depth-v1-0"

@@ -20,12 +20,11 @@ from torch import Tensor, nn, optim
 from torch.nn import functional
 
 from starling.learning.completion.baselines import marigold
-from starling.learning.completion.diffusion import latents
+from starling.learning.completion.diffusion import span
 from starling.learning.completion.diffusion.span import pad_edges
 from starling.learning.completion.diffusion.weights import empty_prompt
-from starling.learning.completion.frame import CompletionFrame
-from starling.learning.completion.method import Completed, unknown_sigma
-from starling.learning.networks.training.learner import device
+from starling.learning.completion.method import Completed, CompletionFrame, unknown_sigma
+from starling.learning.networks.device import device
 from starling.patterns.errors import in_interval
 from starling.sim.randomness import generator
 
@@ -65,7 +64,7 @@ class MarigoldDC:
         valid = torch.from_numpy(frame.valid).to(self.text.device)
         image, size = self._image(frame)
         with torch.no_grad():
-            encoded_image = latents.encode(self.vae, image)
+            encoded_image = span.encode(self.vae, image)
         noise = generator(self.seed, 0, "completion", self.name).standard_normal(
             encoded_image.shape
         )
@@ -76,7 +75,7 @@ class MarigoldDC:
         )
 
         def metres(clean: Tensor) -> Tensor:
-            depth = latents.decode_depth(self.vae, clean).clamp(-1, 1) / 2 + 0.5
+            depth = span.decode_depth(self.vae, clean).clamp(-1, 1) / 2 + 0.5
             depth = depth[None, :, : size[0], : size[1]]
             depth = functional.interpolate(depth, frame.shape, mode="bilinear")[0, 0]
             low, high = known.min(), known.max()
@@ -110,7 +109,7 @@ class MarigoldDC:
         size = (max(1, round(height * ratio)), max(1, round(width * ratio)))
         interpolation = cv2.INTER_AREA if ratio < 1 else cv2.INTER_LINEAR
         resized = cv2.resize(frame.rgb, size[::-1], interpolation=interpolation)
-        channels = pad_edges(np.moveaxis(resized, -1, 0) * 2 - 1, latents.factor(self.vae))
+        channels = pad_edges(np.moveaxis(resized, -1, 0) * 2 - 1, span.factor(self.vae))
         return torch.from_numpy(channels[None]).to(self.text.device), size
 
 

@@ -10,8 +10,7 @@ import numpy as np
 from starling.learning.completion.diffusion.model import DiffusionModel, trained_model
 from starling.learning.completion.diffusion.sampling import sample
 from starling.learning.completion.diffusion.span import Span, network_input
-from starling.learning.completion.frame import CompletionFrame, Image
-from starling.learning.completion.method import Completed
+from starling.learning.completion.method import Completed, CompletionFrame, Image
 from starling.patterns.errors import in_interval
 
 

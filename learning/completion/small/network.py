@@ -8,8 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from starling.learning.completion.small.inputs import CHANNELS
-from starling.learning.completion.small.proposals import NAMES
+from starling.learning.completion.small.inputs import CHANNELS, PROPOSALS
 from starling.learning.networks.unet import UNet
 
 WIDTHS = (24, 32, 48, 64, 64)
@@ -31,7 +30,7 @@ class SmallNetwork(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.body = UNet(len(CHANNELS), len(NAMES) + 3, WIDTHS)
+        self.body = UNet(len(CHANNELS), len(PROPOSALS) + 3, WIDTHS)
 
     def forward(self, channels: Tensor, proposed: Tensor) -> SmallOutput:
         """Complete frames.
@@ -41,8 +40,8 @@ class SmallNetwork(nn.Module):
             proposed: (b, `NAMES`, h, w) logarithms of the proposals.
         """
         out = self.body(channels).float()
-        weights = functional.softmax(out[:, : len(NAMES)], dim=1)
-        correction, scale, false = out[:, len(NAMES) :].split(1, dim=1)
+        weights = functional.softmax(out[:, : len(PROPOSALS)], dim=1)
+        correction, scale, false = out[:, len(PROPOSALS) :].split(1, dim=1)
         low, high = _SCALE
         return SmallOutput(
             log_depth=(weights * proposed).sum(dim=1, keepdim=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from starling.learning.evaluation.figures.bootstrap import paired_difference, paired_share
+from starling.learning.evaluation.bootstrap import paired_difference, paired_share
 from starling.patterns.errors import InputError
 
 ROOMS = [f"room {number}" for number in range(10)]

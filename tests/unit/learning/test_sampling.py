@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from starling.learning.data.example import Physics
-from starling.learning.data.physics_probability import physics_probability
+from starling.learning.data.physics import physics_probability
 from starling.learning.sampling import sampling
 from starling.learning.sampling.perlin import Perlin
 from starling.learning.sampling.sampling import Sampling

@@ -15,8 +15,7 @@ pytest.importorskip("diffusers", reason="the extra completion is not installed")
 from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, Dinov2Config
 
 from starling.learning.completion.baselines import depth_anything, marigold, marigold_dc
-from starling.learning.completion.frame import make_frame
-from starling.learning.completion.method import complete
+from starling.learning.completion.method import complete, make_frame
 from starling.patterns.errors import InputError
 from tests.unit.learning.completion import tiny_diffusion as tiny
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from starling.learning.completion.classical.bilateral import Bilateral
-from starling.learning.completion.classical.morphological import Morphological
-from starling.learning.completion.classical.nearest import Nearest
-from starling.learning.completion.classical.poisson import Poisson
-from starling.learning.completion.classical.wls import WeightedLeastSquares
+from starling.learning.completion.classical import (
+    Bilateral,
+    Morphological,
+    Nearest,
+    Poisson,
+    WeightedLeastSquares,
+)
 from starling.learning.completion.method import CompletionMethod, complete
 from starling.patterns.errors import InputError
 

@@ -12,7 +12,7 @@ import torch
 
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
-from starling.learning.completion.diffusion import VARIANTS, latents, model, weights
+from starling.learning.completion.diffusion import VARIANTS, model, span, weights
 from starling.learning.completion.diffusion.method import Diffusion, load
 from starling.learning.completion.diffusion.sampling import sample
 from starling.learning.completion.diffusion.span import Span, network_input
@@ -96,7 +96,7 @@ def test_an_ideal_network_recovers_the_depth(untrained: model.DiffusionModel, st
     seen = network_input([FRAME], multiple=4, device=torch.device("cpu"))
     (depth,) = sample(ideal, seen, steps=steps, seed=0, count=1)
     with torch.no_grad():
-        expected = latents.decode_depth(untrained.vae, clean)
+        expected = span.decode_depth(untrained.vae, clean)
     torch.testing.assert_close(depth, expected, rtol=1e-3, atol=1e-3)
 
 

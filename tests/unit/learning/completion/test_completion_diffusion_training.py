@@ -25,7 +25,7 @@ from starling.learning.completion.diffusion.data import (
 )
 from starling.learning.completion.diffusion.method import Diffusion
 from starling.learning.completion.diffusion.training import DiffusionSettings, train
-from starling.learning.completion.frame import make_frame
+from starling.learning.completion.method import make_frame
 from starling.patterns.errors import InputError
 from tests.unit.learning import capture_sets
 from tests.unit.learning.completion import tiny_diffusion as tiny
@@ -299,10 +299,9 @@ def test_missing_packages_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     captures = capture_sets.write(tmp_path / "set")
-    monkeypatch.setitem(sys.modules, "starling.learning.completion.commands.train_diffusion", None)
+    monkeypatch.setitem(sys.modules, "starling.learning.completion.diffusion.training", None)
     flags = ["--out", str(tmp_path / "out"), "--start", "anywhere"]
     assert command_line.main(["train", "completion", str(captures), *flags]) == 1
     assert (
-        "diffusion needs starling.learning.completion.commands.train_diffusion"
-        in capsys.readouterr().err
+        "diffusion needs starling.learning.completion.diffusion.training" in capsys.readouterr().err
     )

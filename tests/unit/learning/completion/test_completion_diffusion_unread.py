@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
-from starling.learning.completion.commands.train_diffusion import train_diffusion
+from starling.learning.completion.commands.train_captures import train_diffusion
 from starling.learning.completion.data.layouts import list_frames
 from starling.learning.completion.diffusion.data import ListedSamples
 from starling.patterns.errors import InputError

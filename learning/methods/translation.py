@@ -12,14 +12,12 @@ from torch import Tensor, nn, optim
 from torch.nn import functional
 
 from starling.learning.data.example import Example, Image, Mask
-from starling.learning.networks import inference
-from starling.learning.networks.training import samples as drawing
-from starling.learning.networks.training import weights
-from starling.learning.networks.training.channels import check_size
-from starling.learning.networks.training.learner import Learner
-from starling.learning.networks.training.loop import train
-from starling.learning.networks.training.samples import Batch, SceneSample, check_same_size
-from starling.learning.networks.training.settings import TrainingSettings
+from starling.learning.networks import checkpoint
+from starling.learning.networks import samples as drawing
+from starling.learning.networks.channels import check_size
+from starling.learning.networks.device import run_network
+from starling.learning.networks.samples import Batch, SceneSample, check_same_size
+from starling.learning.networks.training import Learner, TrainingSettings, train
 from starling.learning.networks.unet import UNet
 from starling.patterns.errors import refuse
 from starling.sim.console import progress
@@ -100,7 +98,7 @@ class TranslationPredictor:
             InputError: if the example has another size than the training images.
         """
         check_same_size(example, self.shape)
-        return inference.apply(self.network, self.inputs.see(example)) * np.float32(UNIT_M)
+        return run_network(self.network, self.inputs.see(example)) * np.float32(UNIT_M)
 
     def probability(self, example: Example) -> Image:
         """Return how far each depth moved from the reference towards zero, (h, w), 0 to 1.
@@ -161,15 +159,15 @@ def fit_translation(
         track: wraps long loops.
 
     Raises:
-        InputError: see `starling.learning.networks.training.samples.collect` and
-            `starling.learning.networks.training.loop.train`.
+        InputError: see `starling.learning.networks.samples.collect` and
+            `starling.learning.networks.training.train`.
     """
     samples = _samples(examples, inputs, track)
     kind = f"{name} training"
     crops = drawing.Crops(samples=samples, settings=settings, seed=seed)
     trained = train(learner, crops, settings, kind=kind, folder=folder, track=track)
     shape = examples[0].info.shape
-    weights.save(folder, name, trained[generator], inputs.names, shape)
+    checkpoint.save_network(folder, name, trained[generator], inputs.names, shape)
     return TranslationPredictor(trained[generator], shape, inputs)
 
 
@@ -179,9 +177,9 @@ def load_translation(
     """Load the weights that `fit_translation` saved into a generator.
 
     Raises:
-        InputError: see `starling.learning.networks.training.weights.load`.
+        InputError: see `starling.learning.networks.checkpoint.load`.
     """
-    shape = weights.load(folder, name, network, inputs.names)
+    shape = checkpoint.load_network(folder, name, network, inputs.names)
     return TranslationPredictor(network, shape, inputs)
 
 

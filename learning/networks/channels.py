@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.learning.data.example import Example, Image, Physics
-from starling.learning.data.physics_probability import as_precise_as_physics, physics_probability
+from starling.learning.data.physics import as_precise_as_physics, physics_probability
 from starling.patterns import errors
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.geometry.pinhole import Pinhole

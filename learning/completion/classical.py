@@ -1,0 +1,319 @@
+"""Completion without learning, the reference for learnt methods."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import linalg
+
+from starling.learning.completion.method import (
+    Completed,
+    CompletionFrame,
+    Image,
+    Mask,
+    unknown_sigma,
+)
+from starling.patterns.errors import in_interval, refuse
+from starling.sim.stereo.filled import filled
+
+_LEVEL = 0.45  # Mean that the image is scaled to, a usual target of a colour camera's exposure.
+_ISLAND_PX = 400  # Patches of depth up to this area are not extended [px].
+_STEP = 0.05  # Ratio of neighbouring depths, less 1, that separates two patches.
+_LOG_STEPS = 1000  # Quantisation of a patch's depth: steps per unit of its natural logarithm.
+
+
+def completed(frame: CompletionFrame, filled_m: NDArray[np.floating]) -> Completed:
+    """Keep the camera's depth bit for bit and fill the other pixels.
+
+    These methods do not estimate their error, so that sigma is NaN.
+    """
+    depth = np.where(frame.valid, frame.depth_m, filled_m).astype(np.float32)
+    return Completed(depth_m=depth, sigma_m=unknown_sigma(frame))
+
+
+def trusted(frame: CompletionFrame) -> Mask:
+    """Return the valid pixels (h, w) that holes are filled from.
+
+    Small isolated patches with a different depth are mostly false matches, which would spread over
+    the whole hole. If most of the depth is in small patches, as with scattered points, all is
+    trusted.
+    """
+    log = np.log(np.where(frame.valid, frame.depth_m, np.float32(1)))
+    code = np.where(frame.valid, _LOG_STEPS * (log - log.min()) + 1, 0)
+    patches = np.minimum(code, np.iinfo(np.int16).max).astype(np.int16)
+    cv2.filterSpeckles(patches, 0, _ISLAND_PX, round(_LOG_STEPS * _STEP))
+    large = patches > 0
+    return large if 2 * np.count_nonzero(large) >= np.count_nonzero(frame.valid) else frame.valid
+
+
+def inverse(depth_m: Image, known: Mask) -> Image:
+    """Inverse depth [1/m], 0 where unknown.
+
+    Inverse depth is averaged and smoothed because it is linear over the image of a plane. A stereo
+    camera's noise is uniform in it.
+    """
+    out = np.zeros(known.shape, np.float32)
+    np.divide(np.float32(1), depth_m, out=out, where=known)
+    return out
+
+
+def guide(frame: CompletionFrame, smoothing_px: float) -> NDArray[np.uint8]:
+    """Return the image (h, w, 3) that marks the edges of surfaces, 8 bits.
+
+    Args:
+        frame: frame with an image; dark (infrared) images are scaled to a colour image's level.
+        smoothing_px: sigma of the Gaussian that removes the projector's dots. 0 = none.
+    """
+    image = frame.rgb
+    if smoothing_px > 0:
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), smoothing_px), np.float32)
+    gain = _LEVEL / max(float(image.mean()), 1e-6)
+    return np.rint(255 * np.clip(image * gain, 0, 1)).astype(np.uint8)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Nearest:
+    """Fills each hole pixel with the depth of the nearest valid pixel in the image."""
+
+    @property
+    def name(self) -> str:
+        """`nearest`."""
+        return "nearest"
+
+    def fill(self, frame: CompletionFrame) -> Completed:
+        """Complete a frame; valid pixels stay as they are."""
+        return completed(frame, filled(frame.depth_m, trusted(frame)))
+
+
+_REACHED = 1e-6  # Least share of a valid pixel's weight at a filled pixel.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WeightedLeastSquares:
+    """Fast global smoother, normalised."""
+
+    smoothness: float = 100.0  # Lambda: extent of smoothing in uniform image regions.
+    sigma_level: float = 3.0  # Sigma of the image's difference [of 255].
+    guide_smoothing_px: float = 1.5  # Sigma of the Gaussian smoothing of the guide image.
+
+    def __post_init__(self) -> None:
+        in_interval("smoothness", self.smoothness, 0.1, 1e6)
+        in_interval("sigma_level", self.sigma_level, 0.1, 1000.0)
+        in_interval("guide_smoothing_px", self.guide_smoothing_px, 0.0, 50.0)
+
+    @property
+    def name(self) -> str:
+        """`wls`."""
+        return "wls"
+
+    def fill(self, frame: CompletionFrame) -> Completed:
+        """Complete a frame; valid pixels stay unchanged.
+
+        Pixels enclosed by edges that no valid pixel's weight reaches take the nearest reached
+        depth.
+        """
+        known = trusted(frame)
+        smoother = cv2.ximgproc.createFastGlobalSmootherFilter(
+            guide(frame, self.guide_smoothing_px),
+            self.smoothness,
+            self.sigma_level,
+        )
+        weight = np.asarray(smoother.filter(known.astype(np.float32)), np.float32)
+        value = np.asarray(smoother.filter(inverse(frame.depth_m, known)), np.float32)
+        reached = (weight > _REACHED) | known
+        depth = np.ones(frame.shape, np.float32)
+        np.divide(weight, value, out=depth, where=weight > _REACHED)
+        return completed(frame, filled(np.where(known, frame.depth_m, depth), reached))
+
+
+_LEAST_PX = 8  # Least side of a coarser image.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bilateral:
+    """Joint bilateral filter, normalised."""
+
+    sigma_px: float = 3.0  # Sigma of distance at each scale; the window reaches two sigma.
+    sigma_level: float = 12.0  # Sigma of the image's difference [of 255].
+    coarse_weight: float = 0.003  # Weight of the coarser image, relative to 1 of a valid pixel.
+    guide_smoothing_px: float = 1.5  # Sigma of the Gaussian smoothing of the guide image.
+
+    def __post_init__(self) -> None:
+        in_interval("sigma_px", self.sigma_px, 0.5, 50.0)
+        in_interval("sigma_level", self.sigma_level, 0.1, 1000.0)
+        in_interval("coarse_weight", self.coarse_weight, 1e-6, 1.0)
+        in_interval("guide_smoothing_px", self.guide_smoothing_px, 0.0, 50.0)
+
+    @property
+    def name(self) -> str:
+        """`bilateral`."""
+        return "bilateral"
+
+    def fill(self, frame: CompletionFrame) -> Completed:
+        """Complete a frame; valid pixels stay as they are."""
+        image = guide(frame, self.guide_smoothing_px)
+        known = trusted(frame)
+        filled = self._filled(image, inverse(frame.depth_m, known), known.astype(np.float32))
+        return completed(frame, 1 / filled)
+
+    def _filled(self, image: NDArray[np.uint8], value: Image, weight: Image) -> Image:
+        """Fill inverse depth (h, w) from values with weights; 0 is unknown."""
+        height, width = weight.shape
+        known = weight > 0
+        if known.all():
+            return value
+        if min(height, width) < 2 * _LEAST_PX:
+            coarse = np.full(weight.shape, (value * weight).sum() / weight.sum(), np.float32)
+        else:
+            size = ((width + 1) // 2, (height + 1) // 2)
+            halved = _smaller(weight, size)
+            mean = _smaller(value * weight, size) / np.maximum(halved, np.float32(1e-6))
+            small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+            coarse = self._filled(small, np.where(halved > 0, mean, 0).astype(np.float32), halved)
+            coarse = np.asarray(cv2.resize(coarse, (width, height)), np.float32)
+        weights = np.where(known, weight, np.float32(self.coarse_weight))
+        mixed = np.where(known, value, coarse)
+        filled = self._smooth(image, mixed * weights) / self._smooth(image, weights)
+        return np.where(known, value, filled)
+
+    def _smooth(self, image: NDArray[np.uint8], values: Image) -> Image:
+        reach = 2 * round(2 * self.sigma_px) + 1
+        smooth = cv2.ximgproc.jointBilateralFilter(
+            image.astype(np.float32), values, reach, self.sigma_level, self.sigma_px
+        )
+        return np.asarray(smooth, np.float32)
+
+
+def _smaller(image: Image, size: tuple[int, int]) -> Image:
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+_MARGIN_M = 1.0  # Distance of the farthest depth from the value "empty".
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Morphological:
+    """Dilation, closing, and fills of growing size; sides of square windows, odd."""
+
+    diamond_px: int = 5  # First dilation, by a diamond.
+    closing_px: int = 5  # Closing of small gaps.
+    small_px: int = 7  # Small holes.
+    large_px: int = 31  # Large holes, repeated until none remains.
+    median_px: int = 5  # Against outliers: 1, 3 or 5.
+    blur_px: int = 5  # Gaussian at the end; 1 = none.
+
+    def __post_init__(self) -> None:
+        for name in ("diamond_px", "closing_px", "small_px", "large_px", "median_px", "blur_px"):
+            size = getattr(self, name)
+            in_interval(name, size, 3 if name == "large_px" else 1, 255)
+            if size % 2 == 0:
+                raise refuse(name, "must be odd", size, "A window needs a centre pixel.")
+        in_interval("median_px", self.median_px, 1, 5)
+
+    @property
+    def name(self) -> str:
+        """`morphological`."""
+        return "morphological"
+
+    def fill(self, frame: CompletionFrame) -> Completed:
+        """Complete a frame; valid pixels stay as they are."""
+        # Inverted, so that dilation, a maximum, takes the nearest depth; 0 is empty.
+        far = np.float32(np.nanmax(frame.depth_m) + _MARGIN_M)
+        grown: Image = np.where(trusted(frame), far - frame.depth_m, np.float32(0))
+        grown = _array(cv2.dilate(grown, _diamond(self.diamond_px)))
+        grown = _array(cv2.morphologyEx(grown, cv2.MORPH_CLOSE, _square(self.closing_px)))
+        grown = _into_empty(grown, self.small_px)
+        while (grown == 0).any():
+            grown = _into_empty(grown, self.large_px)
+        if self.median_px > 1:
+            grown = _array(cv2.medianBlur(grown, self.median_px))
+        grown = _array(cv2.GaussianBlur(grown, (self.blur_px, self.blur_px), 0))
+        return completed(frame, far - grown)
+
+
+def _into_empty(grown: Image, size: int) -> Image:
+    return np.where(grown == 0, _array(cv2.dilate(grown, _square(size))), grown)
+
+
+def _square(size: int) -> NDArray[np.uint8]:
+    return np.ones((size, size), np.uint8)
+
+
+def _diamond(size: int) -> NDArray[np.uint8]:
+    away = np.abs(np.arange(size) - size // 2)
+    return (away[:, None] + away <= size // 2).astype(np.uint8)
+
+
+def _array(image: object) -> Image:
+    return np.asarray(image, np.float32)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Poisson:
+    """Membrane with weights w = exp(-(step / sigma_level)^2 / 2), step the image's difference."""
+
+    # Sigma of the greatest difference of a channel between neighbours [of 255].
+    sigma_level: float = 2.0
+    least: float = 1e-3  # Weight across the sharpest edge, so that every hole has a rim.
+    guide_smoothing_px: float = 1.5  # Sigma of the Gaussian smoothing of the guide image.
+
+    def __post_init__(self) -> None:
+        in_interval("sigma_level", self.sigma_level, 0.1, 1000.0)
+        in_interval("least", self.least, 1e-6, 1.0)
+        in_interval("guide_smoothing_px", self.guide_smoothing_px, 0.0, 50.0)
+
+    @property
+    def name(self) -> str:
+        """`poisson`."""
+        return "poisson"
+
+    def fill(self, frame: CompletionFrame) -> Completed:
+        """Complete a frame; valid pixels stay as they are."""
+        image = guide(frame, self.guide_smoothing_px).astype(np.float32)
+        across, down = (self._weight(image, axis) for axis in (1, 0))
+        fixed = trusted(frame)
+        filled = _membrane(inverse(frame.depth_m, fixed), fixed, across, down)
+        return completed(frame, 1 / filled)
+
+    def _weight(self, image: Image, axis: int) -> NDArray[np.float64]:
+        """Return the weight of each pixel and the next along an axis."""
+        step = np.abs(np.diff(image, axis=axis)).max(axis=2).astype(np.float64)
+        return np.maximum(np.exp(-((step / self.sigma_level) ** 2) / 2), self.least)
+
+
+def _membrane(
+    values: Image, fixed: Mask, across: NDArray[np.float64], down: NDArray[np.float64]
+) -> Image:
+    """Solve for the free pixels by a direct solver, so that results are reproducible."""
+    number = np.full(fixed.shape, -1)
+    number[~fixed] = np.arange(np.count_nonzero(~fixed))
+    size = number.max() + 1
+    diagonal, pull = np.zeros(size), np.zeros(size)
+    entries: list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]] = []
+    horizontal = ((slice(None), slice(None, -1)), (slice(None), slice(1, None)), across)
+    vertical = ((slice(None, -1), slice(None)), (slice(1, None), slice(None)), down)
+    for first, second, weight in (horizontal, vertical):
+        for pixel, neighbour in ((first, second), (second, first)):
+            free = ~fixed[pixel]
+            row, column, w = number[pixel][free], number[neighbour][free], weight[free]
+            np.add.at(diagonal, row, w)
+            rim = column < 0
+            np.add.at(pull, row[rim], w[rim] * values[neighbour][free][rim])
+            entries.append((row[~rim], column[~rim], -w[~rim]))
+    rows, columns, weights = (np.concatenate(part) for part in zip(*entries, strict=True))
+    matrix = sparse.csc_array((weights, (rows, columns)), shape=(size, size))
+    matrix = sparse.csc_array(matrix + sparse.diags_array(diagonal))
+    # The matrix is symmetric and positive definite: no pivoting is needed.
+    factors = linalg.splu(
+        matrix,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    out = values.astype(np.float64)
+    out[~fixed] = factors.solve(pull)
+    return out.astype(np.float32)
