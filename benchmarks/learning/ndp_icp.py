@@ -78,7 +78,7 @@ def _table(outcomes, move_m, turn_deg):
     if best in outcomes:
         for rival in ("perfect", "simple", "network", "physics"):
             if rival in outcomes:
-                gain = case_study.nearer(outcomes[best], outcomes[rival], real, seed=0)
+                gain = case_study.paired_advantage(outcomes[best], outcomes[rival], real, seed=0)
                 spans = "  ".join(
                     f"{low:.1f} to {high:.1f}"
                     for low, high in zip(gain.low, gain.high, strict=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -23,6 +24,9 @@ from starling.sim.stereo.filled import filled
 _LEVEL = 0.45  # Mean that the image is scaled to, a usual target of a colour camera's exposure.
 _ISLAND_PX = 400  # Patches of depth up to this area are not extended [px].
 _STEP = 0.05  # Ratio of neighbouring depths, less 1, that separates two patches.
+_REACHED = 1e-6  # Least share of a valid pixel's weight at a filled pixel.
+_LEAST_PX = 8  # Least side of a coarser image.
+_MARGIN_M = 1.0  # Distance of the farthest depth from the value "empty".
 _LOG_STEPS = 1000  # Quantisation of a patch's depth: steps per unit of its natural logarithm.
 
 
@@ -79,23 +83,23 @@ def guide(frame: CompletionFrame, smoothing_px: float) -> NDArray[np.uint8]:
 class Nearest:
     """Fills each hole pixel with the depth of the nearest valid pixel in the image."""
 
-    @property
-    def name(self) -> str:
-        """`nearest`."""
-        return "nearest"
+    name: ClassVar[str] = "nearest"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame; valid pixels stay as they are."""
         return completed(frame, filled(frame.depth_m, trusted(frame)))
 
 
-_REACHED = 1e-6  # Least share of a valid pixel's weight at a filled pixel.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WeightedLeastSquares:
-    """Fast global smoother, normalised."""
+    """Weighted least squares along rows and columns, guided by the image.
 
+    Min et al., Fast global image smoothing based on weighted least squares, TIP 2014, in OpenCV's
+    implementation. As in its section V for sparse input, smoothed inverse depth is divided by the
+    smoothed mask.
+    """
+
+    name: ClassVar[str] = "wls"
     smoothness: float = 100.0  # Lambda: extent of smoothing in uniform image regions.
     sigma_level: float = 3.0  # Sigma of the image's difference [of 255].
     guide_smoothing_px: float = 1.5  # Sigma of the Gaussian smoothing of the guide image.
@@ -104,11 +108,6 @@ class WeightedLeastSquares:
         in_interval("smoothness", self.smoothness, 0.1, 1e6)
         in_interval("sigma_level", self.sigma_level, 0.1, 1000.0)
         in_interval("guide_smoothing_px", self.guide_smoothing_px, 0.0, 50.0)
-
-    @property
-    def name(self) -> str:
-        """`wls`."""
-        return "wls"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame; valid pixels stay unchanged.
@@ -130,13 +129,18 @@ class WeightedLeastSquares:
         return completed(frame, filled(np.where(known, frame.depth_m, depth), reached))
 
 
-_LEAST_PX = 8  # Least side of a coarser image.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bilateral:
-    """Joint bilateral filter, normalised."""
+    """Mean of nearby valid pixels of similar colour, from coarse to fine.
 
+    Normalised convolution (Knutsson and Westin, Normalized and differential convolution, CVPR
+    1993): the filtered known depth is divided by the filtered mask. The filter is the joint
+    bilateral one. A window as wide as the widest hole would be slow. Holes beyond the window take
+    depth from a coarser image, filtered again by the finer one (Kopf et al., Joint bilateral
+    upsampling, SIGGRAPH 2007).
+    """
+
+    name: ClassVar[str] = "bilateral"
     sigma_px: float = 3.0  # Sigma of distance at each scale; the window reaches two sigma.
     sigma_level: float = 12.0  # Sigma of the image's difference [of 255].
     coarse_weight: float = 0.003  # Weight of the coarser image, relative to 1 of a valid pixel.
@@ -147,11 +151,6 @@ class Bilateral:
         in_interval("sigma_level", self.sigma_level, 0.1, 1000.0)
         in_interval("coarse_weight", self.coarse_weight, 1e-6, 1.0)
         in_interval("guide_smoothing_px", self.guide_smoothing_px, 0.0, 50.0)
-
-    @property
-    def name(self) -> str:
-        """`bilateral`."""
-        return "bilateral"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame; valid pixels stay as they are."""
@@ -192,13 +191,18 @@ def _smaller(image: Image, size: tuple[int, int]) -> Image:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-_MARGIN_M = 1.0  # Distance of the farthest depth from the value "empty".
-
-
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Morphological:
-    """Dilation, closing, and fills of growing size; sides of square windows, odd."""
+    """Depth extended into holes by grey-scale morphology, without the image.
 
+    Dilation, closing, and fills of growing size; sides of square windows, odd. Source: Ku, Harakeh
+    and Waslander, In defense of classical image processing: fast depth completion on the CPU, CRV
+    2018, section III, with the sizes given there. The extension of columns to the top of the image,
+    made for laser scanners outdoors, is omitted. The large fill is repeated until all pixels are
+    filled. Near surfaces grow into large holes, also where a stereo camera is occluded.
+    """
+
+    name: ClassVar[str] = "morphological"
     diamond_px: int = 5  # First dilation, by a diamond.
     closing_px: int = 5  # Closing of small gaps.
     small_px: int = 7  # Small holes.
@@ -213,11 +217,6 @@ class Morphological:
             if size % 2 == 0:
                 raise refuse(name, "must be odd", size, "A window needs a centre pixel.")
         in_interval("median_px", self.median_px, 1, 5)
-
-    @property
-    def name(self) -> str:
-        """`morphological`."""
-        return "morphological"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame; valid pixels stay as they are."""
@@ -254,8 +253,16 @@ def _array(image: object) -> Image:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Poisson:
-    """Membrane with weights w = exp(-(step / sigma_level)^2 / 2), step the image's difference."""
+    """The smoothest inverse depth in holes: a membrane fixed at their rims, torn at image edges.
 
+    Minimises the sum of w (x_i - x_j)^2 over neighbouring pixels, where x is inverse depth and w =
+    exp(-(step / sigma_level)^2 / 2) for the image's difference `step`. Valid pixels are fixed. This
+    is a Poisson problem without sources. Where w is constant the solution is harmonic, so that a
+    plane, linear in inverse depth, is extended exactly. Cf. Levin, Lischinski and Weiss,
+    Colorization using optimization, SIGGRAPH 2004, which the NYU data set uses to fill its depth.
+    """
+
+    name: ClassVar[str] = "poisson"
     # Sigma of the greatest difference of a channel between neighbours [of 255].
     sigma_level: float = 2.0
     least: float = 1e-3  # Weight across the sharpest edge, so that every hole has a rim.
@@ -265,11 +272,6 @@ class Poisson:
         in_interval("sigma_level", self.sigma_level, 0.1, 1000.0)
         in_interval("least", self.least, 1e-6, 1.0)
         in_interval("guide_smoothing_px", self.guide_smoothing_px, 0.0, 50.0)
-
-    @property
-    def name(self) -> str:
-        """`poisson`."""
-        return "poisson"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame; valid pixels stay as they are."""

@@ -20,7 +20,7 @@ from starling.sim.captures.capture import CapturedScene, CaptureSet
 from starling.sim.console import progress
 
 
-class Four(NamedTuple):
+class PoseMetrics(NamedTuple):
     """The paper's four metrics, or values of the same structure."""
 
     position_mean_pct: float
@@ -33,20 +33,22 @@ class Four(NamedTuple):
 class Comparison:
     """A method compared with real depth."""
 
-    difference: Four  # |method - real| / real [percent]; NaN if no object is visible in both.
+    difference: (
+        PoseMetrics  # |method - real| / real [percent]; NaN if no object is visible in both.
+    )
     trials: int  # Alignments in either depth.
     objects: int  # Objects visible in both.
-    hidden: int  # Objects visible in real depth only.
-    shown: int  # Objects visible in the method's depth only.
+    only_in_real: int  # Objects visible in real depth only.
+    only_in_method: int  # Objects visible in the method's depth only.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Interval:
     """95 % interval of the advantage of one method over another [percentage points]."""
 
-    low: Four
-    middle: Four
-    high: Four
+    low: PoseMetrics
+    middle: PoseMetrics
+    high: PoseMetrics
 
 
 def against_real(method: Outcome, real: Outcome) -> Comparison:
@@ -61,26 +63,26 @@ def against_real(method: Outcome, real: Outcome) -> Comparison:
     if both.any():
         values = _difference(_figures(method, both, once), _figures(real, both, once))[0]
     return Comparison(
-        difference=Four(*values.tolist()),
+        difference=PoseMetrics(*values.tolist()),
         trials=real.position_m[both].size,
         objects=int(np.count_nonzero(both)),
-        hidden=int(np.count_nonzero(real.visible & ~method.visible)),
-        shown=int(np.count_nonzero(method.visible & ~real.visible)),
+        only_in_real=int(np.count_nonzero(real.visible & ~method.visible)),
+        only_in_method=int(np.count_nonzero(method.visible & ~real.visible)),
     )
 
 
-def nearer(
-    method: Outcome, rival: Outcome, real: Outcome, *, seed: int, draws: int = 2000
+def paired_advantage(
+    method: Outcome, baseline: Outcome, real: Outcome, *, seed: int, draws: int = 2000
 ) -> Interval:
     """Bootstrap the advantage of a method: the other method's difference from real less its own.
 
     Objects are resampled with replacement, with all their trials and jointly for all three
-    (paired). A method is nearer to real if the interval is above zero. Objects of one room are
+    (paired). A method is closer to real if the interval is above zero. Objects of one room are
     correlated, so that intervals are slightly too narrow.
 
     Args:
         method: errors of the method.
-        rival: errors of the method it is compared with.
+        baseline: errors of the method it is compared with.
         real: errors in real depth.
         seed: seed of the draws.
         draws: 100 or more.
@@ -89,7 +91,7 @@ def nearer(
         InputError: see `against_real`; or if there are fewer draws or fewer than two objects.
     """
     whole_number("draws", draws, 100, 10**6)
-    both = _seen(method, real) & rival.visible
+    both = _seen(method, real) & baseline.visible
     objects = int(np.count_nonzero(both))
     if objects < 2:
         raise errors.refuse(
@@ -98,10 +100,10 @@ def nearer(
     generator = np.random.default_rng(seed)
     times = generator.multinomial(objects, np.full(objects, 1 / objects), size=draws)
     truth = _figures(real, both, times)
-    gain = _difference(_figures(rival, both, times), truth)
+    gain = _difference(_figures(baseline, both, times), truth)
     gain -= _difference(_figures(method, both, times), truth)
     low, middle, high = np.nanpercentile(gain, (2.5, 50, 97.5), axis=0).tolist()
-    return Interval(low=Four(*low), middle=Four(*middle), high=Four(*high))
+    return Interval(low=PoseMetrics(*low), middle=PoseMetrics(*middle), high=PoseMetrics(*high))
 
 
 def _seen(method: Outcome, real: Outcome) -> NDArray[np.bool_]:
@@ -245,7 +247,7 @@ def figures(outcomes: Mapping[str, Outcome]) -> dict[str, dict[str, Any]]:
                 **compared.difference._asdict(),
                 "trials": compared.trials,
                 "objects": compared.objects,
-                "hidden": compared.hidden,
-                "shown": compared.shown,
+                "hidden": compared.only_in_real,
+                "shown": compared.only_in_method,
             }
     return table

@@ -8,12 +8,9 @@ instead. Noise does not have the shapes of a matcher's holes.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import special, stats
 
 from starling.learning import registry
 from starling.learning.data.example import Example, Image, Mask, Physics
@@ -66,7 +63,7 @@ def ndp(
         probability: (h, w), 0 to 1.
         sampling: settings.
         seed: seed of all frames of a sequence; other seeds give independent sequences.
-        frame: time; holes of nearby frames are correlated (`flicker`).
+        frame: time; holes of nearby frames are correlated (`Perlin`).
         physics: simulation of the scene. Where the probability equals that of physics, holes are
             those of its first draw. Where it is less, some are removed; where it is more, some are
             added.
@@ -131,34 +128,6 @@ def depth_image(
         # The same function converts depth to disparity and disparity to depth.
         depth = np.where(np.isfinite(error_px), info.disparity_px(disparity), depth)
     return np.where(ndp, np.float32(np.nan), depth).astype(np.float32)
-
-
-def flicker(probability: NDArray[np.floating], sampling: Sampling, frames: float) -> Image:
-    """Probability that a pixel changes between depth and no depth within a number of frames.
-
-    Closed form for normal noise, an approximation of gradient noise: 2 (p - P(both below)), with
-    the orthant probability of two normal values of correlation rho. Measured rates are within 12 %.
-
-    Args:
-        probability: any shape, 0 to 1.
-        sampling: settings.
-        frames: number of frames between the two times.
-    """
-    rho = sampling.noise.correlation_in_time(frames)
-    p = np.clip(np.asarray(probability, np.float64), 1e-12, 1 - 1e-12)
-    limit = special.ndtri(p)
-    both = p if math.isclose(rho, 1.0) else _both_below(limit, rho)
-    steady = (probability > sampling.threshold) | (probability <= 0) | (probability >= 1)
-    return np.where(steady, 0.0, 2 * (p - both)).astype(np.float32)
-
-
-def _both_below(limit: NDArray[np.float64], rho: float) -> NDArray[np.float64]:
-    """Probability that two normal values of correlation rho are both below a limit.
-
-    By Owen's T (Annals of Mathematical Statistics 27, 1956) for equal limits.
-    """
-    slope = math.sqrt((1 - rho) / (1 + rho))
-    return stats.norm.cdf(limit) - 2 * special.owens_t(limit, slope)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

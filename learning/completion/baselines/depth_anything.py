@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -31,6 +31,7 @@ class DepthAnything:
     The paper aligns to the ground truth, which is not available on a robot.
     """
 
+    name: ClassVar[str] = "depth-anything"
     network: Any  # A `DepthAnythingForDepthEstimation`.
     shortest_px: int = 518  # Shorter side of the network's input, about, as published.
     # Greatest depth of the result. The 98th percentile of the sensor's depth replaces it where that
@@ -40,11 +41,6 @@ class DepthAnything:
     def __post_init__(self) -> None:
         in_interval("shortest_px", self.shortest_px, 1, 16384)
         positive("farthest_m", self.farthest_m)
-
-    @property
-    def name(self) -> str:
-        """Name of the method."""
-        return "depth-anything"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame of any size.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -27,6 +27,7 @@ class Marigold:
     The paper aligns to the ground truth, which is not available on a robot.
     """
 
+    name: ClassVar[str] = "marigold"
     pipeline: MarigoldDepthPipeline
     steps: int = 50  # Denoising steps, as in Marigold's paper.
     count: int = 10  # Samples that are combined, as in Marigold's paper.
@@ -37,11 +38,6 @@ class Marigold:
         in_interval("steps", self.steps, 1, 1000)
         in_interval("count", self.count, 1, 1000)
         in_interval("longest_px", self.longest_px, 8, 16384)
-
-    @property
-    def name(self) -> str:
-        """Name of the method."""
-        return "marigold"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame of any size.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -41,6 +41,7 @@ class MarigoldDC:
     depth.
     """
 
+    name: ClassVar[str] = "marigold-dc"
     unet: UNet2DConditionModel
     vae: AutoencoderKL
     scheduler: DDIMScheduler
@@ -52,11 +53,6 @@ class MarigoldDC:
     def __post_init__(self) -> None:
         in_interval("steps", self.steps, 1, 1000)
         in_interval("longest_px", self.longest_px, 8, 16384)
-
-    @property
-    def name(self) -> str:
-        """Name of the method."""
-        return "marigold-dc"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame of any size."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -92,12 +93,8 @@ _LAPLACE = np.float32(np.sqrt(2))  # Standard deviation of a Laplace distributio
 class Small:
     """The trained network."""
 
+    name: ClassVar[str] = "small"
     network: SmallNetwork
-
-    @property
-    def name(self) -> str:
-        """`small`."""
-        return "small"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame. The camera's own depth is kept except where it is probably false.

@@ -28,7 +28,12 @@ def test_equal_depth_has_no_difference(pieces):
     result = align(pieces, real=depth(), same=depth().copy())
     compared = case_study.against_real(result["same"], result["real"])
     assert compared.difference == (0, 0, 0, 0)
-    assert (compared.trials, compared.objects, compared.hidden, compared.shown) == (2, 1, 0, 0)
+    assert (compared.trials, compared.objects, compared.only_in_real, compared.only_in_method) == (
+        2,
+        1,
+        0,
+        0,
+    )
     assert (result["real"].position_m < 1e-3).all()
 
 
@@ -53,13 +58,18 @@ def test_hidden_objects_are_counted_and_excluded(pieces):
     assert np.isnan(result["hides"].rotation).all()
     compared = case_study.against_real(result["hides"], result["real"])
     assert np.isnan(compared.difference).all()
-    assert (compared.objects, compared.hidden, compared.trials) == (0, 1, 0)
+    assert (compared.objects, compared.only_in_real, compared.trials) == (0, 1, 0)
     nothing = align(pieces, real=depth(), blind=np.full_like(depth(), np.nan))
     assert not nothing["blind"].visible.any()
     both = study.pool([result, align(pieces, seed=1, real=depth(), hides=depth())])
     compared = case_study.against_real(both["hides"], both["real"])
-    assert (compared.objects, compared.hidden, compared.shown, compared.trials) == (1, 1, 0, 2)
-    assert case_study.against_real(both["real"], both["hides"]).shown == 1
+    assert (compared.objects, compared.only_in_real, compared.only_in_method, compared.trials) == (
+        1,
+        1,
+        0,
+        2,
+    )
+    assert case_study.against_real(both["real"], both["hides"]).only_in_method == 1
 
 
 def outcome(position: np.ndarray) -> Outcome:
@@ -80,13 +90,13 @@ def test_the_interval_of_a_nearer_method_is_above_zero():
     errors = draw.gamma(2.0, 0.01, (60, 5))
     real, near = outcome(errors), outcome(errors * 1.05)
     far = outcome(errors * 1.6)
-    gain = case_study.nearer(near, far, real, seed=0, draws=500)
+    gain = case_study.paired_advantage(near, far, real, seed=0, draws=500)
     assert min(gain.low) > 0
     assert gain.middle.position_mean_pct == pytest.approx(60 - 5, abs=1e-6)
     assert gain.middle.position_var_pct == pytest.approx(156 - 10.25, rel=1e-6)
-    back = case_study.nearer(far, near, real, seed=0, draws=500)
+    back = case_study.paired_advantage(far, near, real, seed=0, draws=500)
     np.testing.assert_allclose(back.high, np.negative(gain.low))
-    same = case_study.nearer(near, near, real, seed=0, draws=500)
+    same = case_study.paired_advantage(near, near, real, seed=0, draws=500)
     assert same.low == same.high == (0, 0, 0, 0)
 
 
@@ -99,7 +109,7 @@ def test_the_interval_of_equal_methods_contains_zero():
     for seed in range(40):
         draw = np.random.default_rng(seed)
         real, item, second = (outcome(draw.gamma(4.0, 0.01, (30, 4))) for _ in range(3))
-        gain = case_study.nearer(item, second, real, seed=seed, draws=300)
+        gain = case_study.paired_advantage(item, second, real, seed=seed, draws=300)
         held += gain.low.position_mean_pct <= 0 <= gain.high.position_mean_pct
     assert held >= 33
 
@@ -124,10 +134,10 @@ def test_outcomes_of_different_objects_are_refused():
     with pytest.raises(InputError, match="objects must be the same in both; got 2 and 3"):
         case_study.against_real(item, outcome(np.ones((3, 2))))
     with pytest.raises(InputError, match="draws must be an integer in"):
-        case_study.nearer(item, item, item, seed=0, draws=10)
+        case_study.paired_advantage(item, item, item, seed=0, draws=10)
     single = outcome(np.array([[1.0, 2.0]]))
     with pytest.raises(InputError, match="objects seen in all must be two or more; got 1"):
-        case_study.nearer(single, single, single, seed=0)
+        case_study.paired_advantage(single, single, single, seed=0)
 
 
 def test_real_zero_gives_no_figure():
