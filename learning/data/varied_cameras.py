@@ -22,7 +22,7 @@ from starling.learning.data import simulated_captures
 from starling.patterns.errors import InputError
 from starling.sim import effects, simulate
 from starling.sim.console import progress
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.effects.effect import Effect, Parameter, Stage, Value
 from starling.sim.randomness import generator
 from starling.sim.render.mitsuba_scene import MitsubaScene

@@ -20,7 +20,7 @@ import numpy as np
 from starling.learning.data import simulated_captures
 from starling.sim import randomness, simulate
 from starling.sim.console import progress
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.scene import Body, Scene
 from starling.sim.sensor import presets

@@ -15,7 +15,7 @@ from starling.calibration.observation import Observation
 from starling.patterns import InputError
 from starling.sim import simulate
 from starling.sim.captures import writer
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.scene import sources
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values

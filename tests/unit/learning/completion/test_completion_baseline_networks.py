@@ -17,15 +17,17 @@ from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, D
 from starling.learning.completion.baselines import depth_anything, marigold, marigold_dc
 from starling.learning.completion.method import complete, make_frame
 from starling.patterns.errors import InputError
-from tests.unit.learning.completion import tiny_diffusion as tiny
+from tests.unit.learning.completion import tiny_diffusion
 
-FRAME = tiny.frame()
+FRAME = tiny_diffusion.frame()
 
 
 @pytest.fixture(scope="module")
 def two_latents(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("marigold")
-    return tiny.write(folder, network=tiny.unet(in_channels=8), prediction_type="v_prediction")
+    return tiny_diffusion.write(
+        folder, network=tiny_diffusion.unet(in_channels=8), prediction_type="v_prediction"
+    )
 
 
 def _depth_anything(folder: Path, kind: str = "relative") -> Path:
@@ -204,7 +206,7 @@ def test_weights_refused(two_latents: Path, tmp_path: Path) -> None:
             load(none)
         assert str(error.value).startswith("weights must be a folder that exists; got ")
         assert f"hf download {published} --local-dir DIR" in str(error.value)
-    plain = tiny.write(tmp_path / "plain")
+    plain = tiny_diffusion.write(tmp_path / "plain")
     with pytest.raises(
         InputError, match=r"^weights must be Marigold's, with 8 input channels; got 4"
     ):

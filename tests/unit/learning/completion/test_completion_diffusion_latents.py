@@ -21,7 +21,7 @@ from starling.learning.completion.diffusion.span import (
     pad_edges,
 )
 from starling.learning.completion.method import make_frame
-from tests.unit.learning.completion import tiny_diffusion as tiny
+from tests.unit.learning.completion import tiny_diffusion
 
 CPU = torch.device("cpu")
 
@@ -40,7 +40,7 @@ def test_depth_up_to_beyond_the_span_is_recovered(near: float, wide: float, seed
 
 
 def test_encoding_is_clipped_and_holes_have_the_lowest_value() -> None:
-    span = Span.from_frame(tiny.frame())
+    span = Span.from_frame(tiny_diffusion.frame())
     np.testing.assert_array_equal(span.encode(np.array([np.nan, 1e-3, 65.0])), [HOLE, -1, 1])
     assert np.isnan(span.decode(np.array([-10.0]))).all()
 
@@ -60,7 +60,7 @@ def test_edges_are_padded_to_the_next_multiple() -> None:
 
 
 def test_network_input_of_a_frame() -> None:
-    frame = tiny.frame((13, 18))
+    frame = tiny_diffusion.frame((13, 18))
     seen = network_input([frame, frame], multiple=8, device=CPU)
     assert seen.image.shape == (2, 3, 16, 24) and seen.sensor.shape == (2, 1, 16, 24)
     inside = np.s_[1, :, :13, :18]
@@ -70,7 +70,7 @@ def test_network_input_of_a_frame() -> None:
 
 
 def test_depth_is_encoded_as_the_mode_of_a_grey_image_and_decoded_as_the_mean() -> None:
-    vae = tiny.autoencoder()
+    vae = tiny_diffusion.autoencoder()
     vae.register_to_config(scaling_factor=0.25)
     depth = torch.rand(2, 1, 16, 8) * 2 - 1
     with torch.no_grad():

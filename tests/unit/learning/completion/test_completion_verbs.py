@@ -14,7 +14,7 @@ from starling import command_line
 from starling.learning.completion import methods
 from starling.learning.completion.commands.train_captures import training_rooms
 from starling.learning.completion.method import Completed, CompletionFrame
-from starling.learning.completion.small import method as small
+from starling.learning.completion.small import method
 from starling.learning.completion.small.method import Small
 from starling.learning.completion.small.network import SmallNetwork
 from starling.learning.networks.device import initialised
@@ -45,7 +45,7 @@ def model(tmp_path: Path) -> Path:
     """Untrained weights, as training saves them."""
     folder = tmp_path / "model"
     folder.mkdir()
-    small.save(Small(initialised(SmallNetwork, 0)), folder)
+    method.save(Small(initialised(SmallNetwork, 0)), folder)
     return folder
 
 
