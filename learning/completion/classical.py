@@ -1,9 +1,11 @@
-"""Completion without learning, the reference for learnt methods."""
+"""Completion without learning, the reference for learnt methods.
+
+Every function returns depth (h, w) [m] of all pixels of a frame that has some.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -18,16 +20,31 @@ from starling.learning.completion.method import (
     Mask,
     unknown_sigma,
 )
-from starling.patterns.errors import in_interval, refuse
 from starling.sim.stereo.filled import filled
 
 _LEVEL = 0.45  # Mean that the image is scaled to, a usual target of a colour camera's exposure.
+_GUIDE_SIGMA_PX = 1.5  # Sigma of the Gaussian smoothing of the guide image [px].
 _ISLAND_PX = 400  # Patches of depth up to this area are not extended [px].
 _STEP = 0.05  # Ratio of neighbouring depths, less 1, that separates two patches.
-_REACHED = 1e-6  # Least share of a valid pixel's weight at a filled pixel.
-_LEAST_PX = 8  # Least side of a coarser image.
-_MARGIN_M = 1.0  # Distance of the farthest depth from the value "empty".
 _LOG_STEPS = 1000  # Quantisation of a patch's depth: steps per unit of its natural logarithm.
+
+_SMOOTHNESS = 100.0  # Lambda of `wls`: extent of smoothing in uniform image regions.
+_WLS_SIGMA = 3.0  # Sigma of the image's difference for `wls` [of 255].
+_REACHED = 1e-6  # Least share of a valid pixel's weight at a filled pixel.
+
+_BILATERAL_PX = 3.0  # Sigma of distance at each scale; the window reaches two sigma [px].
+_BILATERAL_SIGMA = 12.0  # Sigma of the image's difference for `bilateral` [of 255].
+_COARSE_WEIGHT = 0.003  # Weight of the coarser image, relative to 1 of a valid pixel.
+_LEAST_PX = 8  # Least side of a coarser image.
+
+_MARGIN_M = 1.0  # Distance of the farthest depth from the value "empty".
+# Sides of the square windows of `morphological` [px]: first dilation, by a diamond; closing of
+# small gaps; fill of small holes; fill of large holes; median against outliers; final Gaussian.
+_DIAMOND, _CLOSING, _SMALL, _LARGE, _MEDIAN, _BLUR = 5, 5, 7, 31, 5, 5
+
+# Sigma of the greatest difference of a channel between neighbours for `poisson` [of 255].
+_POISSON_SIGMA = 2.0
+_LEAST_WEIGHT = 1e-3  # Weight across the sharpest edge, so that every hole has a rim.
 
 
 def completed(frame: CompletionFrame, filled_m: NDArray[np.floating]) -> Completed:
@@ -65,72 +82,52 @@ def inverse(depth_m: Image, known: Mask) -> Image:
     return out
 
 
-def guide(frame: CompletionFrame, smoothing_px: float) -> NDArray[np.uint8]:
+def guide(frame: CompletionFrame) -> NDArray[np.uint8]:
     """Return the image (h, w, 3) that marks the edges of surfaces, 8 bits.
 
-    Args:
-        frame: frame with an image; dark (infrared) images are scaled to a colour image's level.
-        smoothing_px: sigma of the Gaussian that removes the projector's dots. 0 = none.
+    Dark (infrared) images are scaled to a colour image's level. A Gaussian removes the projector's
+    dots.
     """
-    image = frame.rgb
-    if smoothing_px > 0:
-        image = np.asarray(cv2.GaussianBlur(image, (0, 0), smoothing_px), np.float32)
+    image = np.asarray(cv2.GaussianBlur(frame.rgb, (0, 0), _GUIDE_SIGMA_PX), np.float32)
     gain = _LEVEL / max(float(image.mean()), 1e-6)
     return np.rint(255 * np.clip(image * gain, 0, 1)).astype(np.uint8)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Nearest:
-    """Fills each hole pixel with the depth of the nearest valid pixel in the image."""
+@dataclass(frozen=True, slots=True)
+class Classical:
+    """A classical method by the name of its function."""
 
-    name: ClassVar[str] = "nearest"
+    name: str
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame; valid pixels stay as they are."""
-        return completed(frame, filled(frame.depth_m, trusted(frame)))
+        return completed(frame, _FUNCTIONS[self.name](frame))
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class WeightedLeastSquares:
+def nearest(frame: CompletionFrame) -> Image:
+    """Fill each hole pixel with the depth of the nearest valid pixel in the image."""
+    return filled(frame.depth_m, trusted(frame))
+
+
+def wls(frame: CompletionFrame) -> Image:
     """Weighted least squares along rows and columns, guided by the image.
 
     Min et al., Fast global image smoothing based on weighted least squares, TIP 2014, in OpenCV's
     implementation. As in its section V for sparse input, smoothed inverse depth is divided by the
-    smoothed mask.
+    smoothed mask. Pixels enclosed by edges that no valid pixel's weight reaches take the nearest
+    reached depth.
     """
-
-    name: ClassVar[str] = "wls"
-    smoothness: float = 100.0  # Lambda: extent of smoothing in uniform image regions.
-    sigma_level: float = 3.0  # Sigma of the image's difference [of 255].
-    guide_smoothing_px: float = 1.5  # Sigma of the Gaussian smoothing of the guide image.
-
-    def __post_init__(self) -> None:
-        in_interval("smoothness", self.smoothness, 0.1, 1e6)
-        in_interval("sigma_level", self.sigma_level, 0.1, 1000.0)
-        in_interval("guide_smoothing_px", self.guide_smoothing_px, 0.0, 50.0)
-
-    def fill(self, frame: CompletionFrame) -> Completed:
-        """Complete a frame; valid pixels stay unchanged.
-
-        Pixels enclosed by edges that no valid pixel's weight reaches take the nearest reached
-        depth.
-        """
-        known = trusted(frame)
-        smoother = cv2.ximgproc.createFastGlobalSmootherFilter(
-            guide(frame, self.guide_smoothing_px),
-            self.smoothness,
-            self.sigma_level,
-        )
-        weight = np.asarray(smoother.filter(known.astype(np.float32)), np.float32)
-        value = np.asarray(smoother.filter(inverse(frame.depth_m, known)), np.float32)
-        reached = (weight > _REACHED) | known
-        depth = np.ones(frame.shape, np.float32)
-        np.divide(weight, value, out=depth, where=weight > _REACHED)
-        return completed(frame, filled(np.where(known, frame.depth_m, depth), reached))
+    known = trusted(frame)
+    smoother = cv2.ximgproc.createFastGlobalSmootherFilter(guide(frame), _SMOOTHNESS, _WLS_SIGMA)
+    weight = np.asarray(smoother.filter(known.astype(np.float32)), np.float32)
+    value = np.asarray(smoother.filter(inverse(frame.depth_m, known)), np.float32)
+    reached = (weight > _REACHED) | known
+    depth = np.ones(frame.shape, np.float32)
+    np.divide(weight, value, out=depth, where=weight > _REACHED)
+    return filled(np.where(known, frame.depth_m, depth), reached)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Bilateral:
+def bilateral(frame: CompletionFrame) -> Image:
     """Mean of nearby valid pixels of similar colour, from coarse to fine.
 
     Normalised convolution (Knutsson and Westin, Normalized and differential convolution, CVPR
@@ -139,99 +136,61 @@ class Bilateral:
     depth from a coarser image, filtered again by the finer one (Kopf et al., Joint bilateral
     upsampling, SIGGRAPH 2007).
     """
+    known = trusted(frame)
+    return 1 / _from_coarse(guide(frame), inverse(frame.depth_m, known), known.astype(np.float32))
 
-    name: ClassVar[str] = "bilateral"
-    sigma_px: float = 3.0  # Sigma of distance at each scale; the window reaches two sigma.
-    sigma_level: float = 12.0  # Sigma of the image's difference [of 255].
-    coarse_weight: float = 0.003  # Weight of the coarser image, relative to 1 of a valid pixel.
-    guide_smoothing_px: float = 1.5  # Sigma of the Gaussian smoothing of the guide image.
 
-    def __post_init__(self) -> None:
-        in_interval("sigma_px", self.sigma_px, 0.5, 50.0)
-        in_interval("sigma_level", self.sigma_level, 0.1, 1000.0)
-        in_interval("coarse_weight", self.coarse_weight, 1e-6, 1.0)
-        in_interval("guide_smoothing_px", self.guide_smoothing_px, 0.0, 50.0)
+def _from_coarse(image: NDArray[np.uint8], value: Image, weight: Image) -> Image:
+    """Fill inverse depth (h, w) from values with weights; 0 is unknown."""
+    height, width = weight.shape
+    known = weight > 0
+    if known.all():
+        return value
+    if min(height, width) < 2 * _LEAST_PX:
+        coarse = np.full(weight.shape, (value * weight).sum() / weight.sum(), np.float32)
+    else:
+        size = ((width + 1) // 2, (height + 1) // 2)
+        halved = _smaller(weight, size)
+        mean = _smaller(value * weight, size) / np.maximum(halved, np.float32(1e-6))
+        small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+        coarse = _from_coarse(small, np.where(halved > 0, mean, 0).astype(np.float32), halved)
+        coarse = np.asarray(cv2.resize(coarse, (width, height)), np.float32)
+    weights = np.where(known, weight, np.float32(_COARSE_WEIGHT))
+    mixed = np.where(known, value, coarse)
+    return np.where(known, value, _smooth(image, mixed * weights) / _smooth(image, weights))
 
-    def fill(self, frame: CompletionFrame) -> Completed:
-        """Complete a frame; valid pixels stay as they are."""
-        image = guide(frame, self.guide_smoothing_px)
-        known = trusted(frame)
-        filled = self._filled(image, inverse(frame.depth_m, known), known.astype(np.float32))
-        return completed(frame, 1 / filled)
 
-    def _filled(self, image: NDArray[np.uint8], value: Image, weight: Image) -> Image:
-        """Fill inverse depth (h, w) from values with weights; 0 is unknown."""
-        height, width = weight.shape
-        known = weight > 0
-        if known.all():
-            return value
-        if min(height, width) < 2 * _LEAST_PX:
-            coarse = np.full(weight.shape, (value * weight).sum() / weight.sum(), np.float32)
-        else:
-            size = ((width + 1) // 2, (height + 1) // 2)
-            halved = _smaller(weight, size)
-            mean = _smaller(value * weight, size) / np.maximum(halved, np.float32(1e-6))
-            small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-            coarse = self._filled(small, np.where(halved > 0, mean, 0).astype(np.float32), halved)
-            coarse = np.asarray(cv2.resize(coarse, (width, height)), np.float32)
-        weights = np.where(known, weight, np.float32(self.coarse_weight))
-        mixed = np.where(known, value, coarse)
-        filled = self._smooth(image, mixed * weights) / self._smooth(image, weights)
-        return np.where(known, value, filled)
-
-    def _smooth(self, image: NDArray[np.uint8], values: Image) -> Image:
-        reach = 2 * round(2 * self.sigma_px) + 1
-        smooth = cv2.ximgproc.jointBilateralFilter(
-            image.astype(np.float32), values, reach, self.sigma_level, self.sigma_px
-        )
-        return np.asarray(smooth, np.float32)
+def _smooth(image: NDArray[np.uint8], values: Image) -> Image:
+    reach = 2 * round(2 * _BILATERAL_PX) + 1
+    smooth = cv2.ximgproc.jointBilateralFilter(
+        image.astype(np.float32), values, reach, _BILATERAL_SIGMA, _BILATERAL_PX
+    )
+    return np.asarray(smooth, np.float32)
 
 
 def _smaller(image: Image, size: tuple[int, int]) -> Image:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Morphological:
-    """Depth extended into holes by grey-scale morphology, without the image.
+def morphological(frame: CompletionFrame) -> Image:
+    """Extend depth into holes by grey-scale morphology, without the image.
 
-    Dilation, closing, and fills of growing size; sides of square windows, odd. Source: Ku, Harakeh
-    and Waslander, In defense of classical image processing: fast depth completion on the CPU, CRV
-    2018, section III, with the sizes given there. The extension of columns to the top of the image,
-    made for laser scanners outdoors, is omitted. The large fill is repeated until all pixels are
-    filled. Near surfaces grow into large holes, also where a stereo camera is occluded.
+    Dilation, closing, and fills of growing size. Source: Ku, Harakeh and Waslander, In defense of
+    classical image processing: fast depth completion on the CPU, CRV 2018, section III, with the
+    sizes given there. The extension of columns to the top of the image, made for laser scanners
+    outdoors, is omitted. The large fill is repeated until all pixels are filled. Near surfaces grow
+    into large holes, also where a stereo camera is occluded.
     """
-
-    name: ClassVar[str] = "morphological"
-    diamond_px: int = 5  # First dilation, by a diamond.
-    closing_px: int = 5  # Closing of small gaps.
-    small_px: int = 7  # Small holes.
-    large_px: int = 31  # Large holes, repeated until none remains.
-    median_px: int = 5  # Against outliers: 1, 3 or 5.
-    blur_px: int = 5  # Gaussian at the end; 1 = none.
-
-    def __post_init__(self) -> None:
-        for name in ("diamond_px", "closing_px", "small_px", "large_px", "median_px", "blur_px"):
-            size = getattr(self, name)
-            in_interval(name, size, 3 if name == "large_px" else 1, 255)
-            if size % 2 == 0:
-                raise refuse(name, "must be odd", size, "A window needs a centre pixel.")
-        in_interval("median_px", self.median_px, 1, 5)
-
-    def fill(self, frame: CompletionFrame) -> Completed:
-        """Complete a frame; valid pixels stay as they are."""
-        # Inverted, so that dilation, a maximum, takes the nearest depth; 0 is empty.
-        far = np.float32(np.nanmax(frame.depth_m) + _MARGIN_M)
-        grown: Image = np.where(trusted(frame), far - frame.depth_m, np.float32(0))
-        grown = _array(cv2.dilate(grown, _diamond(self.diamond_px)))
-        grown = _array(cv2.morphologyEx(grown, cv2.MORPH_CLOSE, _square(self.closing_px)))
-        grown = _into_empty(grown, self.small_px)
-        while (grown == 0).any():
-            grown = _into_empty(grown, self.large_px)
-        if self.median_px > 1:
-            grown = _array(cv2.medianBlur(grown, self.median_px))
-        grown = _array(cv2.GaussianBlur(grown, (self.blur_px, self.blur_px), 0))
-        return completed(frame, far - grown)
+    # Inverted, so that dilation, a maximum, takes the nearest depth; 0 is empty.
+    far = np.float32(np.nanmax(frame.depth_m) + _MARGIN_M)
+    grown: Image = np.where(trusted(frame), far - frame.depth_m, np.float32(0))
+    grown = _array(cv2.dilate(grown, _diamond(_DIAMOND)))
+    grown = _array(cv2.morphologyEx(grown, cv2.MORPH_CLOSE, _square(_CLOSING)))
+    grown = _into_empty(grown, _SMALL)
+    while (grown == 0).any():
+        grown = _into_empty(grown, _LARGE)
+    grown = _array(cv2.medianBlur(grown, _MEDIAN))
+    return far - _array(cv2.GaussianBlur(grown, (_BLUR, _BLUR), 0))
 
 
 def _into_empty(grown: Image, size: int) -> Image:
@@ -251,40 +210,25 @@ def _array(image: object) -> Image:
     return np.asarray(image, np.float32)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Poisson:
+def poisson(frame: CompletionFrame) -> Image:
     """The smoothest inverse depth in holes: a membrane fixed at their rims, torn at image edges.
 
     Minimises the sum of w (x_i - x_j)^2 over neighbouring pixels, where x is inverse depth and w =
-    exp(-(step / sigma_level)^2 / 2) for the image's difference `step`. Valid pixels are fixed. This
-    is a Poisson problem without sources. Where w is constant the solution is harmonic, so that a
-    plane, linear in inverse depth, is extended exactly. Cf. Levin, Lischinski and Weiss,
-    Colorization using optimization, SIGGRAPH 2004, which the NYU data set uses to fill its depth.
+    exp(-(step / sigma)^2 / 2) for the image's difference `step`. Valid pixels are fixed. This is a
+    Poisson problem without sources. Where w is constant the solution is harmonic, so that a plane,
+    linear in inverse depth, is extended exactly. Cf. Levin, Lischinski and Weiss, Colorization
+    using optimization, SIGGRAPH 2004, which the NYU data set uses to fill its depth.
     """
+    image = guide(frame).astype(np.float32)
+    across, down = (_weight(image, axis) for axis in (1, 0))
+    fixed = trusted(frame)
+    return 1 / _membrane(inverse(frame.depth_m, fixed), fixed, across, down)
 
-    name: ClassVar[str] = "poisson"
-    # Sigma of the greatest difference of a channel between neighbours [of 255].
-    sigma_level: float = 2.0
-    least: float = 1e-3  # Weight across the sharpest edge, so that every hole has a rim.
-    guide_smoothing_px: float = 1.5  # Sigma of the Gaussian smoothing of the guide image.
 
-    def __post_init__(self) -> None:
-        in_interval("sigma_level", self.sigma_level, 0.1, 1000.0)
-        in_interval("least", self.least, 1e-6, 1.0)
-        in_interval("guide_smoothing_px", self.guide_smoothing_px, 0.0, 50.0)
-
-    def fill(self, frame: CompletionFrame) -> Completed:
-        """Complete a frame; valid pixels stay as they are."""
-        image = guide(frame, self.guide_smoothing_px).astype(np.float32)
-        across, down = (self._weight(image, axis) for axis in (1, 0))
-        fixed = trusted(frame)
-        filled = _membrane(inverse(frame.depth_m, fixed), fixed, across, down)
-        return completed(frame, 1 / filled)
-
-    def _weight(self, image: Image, axis: int) -> NDArray[np.float64]:
-        """Return the weight of each pixel and the next along an axis."""
-        step = np.abs(np.diff(image, axis=axis)).max(axis=2).astype(np.float64)
-        return np.maximum(np.exp(-((step / self.sigma_level) ** 2) / 2), self.least)
+def _weight(image: Image, axis: int) -> NDArray[np.float64]:
+    """Return the weight of each pixel and the next along an axis."""
+    step = np.abs(np.diff(image, axis=axis)).max(axis=2).astype(np.float64)
+    return np.maximum(np.exp(-((step / _POISSON_SIGMA) ** 2) / 2), _LEAST_WEIGHT)
 
 
 def _membrane(
@@ -319,3 +263,8 @@ def _membrane(
     out = values.astype(np.float64)
     out[~fixed] = factors.solve(pull)
     return out.astype(np.float32)
+
+
+_FUNCTIONS = {
+    function.__name__: function for function in (nearest, morphological, bilateral, wls, poisson)
+}

@@ -63,17 +63,14 @@ class Marigold:
         return Completed(depth_m=depth, sigma_m=sigma.astype(np.float32))
 
 
-def load(source: Path | str, *, steps: int = 50, count: int = 10, seed: int = 0) -> Marigold:
+def load(source: Path | str) -> Marigold:
     """Read published weights.
 
     Args:
         source: folder of the weights, or an id on the Hugging Face hub.
-        steps: see `Marigold`.
-        count: see `Marigold`.
-        seed: see `Marigold`.
 
     Raises:
-        InputError: see `read_weights`; or if a number is out of range.
+        InputError: see `read_weights`.
     """
     read = read_weights(source)
     pipeline = MarigoldDepthPipeline(
@@ -87,7 +84,7 @@ def load(source: Path | str, *, steps: int = 50, count: int = 10, seed: int = 0)
         shift_invariant=True,
     )
     pipeline.set_progress_bar_config(disable=True)
-    return Marigold(pipeline=pipeline.to(device()), steps=steps, count=count, seed=seed)
+    return Marigold(pipeline=pipeline.to(device()))
 
 
 def read_weights(source: Path | str) -> weights.Weights:

@@ -109,16 +109,14 @@ class MarigoldDC:
         return torch.from_numpy(channels[None]).to(self.text.device), size
 
 
-def load(source: Path | str, *, steps: int = 50, seed: int = 0) -> MarigoldDC:
+def load(source: Path | str) -> MarigoldDC:
     """Read Marigold's published weights.
 
     Args:
         source: folder of the weights, or an id on the Hugging Face hub.
-        steps: see `MarigoldDC`.
-        seed: see `MarigoldDC`.
 
     Raises:
-        InputError: see `marigold.read_weights`; or if a number is out of range.
+        InputError: see `marigold.read_weights`.
     """
     parts = marigold.read_weights(source)
     text = empty_prompt(parts.text_encoder, parts.tokenizer)
@@ -128,8 +126,6 @@ def load(source: Path | str, *, steps: int = 50, seed: int = 0) -> MarigoldDC:
         vae=parts.vae,
         scheduler=parts.scheduler,
         text=text.to(device()),
-        steps=steps,
-        seed=seed,
     )
 
 

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from starling.learning.completion.data.training_frame import window_start
 from starling.learning.completion.method import Image, Mask, make_frame
-from starling.learning.completion.small.inputs import SmallInput, small_input
+from starling.learning.completion.small.network import SmallInput, small_input
 from starling.learning.networks.samples import sample_at
 from starling.learning.networks.training import Schedule, settings_identity
 from starling.patterns.errors import refuse
@@ -121,7 +121,7 @@ class SmallBatch:
     """Crops of one step. Depth is its natural logarithm, 0 at the median of each crop."""
 
     channels: Tensor  # (b, `CHANNELS`, h, w)
-    proposed: Tensor  # (b, `NAMES`, h, w)
+    proposed: Tensor  # (b, `PROPOSALS`, h, w)
     sensor: Tensor  # (b, 1, h, w)
     valid: Tensor  # (b, 1, h, w), 1 where the camera has depth.
     truth: Tensor  # (b, 1, h, w), 0 where unknown.

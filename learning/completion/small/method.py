@@ -19,8 +19,12 @@ from starling.learning.completion.small.crops import (
     SmallBatch,
     SmallSettings,
 )
-from starling.learning.completion.small.inputs import small_input
-from starling.learning.completion.small.network import SmallNetwork, SmallOutput, final_log_depth
+from starling.learning.completion.small.network import (
+    SmallNetwork,
+    SmallOutput,
+    final_log_depth,
+    small_input,
+)
 from starling.learning.networks import checkpoint
 from starling.learning.networks.device import initialised, mixed_precision, to_device
 from starling.learning.networks.training import (

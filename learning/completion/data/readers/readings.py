@@ -24,19 +24,19 @@ from starling.patterns.errors import refuse
 from starling.sim.captures.png import GreyImage
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.reason import Reason
-from starling.sim.sensor.matcher import D4XX, Matcher
+from starling.sim.sensor.matcher import D4XX
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import DepthMap
 from starling.sim.stereo.measurement import measure
 
 
-def stereo_depth(item: Item, matcher: Matcher = D4XX) -> DepthMap:
+def stereo_depth(item: Item) -> DepthMap:
     """Match the stereo pair of an item.
+
+    The least depth is focal length x baseline / the greatest disparity of the matcher `D4XX`.
 
     Args:
         item: item with a right image.
-        matcher: see `starling.sim.sensor.matcher`. The least depth is focal length x baseline / its
-            greatest disparity.
 
     Returns:
         Depth in the left image, with a reason for each hole.
@@ -50,7 +50,7 @@ def stereo_depth(item: Item, matcher: Matcher = D4XX) -> DepthMap:
     camera = Sensor(
         name="stereo pair",
         baseline_m=item.baseline_m,
-        matcher=matcher,
+        matcher=D4XX,
         **dataclasses.asdict(Pinhole.from_camera(item.camera)),
     )
     return measure(_grey(item.rgb), _grey(item.right), camera, causes={})

@@ -22,8 +22,15 @@ from starling.learning.completion.small.crops import (
     SmallSettings,
     with_false_islands,
 )
-from starling.learning.completion.small.inputs import CHANNELS, PROPOSALS, proposals, small_input
-from starling.learning.completion.small.network import SmallNetwork, SmallOutput, final_log_depth
+from starling.learning.completion.small.network import (
+    CHANNELS,
+    PROPOSALS,
+    SmallNetwork,
+    SmallOutput,
+    final_log_depth,
+    proposals,
+    small_input,
+)
 from starling.learning.networks.unet import parameter_count
 from starling.patterns.errors import InputError
 
