@@ -213,7 +213,7 @@ def _array(image: object) -> Image:
 def poisson(frame: CompletionFrame) -> Image:
     """The smoothest inverse depth in holes: a membrane fixed at their rims, torn at image edges.
 
-    Minimises the sum of w (x_i - x_j)^2 over neighbouring pixels, where x is inverse depth and w =
+    Minimises the sum of w (x_i - x_j)^2 over neighbouring pixels. Here x is inverse depth, and w is
     exp(-(step / sigma)^2 / 2) for the image's difference `step`. Valid pixels are fixed. This is a
     Poisson problem without sources. Where w is constant the solution is harmonic, so that a plane,
     linear in inverse depth, is extended exactly. Cf. Levin, Lischinski and Weiss, Colorization

@@ -23,7 +23,6 @@ from starling.learning.icp.objects import Piece
 from starling.patterns import errors
 from starling.patterns.errors import whole_number
 from starling.sim.captures.info import CaptureInfo
-from starling.sim.console import progress
 from starling.sim.randomness import generator
 
 MARGIN_M = 0.1  # Margin of scene points around the object [m].
@@ -181,7 +180,6 @@ def align(
     disturbance: Disturbance,
     trials: int,
     seed: int,
-    track: progress.Progress = progress.silent,
 ) -> dict[str, Outcome]:
     """Disturb every object of a scene and align it in every method's depth image.
 
@@ -195,7 +193,6 @@ def align(
         disturbance: error of the initial poses.
         trials: initial poses per object, 2 or more.
         seed: seed of the initial poses.
-        track: wraps the loops over objects.
 
     Raises:
         InputError: if there is no object, no real depth, an image without depth or of another
@@ -221,9 +218,7 @@ def align(
         pose_errors = np.full((2, len(pieces), trials), np.nan)
         visible = [visible_share(piece, image) >= LEAST_VISIBLE for piece in pieces]
         shown = cloud.surface(image, info) if any(visible) else None
-        for number, (piece, task) in enumerate(
-            zip(track(pieces, f"align in {name}"), tasks, strict=True)
-        ):
+        for number, (piece, task) in enumerate(zip(pieces, tasks, strict=True)):
             if shown is None or not visible[number]:
                 continue
             scene = shown.cloud(task.pixels)

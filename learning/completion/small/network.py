@@ -31,8 +31,8 @@ def proposals(frame: CompletionFrame) -> Image:
         frame: frame with some depth.
 
     Returns:
-        (`PROPOSALS`, h, w) depth z [m], all finite and above zero. Where a row or column has no depth
-        on that side, the nearest pixel's depth replaces it. Trusted pixels keep their depth.
+        (`PROPOSALS`, h, w) depth z [m], all finite and above zero. Where a row or column has no
+        depth on that side, the nearest pixel's depth replaces it. Trusted pixels keep their depth.
     """
     known = trusted(frame)
     depth = np.where(known, frame.depth_m, np.float32(0))

@@ -120,7 +120,6 @@ def write(
     *,
     seed: int = 0,
     samples: int = 16,
-    force: bool = False,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Simulate builtin scenes with the virtual camera, each a room, and write a capture set.
@@ -134,7 +133,6 @@ def write(
         names: builtin scenes, each once.
         seed: seed of the set; each capture's conditions follow from it and the scene's name.
         samples: paths per coarse pixel of indirect light.
-        force: replace an earlier set.
         track: wraps the loop over scenes.
 
     Returns:
@@ -151,6 +149,5 @@ def write(
         verb="virtual",
         seed=seed,
         arguments={"samples": samples},
-        force=force,
         track=track,
     )
