@@ -76,14 +76,16 @@ def _table(outcomes, move_m, turn_deg):
         print(f"{name:34}{cells}{compared.objects:9}  {compared.trials} trials{note}")
     best = "hybrid"
     if best in outcomes:
-        for rival in ("perfect", "simple", "network", "physics"):
-            if rival in outcomes:
-                gain = case_study.paired_advantage(outcomes[best], outcomes[rival], real, seed=0)
+        for baseline in ("perfect", "simple", "network", "physics"):
+            if baseline in outcomes:
+                gain = case_study.paired_advantage(outcomes[best], outcomes[baseline], real, seed=0)
                 spans = "  ".join(
                     f"{low:.1f} to {high:.1f}"
                     for low, high in zip(gain.low, gain.high, strict=True)
                 )
-                print(f"{best} nearer than {rival} by [points, 95 %]: {spans}", flush=True)
+                print(
+                    f"{best} closer to real than {baseline} by [points, 95 %]: {spans}", flush=True
+                )
 
 
 if __name__ == "__main__":

@@ -146,8 +146,8 @@ def evaluate_captures(
         fold = _Fold(opened, held, training_rooms[held], simulated.get(held))
         for name in names:
             folder = out / FOLDS / held / name
-            load = partial(_predictor, fold, methods[name], models.get(name), folder, plan, track)
-            predictions[name] += _predictions(fold, folder, load)
+            fit = partial(methods[name].fit, folder=folder, seed=plan.seed, track=track)
+            predictions[name] += _predictions(fold, folder, models.get(name), fit)
     scores = {name: evaluate.scores(scenes) for name, scenes in predictions.items()}
     figures = evaluate.figures(scores, seed=plan.seed)
     figures["icp"] = {}
@@ -197,30 +197,22 @@ def _methods(names: Sequence[str], plan: EvaluationPlan) -> dict[str, Method]:
     return {name: registry.method(name, steps=plan.steps, start=start.get(name)) for name in names}
 
 
-def _predictor(
-    fold: _Fold,
-    method: Method,
-    model: Predictor | None,
-    folder: Path,
-    plan: EvaluationPlan,
-    track: progress.Progress,
-) -> Predictor:
-    """Return the trained model if there is one, else train the method on the fold's rooms."""
-    if model is not None:
-        return model
-    return method.fit(fold.training_examples, folder=folder, seed=plan.seed, track=track)
-
-
 def _predictions(
-    fold: _Fold, folder: Path, predictor: Callable[[], Predictor]
+    fold: _Fold,
+    folder: Path,
+    model: Predictor | None,
+    fit: Callable[[Sequence[Example]], Predictor],
 ) -> list[HolePrediction]:
-    """Return the predictions of the held-out scenes, from their files if these exist."""
+    """Return the predictions of the held-out scenes, from their files if these exist.
+
+    Without a trained model, the method is trained on the fold's rooms.
+    """
     names = [scene.name for scene in fold.captures.scenes if scene.room == fold.held]
     paths = [folder / f"{name}.png" for name in names]
     if not all(path.is_file() for path in paths):
-        trained_predictor = predictor()
+        predictor = fit(fold.training_examples) if model is None else model
         for path, example in zip(paths, fold.held_out_examples, strict=True):
-            probability = trained_predictor.probability(example)
+            probability = predictor.probability(example)
             code = np.round(probability * _CODES).astype(np.uint16)
             output.write_file(path, png.encode(code), force=True)
     return [
