@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from starling.sim.commands.sweep import picture as sweep_picture
-from starling.sim.commands.sweep import sweep as sweep
+from starling.sim.commands.sweep import sweep
 from starling.sim.sensor import presets
 
 AXES = {"baseline_m": [0.1], "focal_px": [800.0]}

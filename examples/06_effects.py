@@ -13,8 +13,7 @@ import sys
 import numpy as np
 
 from starling.sim import metrics, simulate
-from starling.sim.effects import named
-from starling.sim.effects import setting as setting
+from starling.sim.effects import named, setting
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
 from starling.sim.sensor import presets

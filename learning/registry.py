@@ -12,8 +12,8 @@ from starling.patterns import errors
 
 # Module under `starling.learning.methods`, class, and its options.
 _TABLE: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "perfect": ("perfect", "Perfect", {}),
-    "simple": ("simple", "Simple", {}),
+    "perfect": ("baselines", "Perfect", {}),
+    "simple": ("baselines", "Simple", {}),
     "trees": ("trees", "Trees", {}),
     "trees_reflectance": ("trees", "Trees", {"with_reflectance": True}),
     "hybrid_trees": ("trees", "Trees", {"with_physics": True}),
@@ -21,8 +21,8 @@ _TABLE: dict[str, tuple[str, str, dict[str, Any]]] = {
     "physics_recalibrated": ("physics", "Simulated", {"recalibrated": True}),
     "network": ("network", "Network", {}),
     "network_reflectance": ("network", "Network", {"with_reflectance": True}),
-    "hybrid": ("hybrid", "Hybrid", {}),
-    "hybrid_reflectance": ("hybrid", "Hybrid", {"with_reflectance": True}),
+    "hybrid": ("network", "Hybrid", {}),
+    "hybrid_reflectance": ("network", "Hybrid", {"with_reflectance": True}),
     "pix2pix": ("pix2pix", "Pix2Pix", {}),
     "cyclegan": ("cyclegan", "CycleGan", {}),
 }

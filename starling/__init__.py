@@ -104,10 +104,10 @@ def load_sensor(name: str, *, edits: Iterable[str] = ()) -> Sensor:
         >>> sensor.baseline_m, sensor.projector.power_w
         (0.05015, 0.2)
     """
-    from starling.sim.sensor import edits as sensor_edits
     from starling.sim.sensor import presets
+    from starling.sim.sensor.edits import apply
 
-    return sensor_edits.apply(presets.load(name), edits)
+    return apply(presets.load(name), edits)
 
 
 def load_scene(specifier: str, sensor: Sensor) -> Scene:

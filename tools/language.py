@@ -31,24 +31,9 @@ BANNED = re.compile(
     r"what (?:is|are|was|were) (?:told|asked|laid|drawn|known|left|put))\b",
     re.IGNORECASE,
 )
-PRONOUNS = frozenset(
-    {
-        *(
-            "one",
-            "other",
-            "another",
-            "found",
-            "told",
-            "asked",
-            "of",
-            "by",
-            "own",
-            "at",
-            "left_over",
-        ),
-        *("given", "given_by", "made", "beside", "such", "what", "whose", "all_", "every", "kept"),
-        *("said", "here", "there"),
-    }
+PRONOUN = re.compile(
+    "one|other|another|found|told|asked|of|by|own|at|left_over|given|given_by|made|beside|such|"
+    "what|whose|all_|every|kept|said|here|there"
 )
 _WORD = re.compile(r"[A-Za-z][A-Za-z'\-]*")
 _LITERAL = re.compile(r"^ {2,}.*$", re.MULTILINE)  # Indented lines of a module's docstring.
@@ -153,7 +138,7 @@ def findings(path: Path) -> Iterator[Finding]:
             words = len(_WORD.findall(sentence))
             yield Finding(f"{place}:{line}", f"{words} words", sentence[:90])
     for line, name in names(source) if python else ():
-        if name.strip("_") in PRONOUNS:
+        if PRONOUN.fullmatch(name.strip("_")):
             yield Finding(f"{place}:{line}", "name", name)
 
 
@@ -169,7 +154,7 @@ def rates(paths: list[Path]) -> Rates:
             long += sum(1 for _ in too_long(text))
         for _, name in names(source) if python else ():
             bound += 1
-            pronouns += name.strip("_") in PRONOUNS
+            pronouns += PRONOUN.fullmatch(name.strip("_")) is not None
     return Rates(words, 1000 * banned / max(words, 1), 100 * pronouns / max(bound, 1), long)
 
 
@@ -177,8 +162,8 @@ def files(folder: str) -> list[Path]:
     """Return the Python files of a package, or the Markdown pages of `documents`."""
     if folder == "documents":
         return sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-    inside = ROOT.joinpath(folder).rglob("*.py") if folder != "starling" else None
-    return sorted(inside if inside is not None else ROOT.joinpath(folder).glob("*.py"))
+    # `starling/` holds links to the other packages.
+    return sorted(ROOT.joinpath(folder).glob("*.py" if folder == "starling" else "**/*.py"))
 
 
 def main(arguments: list[str]) -> int:

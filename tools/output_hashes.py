@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import runpy
 import shutil
 import subprocess
 import sys
@@ -25,28 +26,7 @@ EFFECTS = (  # One of each stage, and those that need a render.
     *("laser_speckle=0.3", "wrong_pattern=1"),
     *("lens_blur=0.9", "read_noise=8", "uniqueness=20", "decimation=2"),
 )
-PLAN = """
-seed = 7
-scenes = 2
-views = 2
-[[source]]
-kind = "builtin"
-scene = "wall"
-number = { low = 0.6, high = 1.5 }
-[[sensor]]
-preset = "d435"
-[sensor.set]
-width = 160
-height = 96
-fx_px = 80
-fy_px = 80
-cx_px = 79.5
-cy_px = 47.5
-[sensor.effects]
-lens_blur = { low = 0.1, high = 0.8 }
-[pose]
-turn_deg = [{ low = -5, high = 5 }, 0, 0]
-"""
+PLAN = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "07_data_set.py"))["PLAN"]
 # Keys that differ between runs or name the code.
 VOLATILE = {"seconds", "versions", "out", "path", "report", "file", "version", "time", "stages"}
 

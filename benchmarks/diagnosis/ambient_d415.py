@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +30,7 @@ from starling.sim.captures.capture import CapturedScene
 from starling.sim.imaging.noiseless import noiseless
 from starling.sim.metrics import depth_edges
 from starling.sim.render.mitsuba_scene import MitsubaScene
-from starling.sim.scene.captured import ambient_share, captured_scene
+from starling.sim.scene.captured import captured_scene
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import resolve
 from starling.sim.sensor.sensor import Sensor
@@ -56,19 +55,23 @@ def main() -> None:
     print("right image: spread of dot strength [%] and RMS residual [DN]: uniform, varying")
     for room, scene in first.items():
         sensor = fit_scene.apply_to_sensor(base, fit_scene.fit_pattern_scale(scene, base))
-        with mock.patch.object(ambient_share, "estimate", return_value=None):
-            uniform = load_room(scene, sensor)
-        varying = load_room(scene, sensor)
-        measured = [measure_room(scene, room_model, sensor) for room_model in (uniform, varying)]
+        rooms = [load_room(scene, sensor, even_ambient=even) for even in (True, False)]
+        measured = [measure_room(scene, room_model, sensor) for room_model in rooms]
         ends = [measured[0][0], measured[1][0], measured[0][1]]
         text = "   ".join(f"{low:.2f} {high:.2f}" for low, high in ends)
         right = "   ".join(f"{100 * values[2]:.0f} {values[3]:.2f}" for values in measured)
         print(f"{room:6} {text}   {right}", flush=True)
 
 
-def load_room(scene: CapturedScene, sensor: Sensor) -> Scene:
+def load_room(scene: CapturedScene, sensor: Sensor, *, even_ambient: bool) -> Scene:
     """Load the scene that is estimated from a captured room."""
-    return captured_scene.load(scene.path, sensor, smoothing_px=SMOOTHING_PX, within_surfaces=True)
+    return captured_scene.load(
+        scene.path,
+        sensor,
+        smoothing_px=SMOOTHING_PX,
+        within_surfaces=True,
+        even_ambient=even_ambient,
+    )
 
 
 def measure_room(

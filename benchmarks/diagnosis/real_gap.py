@@ -14,24 +14,21 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
 from rooms import first_of_each
 
 from starling.diagnosis.scenes import fit_scene
-from starling.diagnosis.scenes.scene_model import load_scene_model
+from starling.diagnosis.scenes.fit_scene import Nuisances
+from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model
 from starling.diagnosis.which.attribution import screen_segment
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.likelihood import clipped_squares
 from starling.diagnosis.which.table import build_feature_table
-from starling.sim.captures.capture import CapturedScene
-from starling.sim.scene.captured import ambient_share
 from starling.sim.sensor import resolve
-from starling.sim.sensor.sensor import Sensor
 
 # Families of effects that define the feature weights.
 FAMILIES = ("lens_blur", "read_noise", "vertical_offset", "vignetting")
@@ -51,15 +48,19 @@ def main() -> None:
     path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
     sensor = resolve.load(options.sensor, captures=str(path))
     first = first_of_each(path, options.rooms)
-    uniform = mock.patch.object(ambient_share, "estimate", return_value=None)
-    unmoved = mock.patch.object(fit_scene, "fit_reference_pose", return_value={})
-    with uniform, unmoved:
-        scene_models = [load_scene_model(scene, sensor) for scene in first.values()]
-        table, screen = screen_segment(Segment.IMAGE, scene_models, families=FAMILIES, always=True)
+
+    def load(scales: Sequence[Nuisances | None], **light: bool) -> list[SceneModel]:
+        return [
+            load_scene_model(scene, sensor, fitted=scale, **light)
+            for scene, scale in zip(first.values(), scales, strict=True)
+        ]
+
+    unmoved = [fit_scene.fit_pattern_scale(scene, sensor) for scene in first.values()]
+    uniform = load(unmoved, even_ambient=True)
+    table, screen = screen_segment(Segment.IMAGE, uniform, families=FAMILIES, always=True)
     likelihood = screen.base.likelihood(table.real(), screen.weight)
-    with unmoved:
-        lit = gap(first, sensor, table.names)
-    gaps = [likelihood.gap, lit, gap(first, sensor, table.names)]
+    varying = (load(unmoved), load([None] * len(first)))
+    gaps = [likelihood.gap, *(gap(models, table.names) for models in varying)]
     residuals = [values / likelihood.deviation for values in gaps]
     known = np.all([np.isfinite(values) for values in residuals], axis=0)
     sizes = [clipped_squares(np.where(known, values, 0)) * screen.weight for values in residuals]
@@ -72,17 +73,13 @@ def main() -> None:
         print(name, *(f"{size[:, columns].sum() / total.sum():.2f}" for size in sizes))
 
 
-def gap(
-    first: dict[str, CapturedScene], sensor: Sensor, names: tuple[str, ...]
-) -> NDArray[np.float64]:
+def gap(scene_models: Sequence[SceneModel], names: tuple[str, ...]) -> NDArray[np.float64]:
     """Return the gap, real minus simulated (scenes, features), NaN if a feature is missing."""
-    table = build_feature_table(
-        [load_scene_model(scene, sensor) for scene in first.values()], Segment.IMAGE
-    )
+    table = build_feature_table(scene_models, Segment.IMAGE)
     simulated = table.simulate({})
     assert simulated is not None
     columns = dict(zip(table.names, (table.real() - simulated).T, strict=True))
-    unknown = np.full(len(first), np.nan)
+    unknown = np.full(len(scene_models), np.nan)
     return np.stack([columns.get(name, unknown) for name in names], axis=1)
 
 

@@ -16,7 +16,7 @@ from diffusers import AutoencoderKL, ControlNetModel, UNet2DConditionModel
 from transformers import CLIPTextConfig, CLIPTextModel
 
 from starling.learning.completion.diffusion.conditioning import widen
-from starling.learning.networks.training.learner import device
+from starling.learning.networks.device import device
 from starling.learning.networks.unet import parameter_count
 
 # The published configurations of Stable Diffusion 2.

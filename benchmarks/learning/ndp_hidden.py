@@ -1,6 +1,6 @@
 """Effect of hiding physics from a share of a hybrid's training crops.
 
-Physics can be hidden from a share of the crops (`learning/networks/training/samples.py`). For each
+Physics can be hidden from a share of the crops (`learning/networks/samples.py`). For each
 room and share, a hybrid is trained on all other rooms and evaluated in this room. Use few rooms,
 because rooms used to choose the share are no longer held out.
 
@@ -14,10 +14,9 @@ from pathlib import Path
 import ndp_faro
 
 from starling.learning.data import captured
-from starling.learning.evaluation.figures.classification import classification
-from starling.learning.evaluation.figures.judged import judge, pool
-from starling.learning.methods.hybrid import Hybrid
-from starling.learning.networks.training.settings import TrainingSettings
+from starling.learning.evaluation.metrics import classification, judge, pool
+from starling.learning.methods.network import Hybrid
+from starling.learning.networks.training import TrainingSettings
 from starling.sim.captures import capture
 from starling.sim.console import progress
 

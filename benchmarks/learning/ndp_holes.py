@@ -14,7 +14,7 @@ import numpy as np
 
 from starling.learning import registry
 from starling.learning.commands.evaluate_captures import FOLDS, read_prediction
-from starling.learning.data.learnable import known_holes
+from starling.learning.data.example import known_holes
 from starling.learning.features import holes
 from starling.learning.sampling import sampling
 from starling.sim.commands.simulate_captures import scene_seed

@@ -17,9 +17,8 @@ import ndp_faro
 from starling.learning import registry
 from starling.learning.commands.evaluate_captures import FOLDS, read_prediction
 from starling.learning.evaluation.evaluate import HolePrediction
-from starling.learning.icp import case_study, comparison
-from starling.learning.icp.alignment import Disturbance
-from starling.learning.icp.study import REAL
+from starling.learning.icp import case_study
+from starling.learning.icp.study import REAL, Disturbance
 from starling.sim.captures import capture
 from starling.sim.console import progress
 
@@ -70,21 +69,23 @@ def _table(outcomes, move_m, turn_deg):
     for name, outcome in outcomes.items():
         if name == REAL:
             continue
-        compared = comparison.against_real(outcome, real)
+        compared = case_study.against_real(outcome, real)
         cells = "".join(f"{value:13.1f}" for value in compared.difference)
         published = PUBLISHED.get(name)
         note = f"  published {published}" if published else ""
         print(f"{name:34}{cells}{compared.objects:9}  {compared.trials} trials{note}")
     best = "hybrid"
     if best in outcomes:
-        for rival in ("perfect", "simple", "network", "physics"):
-            if rival in outcomes:
-                gain = comparison.nearer(outcomes[best], outcomes[rival], real, seed=0)
+        for baseline in ("perfect", "simple", "network", "physics"):
+            if baseline in outcomes:
+                gain = case_study.paired_advantage(outcomes[best], outcomes[baseline], real, seed=0)
                 spans = "  ".join(
                     f"{low:.1f} to {high:.1f}"
                     for low, high in zip(gain.low, gain.high, strict=True)
                 )
-                print(f"{best} nearer than {rival} by [points, 95 %]: {spans}", flush=True)
+                print(
+                    f"{best} closer to real than {baseline} by [points, 95 %]: {spans}", flush=True
+                )
 
 
 if __name__ == "__main__":

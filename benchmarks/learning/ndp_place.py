@@ -5,7 +5,7 @@ STARLING_CAPTURES=... python benchmarks/learning/ndp_place.py --sensor TEMPLATE
 
 import ndp_faro
 
-from starling.learning.data.physics_probability import physics_probability
+from starling.learning.data.physics import physics_probability
 from starling.learning.evaluation import evaluate
 from starling.learning.evaluation.evaluate import HolePrediction
 from starling.sim.console import progress

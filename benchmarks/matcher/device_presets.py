@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.sim.metrics import disparity_figures, reached_pixels, scored_pixels
-from starling.sim.sensor import presets as sensors
 from starling.sim.sensor import realsense
+from starling.sim.sensor.presets import load
 from starling.sim.sensor.realsense import controls
 from starling.sim.stereo.matching import match
 
@@ -119,7 +119,7 @@ def main() -> None:
     where = match_faro.folder()
     if not where.is_dir():
         raise SystemExit(f"no captures at {where}; set STARLING_CAPTURES to their folder")
-    base = sensors.load("d415")
+    base = load("d415")
     settings = {name: realsense.with_preset(base, name)[0].matcher for name in options.presets}
     results: dict[str, list[Row]] = {"device": [], **{name: [] for name in settings}}
     for scene in match_faro.scenes(where):

@@ -17,7 +17,7 @@ from starling.learning.completion import methods
 from starling.learning.completion.method import complete
 from starling.learning.completion.small.method import Small
 from starling.learning.completion.small.network import SmallNetwork
-from starling.learning.networks.training.learner import device, initialised
+from starling.learning.networks.device import device, initialised
 from starling.learning.networks.unet import parameter_count
 from starling.sim import simulate
 from starling.sim.scene import sources

@@ -15,11 +15,9 @@ import torch
 from starling.learning.data import simulated
 from starling.learning.data.captured import DRAWS
 from starling.learning.data.example import Example
-from starling.learning.methods.hybrid import Hybrid, HybridPredictor
-from starling.learning.methods.network import Network
-from starling.learning.networks import inference
-from starling.learning.networks.training.channels import channels
-from starling.learning.networks.training.learner import device, to_device
+from starling.learning.methods.network import Hybrid, HybridPredictor, Network
+from starling.learning.networks.channels import channels
+from starling.learning.networks.device import device, run_network, to_device
 from starling.sim import simulate
 from starling.sim.captures import writer
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -53,7 +51,7 @@ def main() -> None:
     predictor = HybridPredictor(hybrid, False, example.info.shape)
     rows = {
         "input channels": lambda: channels(example, with_reflectance=False, with_physics=False),
-        "network": lambda: inference.apply(network, inputs),
+        "network": lambda: run_network(network, inputs),
         "hybrid without physics": lambda: predictor.probability(example),
     }
     print(f"{torch.get_num_threads()} threads, {device()}")

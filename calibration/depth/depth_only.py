@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from starling.calibration.depth import depth_geometry, hole_places, thresholds
-from starling.calibration.depth.depth_figures import Figures, compare_readings
+from starling.calibration.depth.depth_figures import compare_readings
 from starling.calibration.depth.depth_geometry import DepthGeometry
 from starling.calibration.depth.depth_twin import DepthTwin, render_twin
 from starling.calibration.depth.disparity_scale import ROOMS
@@ -100,48 +100,6 @@ def fit_depth(
         sensor=depth_fit.sensor,
         scenes=compare_readings(twins, start, depth_fit.sensor),
     )
-
-
-def cross_validate(
-    observations: Sequence[Observation],
-    sensor: Sensor,
-    *,
-    free: Sequence[str] = GROUPS,
-    folds: int = 3,
-    track: progress.Progress = progress.silent,
-) -> dict[str, Figures]:
-    """Cross-validate over rooms: score each scene with a fit to other rooms.
-
-    Args:
-        observations: as in `fit_depth`, from at least two rooms.
-        sensor: as in `fit_depth`.
-        free: as in `fit_depth`.
-        folds: number of groups of rooms that are held out in turn, >= 2.
-        track: progress callback around the loop over folds.
-
-    Returns:
-        Figures of each scene, as `Solution.scenes` of `fit_depth`, with the scene's room held out.
-
-    Raises:
-        InputError: as `fit_depth`, or if there are fewer than two rooms or folds.
-    """
-    errors.in_interval("folds", folds, 2, 1000, "Hold out at most half of the rooms.")
-    rooms = sorted({observation.room for observation in observations})
-    if len(rooms) < 2:
-        raise errors.refuse(
-            "captures", "must be of two rooms", len(rooms), "One is held out, one is fitted."
-        )
-    twins, start = _prepare(observations, sensor, free, track)
-    held: dict[str, Figures] = {}
-    for fold in track(range(min(folds, len(rooms))), "cross-validate"):
-        held_rooms = set(rooms[fold::folds])
-        depth_fit = _fit(
-            [t for t in twins if t.room not in held_rooms], start, free, progress.silent
-        )
-        held |= compare_readings(
-            [t for t in twins if t.room in held_rooms], start, depth_fit.sensor
-        )
-    return held
 
 
 def _prepare(

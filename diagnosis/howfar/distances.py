@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from starling.diagnosis.howfar import holes
 from starling.diagnosis.scenes.observation import SceneObservation
 from starling.diagnosis.scenes.strata import FAR_OFF_PX, Image, Mask, Strata
-from starling.learning.data.physics_probability import drawn_probability
+from starling.learning.data.physics import drawn_probability
 
 _QUANTILES = np.linspace(0.005, 0.995, 199)
 _LEAST_DN = 0.3  # Least noise std [DN]: rounding alone causes 1 / sqrt(12).

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from starling.diagnosis.scenes.strata import Image, Mask
-from starling.learning.evaluation.figures.judged import judge
-from starling.learning.evaluation.figures.proper_scores import brier
-from starling.learning.evaluation.figures.reliability import reliability
-from starling.learning.evaluation.figures.roc import roc
+from starling.learning.evaluation.metrics import brier, judge, reliability, roc
 
 
 def hole_figures(probability: Image, real: Mask, counted: Mask) -> dict[str, float]:

@@ -21,9 +21,8 @@ from starling.diagnosis.howfar.evaluation import DRAWS, OTHER, Settings
 from starling.diagnosis.howfar.reduction import gap_reductions
 from starling.diagnosis.scenes.observation import SceneObservation
 from starling.diagnosis.scenes.scene_model import SceneModel
-from starling.learning.data.example import Example, Physics
-from starling.learning.data.learnable import known_holes
-from starling.learning.data.physics_probability import physics_probability
+from starling.learning.data.example import Example, Physics, known_holes
+from starling.learning.data.physics import physics_probability
 from starling.learning.method import Method
 from starling.patterns.errors import refuse
 from starling.sim.console import progress
@@ -95,7 +94,7 @@ def learn_residual(
 
     Raises:
         InputError: if no scene is held out, or the training scenes do not suffice
-            (`starling.learning.data.learnable`).
+            (`starling.learning.data.example`).
     """
     if not held_out:
         rule = "must be at least 1"

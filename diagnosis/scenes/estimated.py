@@ -43,12 +43,15 @@ _BRIGHTER = 1.2  # Factor on ambient light: accuracy of its estimate from the do
 _UNIFORM_REFLECTANCE = 0.5  # Assumed where there is no image.
 
 
-def load_scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimates]:
+def load_scene(
+    captured: CapturedScene, sensor: Sensor, *, even_ambient: bool = False
+) -> tuple[Scene, Estimates]:
     """Load or estimate the scene that was captured.
 
     Args:
         captured: captured scene with a `scene.toml`, or with reference depth.
         sensor: sensor that captured it.
+        even_ambient: as in `captured_scene.estimate_light`.
 
     Returns:
         The scene, and alternative estimates of it; none if it was loaded from a file.
@@ -63,7 +66,11 @@ def load_scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimate
     has_image = captured.fullest().ir_left is not None
     if has_image:
         likely = captured_scene.estimate_light(
-            captured, sensor, smoothing_px=SMOOTHING_PX, within_surfaces=True
+            captured,
+            sensor,
+            smoothing_px=SMOOTHING_PX,
+            within_surfaces=True,
+            even_ambient=even_ambient,
         )
     info = captured.info
     x, y = np.arange(info.width) - info.cx_px, np.arange(info.height) - info.cy_px
@@ -73,7 +80,7 @@ def load_scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimate
     lights.append(replace(likely, ambient_w_m2=likely.ambient_w_m2 * _BRIGHTER))
     estimates = [partial(captured_scene.scene_from_light, captured, light) for light in lights]
     if has_image:
-        estimates.append(partial(_detailed, captured, sensor))
+        estimates.append(partial(_detailed, captured, sensor, even_ambient))
     return captured_scene.scene_from_light(captured, likely), tuple(estimates)
 
 
@@ -95,7 +102,7 @@ def _uniform_light(captured: CapturedScene) -> RoomLight:
     return RoomLight(reflectance, LIT_ROOM_W_M2)
 
 
-def _detailed(captured: CapturedScene, sensor: Sensor) -> Scene:
+def _detailed(captured: CapturedScene, sensor: Sensor, even_ambient: bool) -> Scene:
     """Estimate reflectance without smoothing, so that it keeps the texture of the image."""
-    light = captured_scene.estimate_light(captured, sensor)
+    light = captured_scene.estimate_light(captured, sensor, even_ambient=even_ambient)
     return captured_scene.scene_from_light(captured, light)

@@ -269,6 +269,7 @@ def load_scene_model(
     *,
     against: CapturedScene | None = None,
     fitted: Nuisances | None = None,
+    even_ambient: bool = False,
 ) -> SceneModel:
     """Build the model of a captured scene.
 
@@ -278,6 +279,7 @@ def load_scene_model(
         against: capture of the same scene by the base; it is the reference of the comparison, and
             geometry and light are taken from it.
         fitted: nuisance parameters from an earlier fit; None fits them.
+        even_ambient: as in `starling.sim.scene.captured.captured_scene.estimate_light`.
 
     Raises:
         InputError: if the sensor has another image size, or if an image is damaged. Also if neither
@@ -294,7 +296,7 @@ def load_scene_model(
     reference = fit_scene.correct_reference(reference, fitted)
     sensor = fit_scene.apply_to_sensor(sensor, fitted)
     # The light estimate needs dots at their true place, so it comes after the geometry.
-    scene, estimates = estimated.load_scene(reference, sensor)
+    scene, estimates = estimated.load_scene(reference, sensor, even_ambient=even_ambient)
     if estimates:
         fitted = {**fitted, **fit_scene.light_nuisance(reference, scene, sensor)}
     base = read_observation(reference, sensor)

@@ -14,15 +14,13 @@ from starling.learning import registry
 from starling.learning.commands.train_captures import trained
 from starling.learning.data import captured
 from starling.learning.data.captured import Simulation
-from starling.learning.data.example import Image
-from starling.learning.data.learnable import known_holes
-from starling.learning.evaluation.figures.classification import classification
-from starling.learning.evaluation.figures.judged import Judged, judge, pool
+from starling.learning.data.example import Image, known_holes
+from starling.learning.evaluation.metrics import Judged, classification, judge, pool
 from starling.learning.features import holes
 from starling.learning.features.holes import Holes
 from starling.learning.method import Predictor
-from starling.learning.sampling import drawn_frame
-from starling.learning.sampling.drawn_frame import DrawnFrame
+from starling.learning.sampling import sampling
+from starling.learning.sampling.sampling import DrawnFrame
 from starling.patterns.errors import refuse
 from starling.sim.captures.capture import CaptureSet
 from starling.sim.console import progress
@@ -93,7 +91,7 @@ def compare_methods(
         drawn: dict[str, DrawnFrame] = {}
         for name, method in methods.items():
             probability = method.probability(example)
-            frame = drawn_frame.draw(name, probability, example, seed=seed)
+            frame = sampling.draw_frame(name, probability, example, seed=seed)
             drawn[name] = frame
             judged[name].append(judge(probability, ndp, counted))
             drawn_holes[name].append(holes.measure(frame.ndp, counted))

@@ -14,17 +14,42 @@ import numpy as np
 from starling.learning import registry, shipped
 from starling.learning.commands import work_folder
 from starling.learning.commands.train_captures import PHYSICS, trained, trained_method
-from starling.learning.data import captured, folds
+from starling.learning.data import captured
 from starling.learning.data.captured import Simulation
 from starling.learning.data.example import Example, Image
-from starling.learning.evaluation import evaluate, pictures, report
+from starling.learning.evaluation import evaluate, pictures
 from starling.learning.evaluation.evaluate import HolePrediction
 from starling.learning.icp import case_study
 from starling.learning.method import Method, Predictor
+from starling.patterns import errors
 from starling.patterns.errors import refuse, whole_number
 from starling.sim.captures import capture, png
 from starling.sim.captures.capture import CaptureSet
 from starling.sim.console import output, progress
+
+
+def choose_training_rooms(
+    rooms: Sequence[str], held: str, count: int | None = None
+) -> tuple[str, ...]:
+    """Return the training rooms of a held-out room: the next ones in cyclic order.
+
+    Args:
+        rooms: all rooms in an arbitrary order.
+        held: the held-out room.
+        count: number of training rooms; None takes all others.
+
+    Raises:
+        InputError: if the room is unknown, or there are too few other rooms.
+    """
+    errors.one_of("held-out room", held, rooms)
+    number = list(rooms).index(held)
+    remaining = (*rooms[number + 1 :], *rooms[:number])
+    if not remaining:
+        raise errors.refuse("rooms", "must be at least 2", 1, "Take captures of more rooms.")
+    wanted = len(remaining) if count is None else count
+    errors.in_interval("rooms to learn from", wanted, 1, len(remaining))
+    return remaining[:wanted]
+
 
 FOLDS = "folds"  # Output folder with ROOM/METHOD/: trained model, and predictions SCENE.png.
 _CODES = 65535  # A probability is stored in 16 bits.
@@ -77,7 +102,7 @@ def evaluate_captures(
         track: wraps long loops.
 
     Returns:
-        Metrics of every method (see `starling.learning.evaluation.report.figures`), "icp" (see
+        Metrics of every method (see `starling.learning.evaluation.evaluate.figures`), "icp" (see
         `starling.learning.icp.case_study.figures`; empty if omitted), "out", "seconds".
 
     Raises:
@@ -93,7 +118,7 @@ def evaluate_captures(
     names = (*plan.methods, *(name for name, _ in trained_models))
     methods, models = _methods(names, plan), dict(trained_models)
     training_rooms = {
-        held: folds.training_rooms(rooms, held, plan.learn_from) if plan.methods else ()
+        held: choose_training_rooms(rooms, held, plan.learn_from) if plan.methods else ()
         for held in held_out
     }
     if plan.icp:
@@ -121,10 +146,10 @@ def evaluate_captures(
         fold = _Fold(opened, held, training_rooms[held], simulated.get(held))
         for name in names:
             folder = out / FOLDS / held / name
-            load = partial(_predictor, fold, methods[name], models.get(name), folder, plan, track)
-            predictions[name] += _predictions(fold, folder, load)
+            fit = partial(methods[name].fit, folder=folder, seed=plan.seed, track=track)
+            predictions[name] += _predictions(fold, folder, models.get(name), fit)
     scores = {name: evaluate.scores(scenes) for name, scenes in predictions.items()}
-    figures = report.figures(scores, seed=plan.seed)
+    figures = evaluate.figures(scores, seed=plan.seed)
     figures["icp"] = {}
     if plan.icp:
         outcomes = case_study.case_study(
@@ -172,30 +197,22 @@ def _methods(names: Sequence[str], plan: EvaluationPlan) -> dict[str, Method]:
     return {name: registry.method(name, steps=plan.steps, start=start.get(name)) for name in names}
 
 
-def _predictor(
-    fold: _Fold,
-    method: Method,
-    model: Predictor | None,
-    folder: Path,
-    plan: EvaluationPlan,
-    track: progress.Progress,
-) -> Predictor:
-    """Return the trained model if there is one, else train the method on the fold's rooms."""
-    if model is not None:
-        return model
-    return method.fit(fold.training_examples, folder=folder, seed=plan.seed, track=track)
-
-
 def _predictions(
-    fold: _Fold, folder: Path, predictor: Callable[[], Predictor]
+    fold: _Fold,
+    folder: Path,
+    model: Predictor | None,
+    fit: Callable[[Sequence[Example]], Predictor],
 ) -> list[HolePrediction]:
-    """Return the predictions of the held-out scenes, from their files if these exist."""
+    """Return the predictions of the held-out scenes, from their files if these exist.
+
+    Without a trained model, the method is trained on the fold's rooms.
+    """
     names = [scene.name for scene in fold.captures.scenes if scene.room == fold.held]
     paths = [folder / f"{name}.png" for name in names]
     if not all(path.is_file() for path in paths):
-        trained_predictor = predictor()
+        predictor = fit(fold.training_examples) if model is None else model
         for path, example in zip(paths, fold.held_out_examples, strict=True):
-            probability = trained_predictor.probability(example)
+            probability = predictor.probability(example)
             code = np.round(probability * _CODES).astype(np.uint16)
             output.write_file(path, png.encode(code), force=True)
     return [

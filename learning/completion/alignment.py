@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.learning.completion.frame import Image, Mask
+from starling.learning.completion.method import Image, Mask
 from starling.patterns.errors import InputError, one_of, positive, refuse
 
 Target = Literal["none", "sensor", "truth"]

@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
 
 from starling.learning import shipped
 from starling.learning.completion.method import CompletionMethod
 from starling.patterns import errors
 
-_CLASSICAL = {  # Module under `starling.learning.completion.classical`, and class.
-    "nearest": ("nearest", "Nearest"),
-    "morphological": ("morphological", "Morphological"),
-    "bilateral": ("bilateral", "Bilateral"),
-    "wls": ("wls", "WeightedLeastSquares"),
-    "poisson": ("poisson", "Poisson"),
-}
+# Functions of `starling.learning.completion.classical`.
+CLASSICAL = ("nearest", "morphological", "bilateral", "wls", "poisson")
 _LEARNT = {  # Module under `starling.learning.completion` whose `load` takes a folder of weights.
     "small": "small.method",
     "diffusion": "diffusion.method",
@@ -23,7 +17,6 @@ _LEARNT = {  # Module under `starling.learning.completion` whose `load` takes a 
     "marigold-dc": "baselines.marigold_dc",
     "depth-anything": "baselines.depth_anything",
 }
-CLASSICAL = tuple(_CLASSICAL)
 LEARNT = tuple(_LEARNT)
 NAMES = (*CLASSICAL, *LEARNT)
 
@@ -42,12 +35,12 @@ def create(word: str) -> CompletionMethod:
     """
     name, equals, weights = word.partition("=")
     errors.one_of("method", name, NAMES)
-    if name in _CLASSICAL:
+    if name in CLASSICAL:
         if equals:
             raise errors.refuse(name, "must come without weights", word, "Leave out the =.")
-        module, kind = _CLASSICAL[name]
-        cls: Any = getattr(import_module(f"starling.learning.completion.classical.{module}"), kind)
-        return cls()
+        from starling.learning.completion.classical import Classical
+
+        return Classical(name)
     if name == "small" and not equals:
         weights = str(shipped.COMPLETION)
     if not weights:

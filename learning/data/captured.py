@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from starling.learning.data import physics_file
-from starling.learning.data.example import Example, Image, Mask, Physics
-from starling.learning.data.learnable import known_holes
+from starling.learning.data.example import Example, Image, Mask, Physics, known_holes
+from starling.learning.data.physics import read_physics, write_physics
 from starling.patterns.errors import InputError, one_of, refuse
 from starling.sim.captures.capture import CapturedScene, CaptureSet
 from starling.sim.commands.simulate_captures import scene_seed
@@ -155,7 +154,7 @@ def sensor_digest(sensor: Sensor) -> str:
 
 def _physics(scene: CapturedScene, plain: Example, simulation: Simulation) -> Physics:
     key = _digest(scene, plain, simulation) if simulation.cache else ""
-    if simulation.cache and (cached := physics_file.read(simulation.cache, key)):
+    if simulation.cache and (cached := read_physics(simulation.cache, key)):
         return cached
     from starling.learning.data import simulated  # Importing the renderer takes seconds.
 
@@ -166,7 +165,7 @@ def _physics(scene: CapturedScene, plain: Example, simulation: Simulation) -> Ph
         seed=scene_seed(simulation.seed, scene.name),
     )
     if simulation.cache:
-        physics_file.write(simulation.cache, key, physics)
+        write_physics(simulation.cache, key, physics)
     return physics
 
 

@@ -30,7 +30,6 @@ def write(
     verb: str,
     seed: int,
     arguments: Mapping[str, Any],
-    force: bool = False,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Simulate builtin scenes, each a room, and write a capture set.
@@ -43,7 +42,6 @@ def write(
         verb: name of the program, for the record.
         seed: seed of the set; that of each capture follows from it and the scene's name.
         arguments: for the record.
-        force: replace an earlier set.
         track: wraps the loop over scenes.
 
     Returns:
@@ -57,7 +55,7 @@ def write(
         raise errors.refuse("scenes", "must be at least one, each once", got, "Correct the list.")
     info = writer.info_of(camera, source=f"{verb} camera", licence="Apache-2.0", notes="simulated")
     rates = {}
-    with OutputFolder(out, force=force) as folder:
+    with OutputFolder(out) as folder:
         for name in track(names, f"{verb} captures"):
             assumed = sources.load(name, camera)
             shot = shoot(assumed, scene_seed(seed, name))

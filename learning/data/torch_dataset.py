@@ -102,7 +102,8 @@ class Frames(Dataset[Sample]):
 class FrameStream(IterableDataset[Sample]):
     """Frames in a shuffled order, split over ranks and workers; each archive is read once.
 
-    Each frame comes from exactly one worker. The order of archives or views changes with the epoch.
+    Each frame comes from exactly one worker. The seed fixes the order of archives or views; use
+    another one in each epoch.
     """
 
     def __init__(self, frames: Frames, *, rank: int = 0, ranks: int = 1, seed: int = 0) -> None:
@@ -120,11 +121,7 @@ class FrameStream(IterableDataset[Sample]):
         in_interval("ranks", ranks, 1, 10**6)
         in_interval("rank", rank, 0, ranks - 1)
         self._frames, self._rank, self._ranks = frames, rank, ranks
-        self._seed, self._epoch = seed, 0
-
-    def set_epoch(self, epoch: int) -> None:
-        """Set the number of the epoch, before its loader starts."""
-        self._epoch = epoch
+        self._seed = seed
 
     def __iter__(self) -> Iterator[Sample]:
         """Iterate over this worker's frames."""
@@ -135,7 +132,7 @@ class FrameStream(IterableDataset[Sample]):
         for number, row in enumerate(self._frames.rows):
             groups.setdefault(row["shard"] or str(row["view"]), []).append(number)
         names = sorted(groups)
-        order = np.random.default_rng([self._seed, self._epoch]).permutation(len(names))
+        order = np.random.default_rng([self._seed, 0]).permutation(len(names))
         for name_in_set in order[part::parts]:
             for number in groups[names[name_in_set]]:
                 yield self._frames[number]

@@ -22,7 +22,7 @@ from starling.learning.data import simulated_captures
 from starling.patterns.errors import InputError
 from starling.sim import effects, simulate
 from starling.sim.console import progress
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.effects.effect import Effect, Parameter, Stage, Value
 from starling.sim.randomness import generator
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -63,7 +63,6 @@ def write(
     *,
     seed: int = 0,
     samples: int = 4,
-    force: bool = False,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Simulate each builtin scene with another camera, and write a capture set.
@@ -74,7 +73,6 @@ def write(
         assumed: assumed sensor of all cameras.
         seed: seed of the set.
         samples: paths per coarse pixel of indirect light.
-        force: replace an earlier set.
         track: wraps the loop over scenes.
 
     Returns:
@@ -91,7 +89,6 @@ def write(
         verb="varied",
         seed=seed,
         arguments={"samples": samples},
-        force=force,
         track=track,
     )
 

@@ -1,22 +1,29 @@
-"""Scores of methods on held-out rooms."""
+"""Scores of methods on held-out rooms, and their figures as plain values."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
-from starling.learning.data.example import Example, Image
-from starling.learning.data.learnable import known_holes
-from starling.learning.evaluation.figures import classification
-from starling.learning.evaluation.figures.bootstrap import Difference, paired_difference
-from starling.learning.evaluation.figures.classification import Classification
-from starling.learning.evaluation.figures.judged import Judged, judge, pool
-from starling.learning.evaluation.figures.reliability import Reliability, reliability
-from starling.learning.evaluation.figures.roc import Roc, roc
-from starling.learning.features.hole_kinds import hole_kinds
+from starling.learning.data.example import Example, Image, known_holes
+from starling.learning.evaluation import metrics
+from starling.learning.evaluation.bootstrap import Difference, paired_difference
+from starling.learning.evaluation.metrics import (
+    Classification,
+    Judged,
+    Reliability,
+    Roc,
+    judge,
+    pool,
+    reliability,
+    roc,
+)
+from starling.learning.features.holes import hole_kinds
 from starling.sim.metrics import depth_edges
 
 COMPARED = ("auc", "tpr_at_fpr10", "tpr_at_fpr4", "brier_skill")
@@ -35,7 +42,7 @@ class HolePrediction:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class KindScore:
-    """Holes of one kind (`starling.learning.features.hole_kinds`) in all rooms."""
+    """Holes of one kind (`starling.learning.features.holes`) in all rooms."""
 
     share: float  # Share of all holes.
     sure: float  # Share of these holes with a probability of 0.5 or more.
@@ -56,12 +63,12 @@ class Scores:
     @property
     def mean(self) -> Classification:
         """Mean over rooms."""
-        return classification.mean(self.rooms)
+        return metrics.mean(self.rooms)
 
     @property
     def worst(self) -> Classification:
         """Worst room of each metric."""
-        return classification.worst(self.rooms)
+        return metrics.worst(self.rooms)
 
 
 def scores(predictions: Sequence[HolePrediction]) -> Scores:
@@ -77,8 +84,8 @@ def scores(predictions: Sequence[HolePrediction]) -> Scores:
     together = pool(judged for _, judged in everywhere)
     curve = roc(together)
     return Scores(
-        rooms=classification.by_room(everywhere),
-        rooms_off_edges=classification.by_room(off_edges),
+        rooms=metrics.by_room(everywhere),
+        rooms_off_edges=metrics.by_room(off_edges),
         curve=_thinned(curve),
         reliability=reliability(together),
         kinds=_kinds(predictions, _threshold(curve)),
@@ -162,3 +169,46 @@ def _thinned(curve: Roc) -> Roc:
     wanted = np.linspace(0, length[-1], _CORNERS)
     chosen = np.unique(np.clip(np.searchsorted(length, wanted), 0, len(across) - 1))
     return Roc(across[chosen], up[chosen], curve.threshold[chosen])
+
+
+def figures(methods: Mapping[str, Scores], *, seed: int) -> dict[str, Any]:
+    """Collect all metrics by method.
+
+    Args:
+        methods: methods scored on the same rooms.
+        seed: seed of the bootstrap.
+
+    Returns:
+        `{"methods": {NAME: {FIGURE, ..., "worst", "off_edges", "kinds"}}, "rooms": {ROOM: {NAME:
+        {FIGURE, ...}}}, "differences": {NAME: {EARLIER NAME: {FIGURE: {"mean", "low", "high",
+        "rooms", "above"}}}}}`: means over rooms, worst room of each metric, and the mean off depth
+        edges. `differences` is missing if there is only one room.
+    """
+    result: dict[str, Any] = {
+        "methods": {
+            name: {
+                **dataclasses.asdict(scores.mean),
+                "worst": dataclasses.asdict(scores.worst),
+                "off_edges": _mean(scores.rooms_off_edges),
+                "kinds": {kind: dataclasses.asdict(score) for kind, score in scores.kinds.items()},
+            }
+            for name, scores in methods.items()
+        },
+        "rooms": {},
+    }
+    for name, scores in methods.items():
+        for room, score in scores.rooms.items():
+            result["rooms"].setdefault(room, {})[name] = dataclasses.asdict(score)
+    if all(len(scores.rooms) > 1 for scores in methods.values()):
+        result["differences"] = {
+            later: {
+                earlier: {name: dataclasses.asdict(value) for name, value in by_figure.items()}
+                for earlier, by_figure in by_earlier.items()
+            }
+            for later, by_earlier in differences(methods, seed=seed).items()
+        }
+    return result
+
+
+def _mean(rooms: Mapping[str, Classification]) -> dict[str, float] | None:
+    return dataclasses.asdict(metrics.mean(rooms)) if rooms else None

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from starling.learning.data.example import Image
-from starling.learning.data.learnable import known_holes
+from starling.learning.data.example import Image, known_holes
 from starling.learning.evaluation.evaluate import HolePrediction, Scores
 from starling.sim.plotting import panels, sheet
 from starling.sim.plotting.sheet import Panel

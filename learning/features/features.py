@@ -9,10 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.learning.data.example import Example
-from starling.learning.features.edges import edges_left, edges_right
-from starling.learning.features.thickness import gap_width, thickness
-from starling.learning.features.visibility import seen_from, signed_distance
-from starling.learning.networks.training import channels
+from starling.learning.features.geometry import (
+    edges_left,
+    edges_right,
+    gap_width,
+    seen_from,
+    signed_distance,
+    thickness,
+)
+from starling.learning.networks import channels
 from starling.patterns import errors
 from starling.sim.arrays import filled
 from starling.sim.captures.info import CaptureInfo
@@ -57,7 +62,7 @@ GEOMETRY: dict[str, str] = {
     "bump_fine_px": "disparity less that of the plane over 7 px: signed curvature",
     "bump_coarse_px": "disparity less that of the plane over 21 px: signed curvature",
 }
-# Physics adds the channels of `starling.learning.networks.training.channels.physics_images`.
+# Physics adds the channels of `starling.learning.networks.channels.physics_images`.
 REFLECTANCE: dict[str, str] = {
     "reflectance": "near-infrared reflectance, 0 to 1",
     "reflectance_gradient_per_px": "length of its gradient after smoothing by sigma 4 px",
@@ -110,34 +115,16 @@ def features(
             states, or a requested reflectance or simulation is missing.
     """
     camera, depth_m = Pinhole.from_camera(example.info), example.depth_m
-    _of_size(example.info, "depth_m", depth_m)
+    channels.check_size(example.info, "depth_m", depth_m)
     baseline_m = example.info.baseline_m
     part = _projector_part(example.info) if projector_x_m is None else projector_x_m / baseline_m
     measured = _geometry(camera, example.info.disparity_px(depth_m), part, baseline_m)
     if with_reflectance:
-        if example.reflectance is None:
-            raise errors.refuse(
-                "reflectance",
-                "must be given for a method that uses it",
-                f"none for {example.scene}",
-                "Take captures with infrared images, or a method without reflectance.",
-            )
-        _of_size(example.info, "reflectance", example.reflectance)
-        measured |= _reflectance(example.reflectance, measured["return_per_m2"])
+        measured |= _reflectance(channels.reflectance(example), measured["return_per_m2"])
     if with_physics:
         measured |= channels.physics_images(example)
     order = names(with_reflectance=with_reflectance, with_physics=with_physics)
     return Features(order, np.stack([measured[name] for name in order], axis=-1, dtype=np.float32))
-
-
-def _of_size(info: CaptureInfo, name: str, image: Image) -> None:
-    if image.shape != info.shape:
-        raise errors.refuse(
-            name,
-            f"must be {info.width}x{info.height} as the geometry states",
-            f"shape {image.shape}",
-            "Correct the one that is wrong.",
-        )
 
 
 def _projector_part(info: CaptureInfo) -> float:
@@ -192,8 +179,6 @@ def _geometry(
 
 
 def _reflectance(reflectance: Image, return_per_m2: Image) -> dict[str, Image]:
-    known = np.isfinite(reflectance)
-    reflectance = filled(reflectance, known)
     sigma = GRADIENT_SIGMA_PX
     smooth = cv2.GaussianBlur(reflectance, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
     down, across = np.gradient(smooth)

@@ -40,13 +40,6 @@ class Cloud:
         )
 
 
-def unproject(depth_m: Image, info: CaptureInfo) -> Points:
-    """Return points (h, w, 3) [m] of a depth image (h, w) in the left frame, with its NaN."""
-    y, x = np.indices(depth_m.shape, np.float64)
-    ray = [(x - info.cx_px) / info.fx_px, (y - info.cy_px) / info.fy_px, np.ones_like(x)]
-    return np.stack(ray, axis=-1) * np.asarray(depth_m, np.float64)[..., None]
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Surface:
     """Points and normals by pixel; NaN where there is no depth."""

@@ -9,34 +9,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import ClassVar
 
 from torch import Tensor, nn
 
-from starling.learning.data.example import Example
-from starling.learning.networks.training.learner import (
-    Draw,
-    Learner,
-    descend,
-    initialised,
-    mixed_precision,
-)
-from starling.learning.networks.training.samples import Batch
-from starling.learning.networks.training.settings import TrainingSettings
-from starling.learning.networks.training.translation import (
+from starling.learning.methods.translation import (
     ADVERSARIAL,
     DEPTH,
     PatchDiscriminator,
-    TranslationPredictor,
+    Translation,
     Translator,
     adversary,
-    fit_translation,
     least_squares_loss,
     linear_decay,
-    load_translation,
 )
-from starling.sim.console import progress
+from starling.learning.networks.device import initialised, mixed_precision
+from starling.learning.networks.samples import Batch
+from starling.learning.networks.training import Draw, Learner, TrainingSettings, descend
 
 CYCLE_WEIGHT = 10.0  # Relative to the discriminators' loss (Zhu et al., sec. 4).
 IDENTITY_WEIGHT = 5.0  # Half of the cycle weight (sec. 5.2).
@@ -92,45 +80,19 @@ def _mean_difference(image: Tensor, target: Tensor) -> Tensor:
     return (image - target).abs().float().mean()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CycleGan:
+@dataclass(frozen=True, kw_only=True)
+class CycleGan(Translation):
     """CycleGAN with its settings."""
 
-    name: ClassVar[str] = "cyclegan"
+    name = "cyclegan"
+    predicts = "spoil"
+    generator = Translator
+    inputs = DEPTH
     settings: TrainingSettings = ADVERSARIAL
 
-    def fit(
-        self,
-        examples: Sequence[Example],
-        *,
-        folder: Path,
-        seed: int,
-        track: progress.Progress = progress.silent,
-    ) -> TranslationPredictor:
-        """Train, or continue from the folder's checkpoint, and save the weights there.
-
-        Raises:
-            InputError: see `starling.learning.networks.training.translation.fit_translation`.
-        """
+    def learner(self, seed: int) -> CycleGanLearner:
+        """Build the initial generators and discriminators."""
         build = partial(PatchDiscriminator, 1)
         generators = [initialised(Translator, seed + number) for number in range(2)]
         discriminators = [initialised(build, seed + number) for number in range(2)]
-        return fit_translation(
-            examples,
-            CycleGanLearner(generators, discriminators, self.settings),
-            "spoil",
-            self.settings,
-            inputs=DEPTH,
-            name=self.name,
-            folder=folder,
-            seed=seed,
-            track=track,
-        )
-
-    def load(self, folder: Path) -> TranslationPredictor:
-        """Load the weights that `fit` saved.
-
-        Raises:
-            InputError: see `starling.learning.networks.training.weights.load`.
-        """
-        return load_translation(folder, self.name, Translator(), DEPTH)
+        return CycleGanLearner(generators, discriminators, self.settings)

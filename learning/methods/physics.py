@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from starling.learning.data.example import Example, Image
-from starling.learning.data.learnable import check_learnable, known_holes
-from starling.learning.data.physics_probability import physics_probability
+from starling.learning.data.example import Example, Image, check_learnable, known_holes
+from starling.learning.data.physics import physics_probability
 from starling.learning.methods import model_file
 from starling.learning.methods.recalibration import Recalibration, fit_recalibration
-from starling.learning.networks.training.channels import require_physics
+from starling.learning.networks.channels import require_physics
 from starling.sim.console import progress
 
 _VERSION = 1
@@ -27,7 +26,7 @@ class SimulatedPredictor:
     recalibration: Recalibration | None = None
 
     def probability(self, example: Example) -> Image:
-        """Estimate the probability (h, w); see `starling.learning.data.physics_probability`.
+        """Estimate the probability (h, w); see `starling.learning.data.physics`.
 
         Raises:
             InputError: if the example has no physics.
@@ -60,7 +59,7 @@ class Simulated:
         """Fit slope and offset of the logit if recalibrated; each scene has the same weight.
 
         Raises:
-            InputError: if the examples cannot be learnt from (`starling.learning.data.learnable`),
+            InputError: if the examples cannot be learnt from (`starling.learning.data.example`),
                 or one has no physics.
         """
         del seed

@@ -10,42 +10,35 @@ inputs of our network, and keeps or removes each depth instead of drawing it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from starling.learning.data.example import Example, Image
-from starling.learning.networks.training import channels
-from starling.learning.networks.training.learner import (
-    STEEPEST,
-    Draw,
-    Learner,
-    descend,
-    initialised,
-    mean,
-    mixed_precision,
-    one_cycle,
-)
-from starling.learning.networks.training.samples import Batch
-from starling.learning.networks.training.settings import TrainingSettings
-from starling.learning.networks.training.translation import (
+from starling.learning.methods.translation import (
     PatchDiscriminator,
-    TranslationPredictor,
+    Translation,
     TranslatorInput,
     adversary,
     depth_image,
-    fit_translation,
     least_squares_loss,
-    load_translation,
+)
+from starling.learning.networks import channels
+from starling.learning.networks.device import initialised, mixed_precision
+from starling.learning.networks.samples import Batch
+from starling.learning.networks.training import (
+    STEEPEST,
+    Draw,
+    Learner,
+    TrainingSettings,
+    descend,
+    mean,
+    one_cycle,
 )
 from starling.learning.networks.unet import UNet
-from starling.sim.console import progress
 
 SQUARE_WEIGHT = 100.0  # Relative to the discriminator's loss (Isola et al., sec. 3.3).
 SETTINGS = TrainingSettings(steps=1000, batch=4, rate=1e-3)
@@ -112,44 +105,17 @@ class Pix2PixLearner(Learner[Batch]):
         }
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Pix2Pix:
+@dataclass(frozen=True, kw_only=True)
+class Pix2Pix(Translation):
     """pix2pix with its settings."""
 
-    name: ClassVar[str] = "pix2pix"
+    name = "pix2pix"
+    predicts = "generator"
+    generator = Keeper
+    inputs = INPUTS
     settings: TrainingSettings = SETTINGS
 
-    def fit(
-        self,
-        examples: Sequence[Example],
-        *,
-        folder: Path,
-        seed: int,
-        track: progress.Progress = progress.silent,
-    ) -> TranslationPredictor:
-        """Train, or continue from the folder's checkpoint, and save the weights there.
-
-        Raises:
-            InputError: see `starling.learning.networks.training.translation.fit_translation`.
-        """
-        generator = initialised(Keeper, seed)
+    def learner(self, seed: int) -> Pix2PixLearner:
+        """Build the initial generator and discriminator."""
         discriminator = initialised(partial(PatchDiscriminator, 2), seed)
-        return fit_translation(
-            examples,
-            Pix2PixLearner(generator, discriminator, self.settings),
-            "generator",
-            self.settings,
-            inputs=INPUTS,
-            name=self.name,
-            folder=folder,
-            seed=seed,
-            track=track,
-        )
-
-    def load(self, folder: Path) -> TranslationPredictor:
-        """Load the weights that `fit` saved.
-
-        Raises:
-            InputError: see `starling.learning.networks.training.weights.load`.
-        """
-        return load_translation(folder, self.name, Keeper(), INPUTS)
+        return Pix2PixLearner(initialised(Keeper, seed), discriminator, self.settings)

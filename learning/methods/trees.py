@@ -15,13 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from starling.learning.data.drawn_pixels import DrawnPixels, draw_pixels, join
-from starling.learning.data.example import Example, Image
-from starling.learning.data.learnable import check_learnable, known_holes
-from starling.learning.features.bins import BINS, equal_count_bins
+from starling.learning.data.example import Example, Image, Mask, check_learnable, known_holes
 from starling.learning.features.features import features, names
 from starling.learning.methods import model_file
-from starling.learning.methods.forest import Forest, forest_of
+from starling.learning.methods.forest import BINS, Forest, equal_count_bins, forest_of
 from starling.learning.methods.recalibration import Recalibration, fit_recalibration
 from starling.patterns import errors
 from starling.sim.console import progress
@@ -29,6 +26,77 @@ from starling.sim.randomness import generator
 
 if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingClassifier
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnPixels:
+    """Pixels of one or more scenes."""
+
+    values: NDArray[np.float32]  # (n, k) features.
+    ndp: NDArray[np.bool_]  # (n,)
+    weight: NDArray[np.float64]  # (n,) above 0; the sum is the same for each scene.
+    room: NDArray[np.str_]  # (n,)
+
+    def where(self, chosen: NDArray[np.bool_]) -> DrawnPixels:
+        """Select pixels; weights do not change."""
+        return DrawnPixels(
+            self.values[chosen], self.ndp[chosen], self.weight[chosen], self.room[chosen]
+        )
+
+
+def draw_pixels(
+    values: NDArray[np.float32],
+    ndp: Mask,
+    counted: Mask,
+    *,
+    room: str,
+    most: int,
+    rng: np.random.Generator,
+) -> DrawnPixels:
+    """Draw pixels of one scene, equally many with and without depth where possible.
+
+    Holes are a few percent of a scene, so that uniform draws would mostly be uninformative. Each
+    kind is weighted back to its share, so that trained probabilities are unbiased.
+
+    Args:
+        values: (h, w, k) features.
+        ndp: (h, w) no-depth pixels.
+        counted: (h, w), at least one True.
+        room: room of the scene.
+        most: greatest number of pixels, > 1.
+        rng: random generator; draws are without replacement.
+
+    Returns:
+        The pixels; their weights sum to their number.
+    """
+    kinds = [np.flatnonzero(counted & ndp), np.flatnonzero(counted & ~ndp)]
+    rarer = min(len(kinds[0]), len(kinds[1]), most // 2)
+    numbers = [min(len(kind), most - rarer) for kind in kinds]
+    drawn = [
+        rng.choice(kind, number, replace=False) for kind, number in zip(kinds, numbers, strict=True)
+    ]
+    each = [len(kind) / max(number, 1) for kind, number in zip(kinds, numbers, strict=True)]
+    pixels, weight = np.concatenate(drawn), np.repeat(each, numbers)
+    return DrawnPixels(
+        values=values.reshape(-1, values.shape[-1])[pixels],
+        ndp=ndp.reshape(-1)[pixels],
+        weight=weight * (len(weight) / weight.sum()),
+        room=np.full(len(pixels), room),
+    )
+
+
+def join(scenes: Sequence[DrawnPixels]) -> DrawnPixels:
+    """Concatenate scenes, each with the same sum of weights."""
+    pixels = sum(len(scene.ndp) for scene in scenes)
+    return DrawnPixels(
+        values=np.concatenate([scene.values for scene in scenes]),
+        ndp=np.concatenate([scene.ndp for scene in scenes]),
+        weight=np.concatenate(
+            [scene.weight * (pixels / len(scenes) / scene.weight.sum()) for scene in scenes]
+        ),
+        room=np.concatenate([scene.room for scene in scenes]),
+    )
+
 
 _VERSION = 1
 _PATIENCE = 20  # Trees without improvement before boosting stops.
@@ -113,7 +181,7 @@ class Trees:
         can be determined: the number of trees is fixed, without recalibration.
 
         Raises:
-            InputError: if the examples cannot be learnt from (`starling.learning.data.learnable`),
+            InputError: if the examples cannot be learnt from (`starling.learning.data.example`),
                 or one lacks an input of the features.
         """
         check_learnable(examples)

@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from starling.learning.networks.device import to_device
 from starling.patterns.errors import refuse
 from starling.sim.console import output
 
@@ -86,3 +87,46 @@ def restore(network: nn.Module, weights: Mapping[str, torch.Tensor]) -> None:
             rule = f"must have {name} of shape {wanted.get(name)}"
             raise refuse("checkpoint", rule, present.get(name), _RETRAIN)
     network.load_state_dict(dict(weights))
+
+
+def network_path(folder: Path, name: str) -> Path:
+    """Return the path of a method's weights in its folder."""
+    return folder / f"{name}.pt"
+
+
+def save_network(
+    folder: Path, name: str, network: nn.Module, channels: tuple[str, ...], shape: tuple[int, int]
+) -> None:
+    """Save a network.
+
+    Args:
+        folder: created if missing.
+        name: name of the method.
+        network: the network.
+        channels: names of its input channels.
+        shape: (h, w) of the training images.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    content = {"weights": network.state_dict(), "seen": list(channels), "shape": list(shape)}
+    save(network_path(folder, name), name, content)
+
+
+def load_network(
+    folder: Path, name: str, network: nn.Module, channels: tuple[str, ...]
+) -> tuple[int, int]:
+    """Load weights into a network and return the (h, w) of the training images.
+
+    Raises:
+        InputError: if there are none, the file is damaged, of another version or method, or trained
+            on other input channels.
+    """
+    content = load(network_path(folder, name), name)
+    if tuple(content["seen"]) != channels:
+        rule = f"must be trained on {', '.join(channels)}"
+        raise refuse("checkpoint", rule, ", ".join(content["seen"]), "Train again.")
+    restore(network, content["weights"])
+    to_device(network).requires_grad_(False).eval()
+    height, width = content["shape"]
+    return height, width

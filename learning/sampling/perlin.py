@@ -23,8 +23,7 @@ from starling.patterns import errors
 from starling.patterns.errors import whole_number
 from starling.sim.randomness import generator
 
-PERSISTENCE = 0.5  # Amplitude of an octave over that of the next coarser one (Perlin 1985).
-_HALF_CELL = (0.0, 0.5)  # Offsets of the two lattices of an octave.
+_HALF_CELL = (0.0, 0.5)  # Offsets of the two lattices.
 _LARGEST_T, _STEPS_T = 40.0, 800  # The characteristic function is below 1e-4 from t = 20 on.
 
 
@@ -36,29 +35,22 @@ class Perlin:
         correlation_px: Shift at which the noise's autocorrelation is one half [px].
         correlation_frames: Standard deviation of the autocorrelation in time, which is
             exp(-(t / correlation_frames)^2 / 2) [frames].
-        octaves: Number of octaves, each half as coarse and half as strong as the one before.
 
     Raises:
-        InputError: if a correlation is not above zero, or `octaves` is not 1 to 8.
+        InputError: if a correlation is not above zero.
     """
 
     correlation_px: float
     correlation_frames: float
-    octaves: int = 1
 
     def __post_init__(self) -> None:
         errors.positive("correlation_px", self.correlation_px, "Give a length [px].")
         errors.positive("correlation_frames", self.correlation_frames, "Give a time [frames].")
-        whole_number("octaves", self.octaves, 1, 8)
 
     @property
     def cell_px(self) -> float:
-        """Spacing of the coarsest lattice [px]."""
-        return self.correlation_px / _half_correlation_cells(self.octaves)
-
-    def correlation_in_time(self, frames: float) -> float:
-        """Correlation of a pixel's noise with itself after a number of frames."""
-        return math.exp(-((frames / self.correlation_frames) ** 2) / 2)
+        """Spacing of the lattice [px]."""
+        return self.correlation_px / _half_correlation_cells()
 
 
 def uniform(
@@ -70,7 +62,7 @@ def uniform(
         shape: (h, w) of the image; the noise does not repeat in it.
         noise: correlations in space and time.
         seed: seed of the noise of all frames of a sequence.
-        frame: time; frames are correlated by `noise.correlation_in_time`.
+        frame: time; frames are correlated by `noise.correlation_frames`.
 
     Returns:
         (h, w) in [0, 1): the share of pixels below p is p, at every place in the image.
@@ -79,7 +71,7 @@ def uniform(
         InputError: if a side is not 1 to 16384 pixels.
     """
     value = standard(shape, noise, seed=seed, frame=frame)
-    levels, below = _distribution(noise.octaves)
+    levels, below = _distribution()
     largest = np.nextafter(np.float32(1), np.float32(0))
     return np.minimum(np.interp(value, levels, below).astype(np.float32), largest)
 
@@ -90,25 +82,20 @@ def standard(
     """Return one frame of noise with mean 0 and variance 1 (h, w); arguments as for `uniform`."""
     height = whole_number("height", shape[0], 1, 16384, "Give the image's shape (h, w).")
     width = whole_number("width", shape[1], 1, 16384, "Give the image's shape (h, w).")
-    total = np.zeros((height, width))
-    for octave, weight in enumerate(_weights(noise.octaves)):
-        cell = noise.cell_px / 2**octave
-        draw = generator(seed, octave, "learning", "perlin")
-        # Each octave has a random offset, so that the zeros of octaves do not coincide.
-        start_y, start_x = draw.random(2)
-        value, variance = np.zeros_like(total), np.zeros_like(total)
-        for shift in _HALF_CELL:
-            down = _Ramp.along(height, cell, start_y + shift)
-            across = _Ramp.along(width, cell, start_x + shift)
-            nodes = down.nodes, across.nodes
-            speed = draw.standard_normal(nodes) / noise.correlation_frames
-            angle = 2 * math.pi * draw.random(nodes) + speed * frame
-            value += down.weight @ (across.moment @ np.cos(angle).T).T
-            value += down.moment @ (across.weight @ np.sin(angle).T).T
-            variance += 0.5 * np.outer(down.weight_squared, across.moment_squared)
-            variance += 0.5 * np.outer(down.moment_squared, across.weight_squared)
-        total += weight * value / np.sqrt(variance)
-    return total
+    draw = generator(seed, 0, "learning", "perlin")
+    start_y, start_x = draw.random(2)
+    value, variance = np.zeros((height, width)), np.zeros((height, width))
+    for shift in _HALF_CELL:
+        down = _Ramp.along(height, noise.cell_px, start_y + shift)
+        across = _Ramp.along(width, noise.cell_px, start_x + shift)
+        nodes = down.nodes, across.nodes
+        speed = draw.standard_normal(nodes) / noise.correlation_frames
+        angle = 2 * math.pi * draw.random(nodes) + speed * frame
+        value += down.weight @ (across.moment @ np.cos(angle).T).T
+        value += down.moment @ (across.weight @ np.sin(angle).T).T
+        variance += 0.5 * np.outer(down.weight_squared, across.moment_squared)
+        variance += 0.5 * np.outer(down.moment_squared, across.weight_squared)
+    return value / np.sqrt(variance)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -153,15 +140,9 @@ def _fade(offset: NDArray[np.float64]) -> NDArray[np.float64]:
     return 1 - t**3 * (t * (6 * t - 15) + 10)
 
 
-def _weights(octaves: int) -> NDArray[np.float64]:
-    """Amplitudes with a total power of one."""
-    amplitude = PERSISTENCE ** np.arange(octaves)
-    return amplitude / np.linalg.norm(amplitude)
-
-
 @functools.cache
-def _half_correlation_cells(octaves: int) -> float:
-    """Shift along an axis, in coarsest cells, at which the autocorrelation is one half.
+def _half_correlation_cells() -> float:
+    """Shift along an axis, in cells, at which the autocorrelation is one half.
 
     This is the mean covariance of the noise over its mean variance. The effect of dividing by the
     local standard deviation is below the tolerance of the test.
@@ -174,19 +155,15 @@ def _half_correlation_cells(octaves: int) -> float:
         return float((f * np.interp(x + shift, x, f, left=0, right=0)).sum() * step)
 
     def correlation(shift: float) -> float:
-        power = _weights(octaves) ** 2
-        covariance = [
-            overlap(m, shift * 2**k) * overlap(w, 0) + overlap(w, shift * 2**k) * overlap(m, 0)
-            for k in range(octaves)
-        ]
-        return float(power @ np.array(covariance)) / (2 * overlap(m, 0) * overlap(w, 0))
+        covariance = overlap(m, shift) * overlap(w, 0) + overlap(w, shift) * overlap(m, 0)
+        return covariance / (2 * overlap(m, 0) * overlap(w, 0))
 
     solution = optimize.root_scalar(lambda shift: correlation(shift) - 0.5, bracket=(0, 1))
     return float(solution.root)
 
 
 @functools.cache
-def _distribution(octaves: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _distribution() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return values of the noise and the probability to be below each.
 
     A node contributes a cos(angle), whose characteristic function is the Bessel function J0(a t).
@@ -194,17 +171,14 @@ def _distribution(octaves: int) -> tuple[NDArray[np.float64], NDArray[np.float64
     Gil-Pelaez (Biometrika 38, 1951).
     """
     t = np.asarray((np.arange(_STEPS_T) + 0.5) * (_LARGEST_T / _STEPS_T), np.float64)
-    single = np.concatenate([[1.0], _characteristic(t)])
-    transform = np.ones_like(t)
-    for weight in _weights(octaves):
-        transform *= np.interp(weight * t, np.concatenate([[0.0], t]), single)
+    transform = _characteristic(t)
     levels = np.linspace(-6, 6, 2401)
     below = 0.5 + np.sin(np.outer(levels, t)) @ (transform / t) * (_LARGEST_T / _STEPS_T) / math.pi
     return levels, np.maximum.accumulate(np.clip(below, 0, 1))
 
 
 def _characteristic(t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Characteristic function of one octave of unit variance, averaged over a cell."""
+    """Characteristic function of noise of unit variance, averaged over a cell."""
     place = (np.arange(8) + 0.5) / 16  # By symmetry, an eighth of a cell is sufficient.
     y, x = (value.ravel() for value in np.meshgrid(place, place))
     amplitudes = []

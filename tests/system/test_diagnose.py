@@ -27,7 +27,7 @@ from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.candidates import candidates as all_candidates
 from starling.learning import registry
 from starling.sim.captures import capture
-from starling.sim.sensor import presets as sensors
+from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 from tests.system.test_withheld import nominal
@@ -47,7 +47,7 @@ def sensor() -> Sensor:
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("diagnose")
     light_sets.write(folder / "light", SCENES, sensor())
-    (folder / "sensor.toml").write_text(sensors.dumps(sensor()))
+    (folder / "sensor.toml").write_text(presets.dumps(sensor()))
     cases = (("null", 7, {}), ("other", 8, {}), ("bent", 7, {"gamma": GAMMA}))
     for name, seed, settings in cases:
         kind = "single" if settings else "null"
@@ -91,8 +91,8 @@ def test_effect_is_identified_measured_and_corrected(place, diagnosed):
     assert result["which"]["image"]["alone"][0]["name"] == effect["name"]
     assert all(map(groups.describe, result["which"]["image"]["by_group"]))
     assert result["where"]["parts"]["ndp_rate"]["device"] is None
-    fixed = sensors.load(str(place / "bent-report" / "sensor.toml"))
-    assert sensors.load(str(place / "bent-report" / "base.toml")) == sensor()
+    fixed = presets.load(str(place / "bent-report" / "sensor.toml"))
+    assert presets.load(str(place / "bent-report" / "base.toml")) == sensor()
     assert fixed.left.gamma == fixed.right.gamma == pytest.approx(effect["parameters"]["gamma"])
     assert json.loads((place / "bent-report" / "report.json").read_text())["says"] == result["says"]
     assert "consistent with" in result["says"][1]
@@ -267,7 +267,7 @@ def test_without_infrared_only_depth_is_diagnosed(place, diagnosed, tmp_path):
 
 
 def test_residual_without_torch_is_refused_early(place, tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "starling.learning.methods.hybrid", None)
+    monkeypatch.setitem(sys.modules, "starling.learning.methods.network", None)
     flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
     assert command_line.main(["diagnose", str(place / "null"), *flags, "--residual"]) == 1
     assert "hybrid needs" in capsys.readouterr().err and not (tmp_path / "out").exists()

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from starling.patterns import InputError, Pattern
 from starling.patterns.field import Field
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.geometry import frames
 from starling.sim.render import backend, emission, indirect, scalar
 from starling.sim.render import direct as render

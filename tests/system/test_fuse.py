@@ -23,20 +23,19 @@ import trimesh
 from starling import command_line
 from starling.patterns.errors import InputError
 from starling.sim import simulate
-from starling.sim.captures import capture
+from starling.sim.captures import capture, writer
 from starling.sim.captures import info as capture_info
-from starling.sim.captures import writer as capture_writer
 from starling.sim.captures.exchange import labelfusion, tum
 from starling.sim.captures.exchange.stream import posed_frames
 from starling.sim.captures.fusion import fuse, pairs
-from starling.sim.captures.fusion.volume import fuse_frames as surface_of
+from starling.sim.captures.fusion.volume import fuse_frames
 from starling.sim.console.output import OutputFolder
 from starling.sim.datasets.render_view import MemoryFolder
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render.mitsuba_scene import MitsubaScene
-from starling.sim.scene import sources as scenes
-from starling.sim.sensor import resolve as asked_sensor
+from starling.sim.scene import sources
+from starling.sim.sensor import resolve
 from starling.sim.stereo.depth import DepthMap
 
 SIZE = ("width=160", "height=120", "fx_px=130", "fy_px=130", "cx_px=79.5", "cy_px=59.5")
@@ -55,8 +54,8 @@ class Simulated:
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Simulated:
     """A D435 on an arc around a table."""
-    sensor = asked_sensor.load("d435", edits=SIZE)
-    stage = MitsubaScene(scenes.load("tabletop", sensor))
+    sensor = resolve.load("d435", edits=SIZE)
+    stage = MitsubaScene(sources.load("tabletop", sensor))
     folder = tmp_path_factory.mktemp("streams")
     poses, shots = [], []
     for number, turn in enumerate(np.linspace(-0.5, 0.5, 9)):
@@ -64,14 +63,14 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Simulated:
         poses.append(frames.look_at(tuple(np.add(MIDDLE_M, away)), MIDDLE_M, (0.0, -1.0, 0.0)))
         last_scene = dataclasses.replace(stage.scene, world_from_left=poses[-1])
         shots.append(simulate.simulate(stage.with_scene(last_scene), sensor, seed=number))
-    info = capture_writer.info_of(sensor, source="", licence="", notes="")
+    info = writer.info_of(sensor, source="", licence="", notes="")
     info = dataclasses.replace(info, depth_unit_m=pairs.UNIT_M)
     for kind in ("exact", "device"):
         with OutputFolder(folder / f"{kind} set") as written:
             written.write(capture_info.FILE, capture_info.dumps(info))
             for number, (pose, shot) in enumerate(zip(poses, shots, strict=True)):
                 truth_m = shot.layers.truth.depth_m
-                capture_writer.write_frame(
+                writer.write_frame(
                     written,
                     f"{number:03d}",
                     0,
@@ -324,7 +323,7 @@ def test_a_grey_picture_of_another_size_is_refused(tmp_path: Path):
         for moment in stream.moments
     ]
     chosen = posed_frames(dataclasses.replace(stream, moments=tuple(grey)))
-    mesh = surface_of(chosen, stream.camera, fuse.Fusion())
+    mesh = fuse_frames(chosen, stream.camera, fuse.Fusion())
     with pytest.raises(InputError, match="grey image must be 48x40 as the depth; got 24x20 at 0"):
         pairs.write("log", chosen, mesh, info_of(stream.camera), MemoryFolder(tmp_path))
 

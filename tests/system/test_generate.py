@@ -23,8 +23,7 @@ import trimesh
 from starling import command_line
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, exr, png
-from starling.sim.datasets import index, set_folder, shard
-from starling.sim.datasets import workers as on_ray
+from starling.sim.datasets import index, set_folder, shard, workers
 from starling.sim.datasets.generate import generate
 from starling.sim.datasets.verify import verify
 from starling.sim.reason import Reason
@@ -190,13 +189,13 @@ def test_killed_worker_stops_the_run_without_losses(plan: Path, whole: Path):
     script = (
         "import os, sys\n"
         "from pathlib import Path\n"
-        "from starling.sim.datasets import local_workers as local\n"
+        "from starling.sim.datasets import workers\n"
         "from starling.sim.datasets.generate import generate\n"
         "from starling.sim.datasets.workers import make\n"
         "def die(plan, info, out, task):\n"
         "    if task.number == 2: os.kill(os.getpid(), 9)\n"
         "    return make(plan, info, out, task)\n"
-        "local.make = die\n"
+        "workers.make = die\n"
         "if __name__ == '__main__':\n"
         "    generate(Path(sys.argv[1]), Path(sys.argv[2]), workers=1, shard_frames=4)\n"
     )
@@ -347,7 +346,7 @@ def test_missing_pyarrow_or_ray_is_refused_with_advice(monkeypatch: Any, tmp_pat
     with pytest.raises(InputError, match="index needs pyarrow"):
         generate(write(tmp_path), tmp_path / "set", workers=1)
     with pytest.raises(InputError, match=r"cluster needs ray.*pip install -e '\.\[ray\]'"):
-        on_ray._ray()
+        workers._ray()
 
 
 @pytest.mark.long

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from starling.sim import effects, simulate
 from starling.sim.commands import atlas
-from starling.sim.effects import Effect, Stage, Value
-from starling.sim.effects import setting as setting
+from starling.sim.effects import Effect, Stage, Value, setting
 from starling.sim.imaging import imager
 from starling.sim.render import direct
 from starling.sim.render.layers import Layers

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from starling.sim.commands.sweep import axes as sweep_axes
-from starling.sim.commands.sweep import figures
-from starling.sim.commands.sweep import sweep as sweep
+from starling.sim.commands.sweep import figures, sweep
 from starling.sim.reason import Reason
 from starling.sim.render import direct
 from starling.sim.render.mitsuba_scene import MitsubaScene

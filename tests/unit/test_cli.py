@@ -24,7 +24,7 @@ from starling.sim.console import progress
 from starling.sim.render import backend
 from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.scene.builtin import scenes as builtin
-from starling.sim.sensor import presets as sensors
+from starling.sim.sensor import presets
 from starling.sim.stereo import measurement
 from starling.sim.stereo.depth import DepthMap
 from tests.unit.command_line import Capsys
@@ -67,8 +67,8 @@ def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     What still takes long on a busy machine does not say how far it is.
     """
     from starling.sim import randomness, simulate
-    from starling.sim.imaging import colour_picture as colour
-    from starling.sim.scene import sources as scenes
+    from starling.sim.imaging import colour_picture
+    from starling.sim.scene import sources
 
     def simulated(scene: Any, sensor: Any, *, seed: int, frame: int = 0, **_: Any) -> Any:
         shot = _shot((sensor.height, sensor.width))
@@ -79,8 +79,8 @@ def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     def measured(left: np.ndarray, right: np.ndarray, sensor: Any, *, causes: Any) -> DepthMap:
         return _shot(left.shape).depth
 
-    monkeypatch.setattr(scenes, "load", lambda *_: builtin.wall())
-    monkeypatch.setattr(colour, "picture", lambda *_: np.zeros((2, 3, 3), np.uint8))
+    monkeypatch.setattr(sources, "load", lambda *_: builtin.wall())
+    monkeypatch.setattr(colour_picture, "picture", lambda *_: np.zeros((2, 3, 3), np.uint8))
     monkeypatch.setattr(simulate, "simulate", simulated)
     monkeypatch.setattr(
         simulate,
@@ -120,12 +120,12 @@ def test_bad_flags_exit_2(arguments: list[str], capsys: Capsys) -> None:
 
 
 def test_sensors(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sensors, "names", lambda: ["d415", "d435"])
+    monkeypatch.setattr(presets, "names", lambda: ["d415", "d435"])
     code, out, _ = _run("sensors", "--json", capsys=capsys)
     assert code == 0 and json.loads(out)["d435"]["width"] == 848
     assert "d415" in _run("sensors", "list", capsys=capsys)[1]
     shown = _run("sensors", "show", "d435", capsys=capsys)[1]
-    assert shown.rstrip() == sensors.text("d435").rstrip()
+    assert shown.rstrip() == presets.text("d435").rstrip()
     table = json.loads(_run("sensors", "show", "d435", "--json", capsys=capsys)[1])
     assert table["projector"]["power_w"] > 0
     assert "must be a known name; got 'd436'" in _refused("sensors", "show", "d436", capsys=capsys)
@@ -165,7 +165,7 @@ def test_simulate_writes_a_whole_set(capsys: Capsys, tmp_path: Path, small_set: 
     assert record["renderer"] == {"variant": "scalar_rgb", "llvm": None}
     assert "numba" in record["versions"]
     assert record["versions"]["numpy"] == np.__version__ and set(record["figures"]) == {"a", "b"}
-    sensor = sensors.load(str(out / "sensor.toml"))
+    sensor = presets.load(str(out / "sensor.toml"))
     assert (sensor.width, sensor.fx_px, sensor.baseline_m) == (160, 90.0, 0.05)
     assert (sensor.projector.power_w, sensor.right.gain) == (0.2, 2.0)
     frame = json.loads((out / "a" / "1" / "frame.json").read_text())
@@ -234,7 +234,7 @@ def test_scenes_of_one_set_have_independent_noise(
     expected = json.loads((whole / "b" / "0" / "frame.json").read_text())["seed"]
     assert record["arguments"]["seed"] == 7 and 0 <= expected < 2**53
     again = simulate.simulate(
-        builtin.wall(), sensors.load(str(whole / "sensor.toml")), seed=expected, frame=0
+        builtin.wall(), presets.load(str(whole / "sensor.toml")), seed=expected, frame=0
     )
     assert np.array_equal(again.ir_left[:48, :64].ravel(), noise(whole, "b", 0))
 

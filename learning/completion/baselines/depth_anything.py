@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -13,13 +13,16 @@ from transformers import DepthAnythingForDepthEstimation
 
 from starling.learning.completion.alignment import align_inverse_depth, normalisation
 from starling.learning.completion.diffusion.weights import find_weights, read_network
-from starling.learning.completion.frame import CompletionFrame
-from starling.learning.completion.method import Completed, unknown_sigma
-from starling.learning.networks.training.learner import device
-from starling.patterns.errors import in_interval, positive, refuse
+from starling.learning.completion.method import Completed, CompletionFrame, unknown_sigma
+from starling.learning.networks.device import device
+from starling.patterns.errors import refuse
 
 PUBLISHED = "depth-anything/Depth-Anything-V2-Small-hf"
 _FILES = ("config.json", "model.safetensors")
+_SHORTEST_PX = 518  # Shorter side of the network's input, about, as published.
+# Greatest depth of the result [m]. The 98th percentile of the sensor's depth replaces it where that
+# is greater, as in streets.
+_FARTHEST_M = 20.0
 # Mean and standard deviation of ImageNet's red, green and blue, which the encoder was trained on.
 _MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _SIGMA = np.array([0.229, 0.224, 0.225], np.float32)
@@ -32,20 +35,8 @@ class DepthAnything:
     The paper aligns to the ground truth, which is not available on a robot.
     """
 
+    name: ClassVar[str] = "depth-anything"
     network: Any  # A `DepthAnythingForDepthEstimation`.
-    shortest_px: int = 518  # Shorter side of the network's input, about, as published.
-    # Greatest depth of the result. The 98th percentile of the sensor's depth replaces it where that
-    # is greater, as in streets.
-    farthest_m: float = 20.0
-
-    def __post_init__(self) -> None:
-        in_interval("shortest_px", self.shortest_px, 1, 16384)
-        positive("farthest_m", self.farthest_m)
-
-    @property
-    def name(self) -> str:
-        """Name of the method."""
-        return "depth-anything"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame of any size.
@@ -54,7 +45,7 @@ class DepthAnything:
             InputError: if the depth cannot be aligned (`alignment.least_squares`).
         """
         height, width = frame.shape
-        ratio = self.shortest_px / min(height, width)
+        ratio = _SHORTEST_PX / min(height, width)
         patch = self.network.config.patch_size
         rows, columns = (max(1, round(side * ratio / patch)) * patch for side in frame.shape)
         resized = cv2.resize(frame.rgb, (columns, rows), interpolation=cv2.INTER_CUBIC)
@@ -65,7 +56,7 @@ class DepthAnything:
         inverse = cv2.resize(
             predicted.cpu().numpy(), (width, height), interpolation=cv2.INTER_LINEAR
         )
-        farthest_m = max(self.farthest_m, normalisation(frame.depth_m, frame.valid).high_m)
+        farthest_m = max(_FARTHEST_M, normalisation(frame.depth_m, frame.valid).high_m)
         depth = align_inverse_depth(inverse, frame.depth_m, frame.valid, farthest_m=farthest_m)
         return Completed(depth_m=depth, sigma_m=unknown_sigma(frame))
 

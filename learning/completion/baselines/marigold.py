@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -12,9 +12,8 @@ from diffusers.pipelines.marigold.pipeline_marigold_depth import MarigoldDepthPi
 
 from starling.learning.completion.alignment import align_depth, least_squares
 from starling.learning.completion.diffusion import weights
-from starling.learning.completion.frame import CompletionFrame
-from starling.learning.completion.method import Completed, unknown_sigma
-from starling.learning.networks.training.learner import device
+from starling.learning.completion.method import Completed, CompletionFrame, unknown_sigma
+from starling.learning.networks.device import device
 from starling.patterns.errors import in_interval, refuse
 
 PUBLISHED = "prs-eth/marigold-depth-v1-0"
@@ -28,6 +27,7 @@ class Marigold:
     The paper aligns to the ground truth, which is not available on a robot.
     """
 
+    name: ClassVar[str] = "marigold"
     pipeline: MarigoldDepthPipeline
     steps: int = 50  # Denoising steps, as in Marigold's paper.
     count: int = 10  # Samples that are combined, as in Marigold's paper.
@@ -38,11 +38,6 @@ class Marigold:
         in_interval("steps", self.steps, 1, 1000)
         in_interval("count", self.count, 1, 1000)
         in_interval("longest_px", self.longest_px, 8, 16384)
-
-    @property
-    def name(self) -> str:
-        """Name of the method."""
-        return "marigold"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame of any size.
@@ -68,17 +63,14 @@ class Marigold:
         return Completed(depth_m=depth, sigma_m=sigma.astype(np.float32))
 
 
-def load(source: Path | str, *, steps: int = 50, count: int = 10, seed: int = 0) -> Marigold:
+def load(source: Path | str) -> Marigold:
     """Read published weights.
 
     Args:
         source: folder of the weights, or an id on the Hugging Face hub.
-        steps: see `Marigold`.
-        count: see `Marigold`.
-        seed: see `Marigold`.
 
     Raises:
-        InputError: see `read_weights`; or if a number is out of range.
+        InputError: see `read_weights`.
     """
     read = read_weights(source)
     pipeline = MarigoldDepthPipeline(
@@ -92,7 +84,7 @@ def load(source: Path | str, *, steps: int = 50, count: int = 10, seed: int = 0)
         shift_invariant=True,
     )
     pipeline.set_progress_bar_config(disable=True)
-    return Marigold(pipeline=pipeline.to(device()), steps=steps, count=count, seed=seed)
+    return Marigold(pipeline=pipeline.to(device()))
 
 
 def read_weights(source: Path | str) -> weights.Weights:

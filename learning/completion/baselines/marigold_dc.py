@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -20,12 +20,11 @@ from torch import Tensor, nn, optim
 from torch.nn import functional
 
 from starling.learning.completion.baselines import marigold
-from starling.learning.completion.diffusion import latents
+from starling.learning.completion.diffusion import span
 from starling.learning.completion.diffusion.span import pad_edges
 from starling.learning.completion.diffusion.weights import empty_prompt
-from starling.learning.completion.frame import CompletionFrame
-from starling.learning.completion.method import Completed, unknown_sigma
-from starling.learning.networks.training.learner import device
+from starling.learning.completion.method import Completed, CompletionFrame, unknown_sigma
+from starling.learning.networks.device import device
 from starling.patterns.errors import in_interval
 from starling.sim.randomness import generator
 
@@ -42,6 +41,7 @@ class MarigoldDC:
     depth.
     """
 
+    name: ClassVar[str] = "marigold-dc"
     unet: UNet2DConditionModel
     vae: AutoencoderKL
     scheduler: DDIMScheduler
@@ -54,18 +54,13 @@ class MarigoldDC:
         in_interval("steps", self.steps, 1, 1000)
         in_interval("longest_px", self.longest_px, 8, 16384)
 
-    @property
-    def name(self) -> str:
-        """Name of the method."""
-        return "marigold-dc"
-
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame of any size."""
         known = torch.from_numpy(frame.depth_m[frame.valid]).to(self.text.device)
         valid = torch.from_numpy(frame.valid).to(self.text.device)
         image, size = self._image(frame)
         with torch.no_grad():
-            encoded_image = latents.encode(self.vae, image)
+            encoded_image = span.encode(self.vae, image)
         noise = generator(self.seed, 0, "completion", self.name).standard_normal(
             encoded_image.shape
         )
@@ -76,7 +71,7 @@ class MarigoldDC:
         )
 
         def metres(clean: Tensor) -> Tensor:
-            depth = latents.decode_depth(self.vae, clean).clamp(-1, 1) / 2 + 0.5
+            depth = span.decode_depth(self.vae, clean).clamp(-1, 1) / 2 + 0.5
             depth = depth[None, :, : size[0], : size[1]]
             depth = functional.interpolate(depth, frame.shape, mode="bilinear")[0, 0]
             low, high = known.min(), known.max()
@@ -110,20 +105,18 @@ class MarigoldDC:
         size = (max(1, round(height * ratio)), max(1, round(width * ratio)))
         interpolation = cv2.INTER_AREA if ratio < 1 else cv2.INTER_LINEAR
         resized = cv2.resize(frame.rgb, size[::-1], interpolation=interpolation)
-        channels = pad_edges(np.moveaxis(resized, -1, 0) * 2 - 1, latents.factor(self.vae))
+        channels = pad_edges(np.moveaxis(resized, -1, 0) * 2 - 1, span.factor(self.vae))
         return torch.from_numpy(channels[None]).to(self.text.device), size
 
 
-def load(source: Path | str, *, steps: int = 50, seed: int = 0) -> MarigoldDC:
+def load(source: Path | str) -> MarigoldDC:
     """Read Marigold's published weights.
 
     Args:
         source: folder of the weights, or an id on the Hugging Face hub.
-        steps: see `MarigoldDC`.
-        seed: see `MarigoldDC`.
 
     Raises:
-        InputError: see `marigold.read_weights`; or if a number is out of range.
+        InputError: see `marigold.read_weights`.
     """
     parts = marigold.read_weights(source)
     text = empty_prompt(parts.text_encoder, parts.tokenizer)
@@ -133,8 +126,6 @@ def load(source: Path | str, *, steps: int = 50, seed: int = 0) -> MarigoldDC:
         vae=parts.vae,
         scheduler=parts.scheduler,
         text=text.to(device()),
-        steps=steps,
-        seed=seed,
     )
 
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from starling.learning.completion import methods
 from starling.learning.completion.data.pairs import Pair, Picture, read_pair
-from starling.learning.completion.frame import Image
-from starling.learning.completion.method import complete
+from starling.learning.completion.method import Image, complete
 from starling.sim.captures import capture, png
 from starling.sim.captures import info as capture_info
 from starling.sim.captures.capture import CapturedScene

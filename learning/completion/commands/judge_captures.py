@@ -12,6 +12,7 @@ import numpy as np
 
 from starling.learning.completion import methods
 from starling.learning.completion.alignment import Target, align_to_target
+from starling.learning.completion.commands.train_captures import training_rooms
 from starling.learning.completion.data.layouts import (
     INFRARED,
     Layout,
@@ -23,18 +24,18 @@ from starling.learning.completion.data.layouts import (
 from starling.learning.completion.data.pairs import Pair, Picture
 from starling.learning.completion.evaluation import pictures
 from starling.learning.completion.evaluation.metrics import (
+    Coverage,
     Figures,
     Score,
     Sums,
     average,
+    coverage_by_region,
     has_depth,
     pool,
     score,
 )
-from starling.learning.completion.evaluation.sigma_coverage import Coverage, coverage_by_region
-from starling.learning.completion.evaluation.training_rooms import training_rooms
 from starling.learning.completion.method import Completed, CompletionMethod, complete
-from starling.learning.evaluation.figures.bootstrap import paired_share
+from starling.learning.evaluation.bootstrap import paired_share
 from starling.patterns.errors import refuse
 from starling.sim.console import progress, record
 from starling.sim.console.output import RECORD, OutputFolder, refuse_own_input

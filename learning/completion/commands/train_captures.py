@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from starling.learning.commands import work_folder
 from starling.learning.completion.data.layouts import (
@@ -15,18 +20,22 @@ from starling.learning.completion.data.layouts import (
     Layout,
     ListedFrame,
     list_frames,
+    read_frames,
     root,
     select_frames,
 )
 from starling.learning.completion.data.pairs import Picture
+from starling.learning.completion.data.training_frame import Holes, none_has_depth, training_frame
 from starling.learning.completion.diffusion import Variant
-from starling.learning.completion.evaluation.training_rooms import VERB
 from starling.patterns.errors import needs, refuse
 from starling.sim.console import progress
-from starling.sim.console.output import refuse_own_input
+from starling.sim.console.output import RECORD, refuse_own_input
 
-if TYPE_CHECKING:
-    from starling.learning.completion.data.training_frame import Holes
+VERB = "train completion"
+_MODULES = {
+    "small": ("small.method", "learning"),
+    "diffusion": ("diffusion.training", "completion"),
+}
 
 
 def train_captures(
@@ -94,8 +103,9 @@ def train_captures(
     }
     generator = {"start": start, "variant": variant or "rgbd", "at_once": at_once} if start else {}
     method = "diffusion" if start else "small"
+    train = partial(train_diffusion, **generator) if start else train_small
+    _import_or_refuse(method)
     arguments = {"method": method, **generator, **data_arguments, "steps": steps, "seed": seed}
-    train = partial(_train_diffusion(), **generator) if start else _train_small()
     work_folder.begin(out, arguments, force=force)
     result = train(chosen, holes, steps=steps, folder=out, seed=seed, track=track)
     figures = {"method": method, **result}
@@ -123,17 +133,141 @@ def _list_all(sets: Sequence[tuple[str, str]], out: Path, picture: Picture) -> l
     return frames
 
 
-def _train_small() -> Callable[..., dict[str, Any]]:
+def _import_or_refuse(method: str) -> None:
+    """Import a method's packages, so that missing ones are refused before anything is written."""
+    module, extra = _MODULES[method]
     try:
-        from starling.learning.completion.commands.train_small import train_small
+        import_module(f"starling.learning.completion.{module}")
     except ModuleNotFoundError as error:
-        raise needs("small", str(error.name), "learning") from error
-    return train_small
+        raise needs(method, str(error.name), extra) from error
 
 
-def _train_diffusion() -> Callable[..., dict[str, Any]]:
+def train_small(
+    frames: Sequence[ListedFrame],
+    holes: Holes,
+    *,
+    steps: int | None,
+    folder: Path,
+    seed: int,
+    track: progress.Progress = progress.silent,
+) -> dict[str, Any]:
+    """Read all frames to memory, then train the compact network, or continue from the checkpoint.
+
+    Args:
+        frames: frames with ground truth.
+        holes: see `training_frame`.
+        steps: number of steps; None uses the default.
+        folder: gets checkpoint, loss curve and weights.
+        seed: seed of initial weights, crops and random holes.
+        track: wraps long loops.
+
+    Returns:
+        `{"frames", "left_out", "hole_share"}`: number of frames trained on; number of frames
+        without depth; mean share of pixels without depth.
+
+    Raises:
+        InputError: if a frame is invalid, or none has depth; see also `small.method.fit`.
+    """
+    from starling.learning.completion.small import method
+    from starling.learning.completion.small.crops import FrameSample, SmallSettings
+
+    samples = []
+    for number, pair in enumerate(read_frames(frames, track, "read")):
+        prepared = training_frame(pair, holes, seed=seed, number=number)
+        if prepared is not None:
+            image, depth_m, truth_m = prepared.image, prepared.depth_m, prepared.truth()
+            samples.append(FrameSample(image=image, depth_m=depth_m, truth_m=truth_m))
+    if not samples:
+        raise none_has_depth(len(frames))
+    settings = SmallSettings() if steps is None else SmallSettings(steps=steps)
+    method.fit(samples, settings, folder=folder, seed=seed, track=track)
+    return {
+        "frames": len(samples),
+        "left_out": len(frames) - len(samples),
+        "hole_share": float(np.mean([np.isnan(sample.depth_m).mean() for sample in samples])),
+    }
+
+
+def train_diffusion(
+    frames: Sequence[ListedFrame],
+    holes: Holes,
+    *,
+    start: str,
+    variant: Variant,
+    steps: int | None,
+    at_once: int | None,
+    folder: Path,
+    seed: int,
+    track: progress.Progress = progress.silent,
+) -> dict[str, Any]:
+    """Train an image generator on frames that are read when they are drawn.
+
+    Continues from the folder's checkpoint, and writes the weights to `folder/weights`.
+
+    Args:
+        frames: frames with ground truth.
+        holes: see `training_frame`.
+        start: weights of an image generator, a folder or an id on the Hugging Face hub.
+        variant: conditioning of the generator.
+        steps: number of steps; None uses the default.
+        at_once: frames on the device at a time; None uses the default.
+        folder: gets checkpoint, loss curve and weights.
+        seed: seed of all random draws, including random holes.
+        track: wraps the loop over steps.
+
+    Returns:
+        `{"frames", "left_out", "hole_share"}`: number of frames; number of frames without depth
+        among those drawn by this call; mean share of holes of the others.
+
+    Raises:
+        InputError: if a frame is invalid; see also `weights.load` and `training.train`.
+    """
+    from starling.learning.completion.diffusion import training, weights
+    from starling.learning.completion.diffusion.data import ListedSamples
+
+    options = {"steps": steps, "at_once": at_once}
+    changes = {name: value for name, value in options.items() if value is not None}
+    settings = dataclasses.replace(training.DiffusionSettings(), **changes)
+    samples = ListedSamples(frames=frames, holes=holes, seed=seed)
+    training.train(
+        weights.load(start), variant, samples, settings, folder=folder, seed=seed, track=track
+    )
+    shares = [share for share in samples.shares.values() if share < 1]
+    return {
+        "frames": len(frames),
+        "left_out": len(samples.shares) - len(shares),
+        "hole_share": float(np.mean(shares)) if shares else None,
+    }
+
+
+def training_rooms(specifier: str, captures: str, rooms: Sequence[str]) -> list[str]:
+    """Return the rooms of a capture set that a method was trained on, according to its folder.
+
+    Results in these rooms are too good.
+
+    Args:
+        specifier: the method, see `methods.create`.
+        captures: the evaluated set.
+        rooms: the evaluated rooms.
+    """
+    weights = specifier.partition("=")[2]
+    if not weights:
+        return []
+    folder = Path(weights)
+    record = _record(folder / RECORD) or _record(folder.parent / RECORD)  # The folder `weights`.
+    arguments = record.get("arguments", {}) if record.get("verb") == VERB else {}
+    also = [data_set.partition("=")[2] for data_set in arguments.get("also", [])]
+    places = [Path(place).resolve() for place in (arguments.get("captures", ""), *also)]
+    if Path(captures).resolve() not in places:
+        return []
+    trained_rooms = arguments.get("rooms")
+    return [room for room in rooms if trained_rooms is None or room in trained_rooms]
+
+
+def _record(path: Path) -> dict[str, Any]:
+    """Read the record of a verb; empty if there is none."""
     try:
-        from starling.learning.completion.commands.train_diffusion import train_diffusion
-    except ModuleNotFoundError as error:
-        raise needs("diffusion", str(error.name), "completion") from error
-    return train_diffusion
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}

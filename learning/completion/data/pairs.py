@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from starling.learning.completion.data.readers.item import read_colour
-from starling.learning.completion.frame import CompletionFrame, Image, Mask, make_frame
+from starling.learning.completion.method import CompletionFrame, Image, Mask, make_frame
 from starling.learning.data import captured
 from starling.learning.data.example import Example
-from starling.learning.features.hole_kinds import hole_kinds
+from starling.learning.features.holes import hole_kinds
 from starling.patterns.errors import InputError, one_of, refuse
 from starling.sim.arrays import filled
 from starling.sim.captures import exr, png
@@ -61,7 +61,7 @@ class Pair:
         """Input of a completion method.
 
         Raises:
-            InputError: see `starling.learning.completion.frame.make_frame`.
+            InputError: see `starling.learning.completion.method.make_frame`.
         """
         return make_frame(self.image, self.depth_m, self.valid)
 
@@ -83,7 +83,7 @@ def read_pair(scene: CapturedScene, number: int, picture: Picture) -> Pair:
     Holes of a simulated camera, with `reason.png` or `frame.exr`, have their simulated reasons.
     Holes of a real camera are classified by the surrounding reference depth. Holes whose match
     would lie left of the right image are `outside_overlap`. The others have the kinds of
-    `starling.learning.features.hole_kinds`. Without reference, and in a colour image, all holes
+    `starling.learning.features.holes`. Without reference, and in a colour image, all holes
     are `unknown`.
 
     Args:

@@ -11,7 +11,7 @@ from diffusers.models.controlnets.controlnet import ControlNetModel
 from diffusers.models.unets.unet_2d_condition import UNet2DConditionModel
 from torch import Tensor, nn
 
-from starling.learning.completion.diffusion import VARIANTS, Variant, latents
+from starling.learning.completion.diffusion import VARIANTS, Variant, span
 from starling.learning.completion.diffusion.span import NetworkInput
 from starling.learning.completion.diffusion.weights import Weights
 from starling.patterns.errors import one_of, refuse
@@ -63,11 +63,11 @@ class Concatenated:
 
     def condition(self, inputs: NetworkInput, vae: AutoencoderKL) -> Tensor:
         encoded_inputs = [
-            latents.encode(vae, inputs.image),
-            latents.encode_depth(vae, inputs.sensor),
+            span.encode(vae, inputs.image),
+            span.encode_depth(vae, inputs.sensor),
         ]
         if self._masked:
-            encoded_inputs.append(latents.cells(inputs.hole, latents.factor(vae)))
+            encoded_inputs.append(span.cells(inputs.hole, span.factor(vae)))
         return torch.cat(encoded_inputs, dim=1)
 
     def noise(self, noisy: Tensor, step: Tensor, condition: Tensor, text: Tensor) -> Tensor:

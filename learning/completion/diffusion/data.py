@@ -10,10 +10,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from starling.learning.completion.data.fingerprint import fingerprint
-from starling.learning.completion.data.layouts import ListedFrame
-from starling.learning.completion.data.training_frame import Holes, none_has_depth, training_frame
-from starling.learning.completion.data.window import window_start
+from starling.learning.completion.data.layouts import ListedFrame, fingerprint
+from starling.learning.completion.data.training_frame import (
+    Holes,
+    none_has_depth,
+    training_frame,
+    window_start,
+)
 from starling.learning.completion.diffusion.span import (
     NetworkInput,
     Span,
@@ -21,8 +24,8 @@ from starling.learning.completion.diffusion.span import (
     network_input,
     pad_edges,
 )
-from starling.learning.completion.frame import CompletionFrame, Image
-from starling.learning.networks.training import turns
+from starling.learning.completion.method import CompletionFrame, Image
+from starling.learning.networks.samples import sample_at
 from starling.patterns.errors import refuse
 from starling.sim.randomness import generator
 
@@ -142,7 +145,7 @@ def draw_batches(
         batch_numbers = tuple(numbers[first : first + at_once])
         crops = []
         for number in batch_numbers:
-            index = turns.sample_at(number, len(samples), seed, "completion", "order")
+            index = sample_at(number, len(samples), seed, "completion", "order")
             sample = samples[index]
             _check(sample, index)
             crops.append(

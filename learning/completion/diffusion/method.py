@@ -10,8 +10,7 @@ import numpy as np
 from starling.learning.completion.diffusion.model import DiffusionModel, trained_model
 from starling.learning.completion.diffusion.sampling import sample
 from starling.learning.completion.diffusion.span import Span, network_input
-from starling.learning.completion.frame import CompletionFrame, Image
-from starling.learning.completion.method import Completed
+from starling.learning.completion.method import Completed, CompletionFrame, Image
 from starling.patterns.errors import in_interval
 
 
@@ -49,19 +48,16 @@ class Diffusion:
         return Completed(depth_m=mean, sigma_m=sigma)
 
 
-def load(source: Path | str, *, steps: int = 50, count: int = 1, seed: int = 0) -> Diffusion:
+def load(source: Path | str) -> Diffusion:
     """Read a trained model.
 
     Args:
         source: the folder `weights` that training writes, or an id on the Hugging Face hub.
-        steps: see `Diffusion`.
-        count: see `Diffusion`.
-        seed: see `Diffusion`.
 
     Raises:
-        InputError: see `trained_model`; or if a number is out of range.
+        InputError: see `trained_model`.
     """
-    return Diffusion(model=trained_model(source), steps=steps, count=count, seed=seed)
+    return Diffusion(model=trained_model(source))
 
 
 def mean_and_std(samples_m: Image) -> tuple[Image, Image]:

@@ -11,14 +11,14 @@ from diffusers.models.autoencoders.autoencoder_kl import AutoencoderKL
 from diffusers.schedulers.scheduling_ddim import DDIMScheduler
 from torch import Tensor, nn
 
-from starling.learning.completion.diffusion import Variant, latents, weights
+from starling.learning.completion.diffusion import Variant, span, weights
 from starling.learning.completion.diffusion.conditioning import (
     Conditioning,
     adapt_generator,
     trained_conditioning,
 )
 from starling.learning.completion.diffusion.weights import Weights, empty_prompt
-from starling.learning.networks.training.learner import device
+from starling.learning.networks.device import device
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -35,7 +35,7 @@ class DiffusionModel:
         """Height and width of inputs are multiples of this [px]; 64 for Stable Diffusion 2."""
         unet: Any = self.conditioning.networks["unet"]
         levels = len(unet.config["block_out_channels"])
-        return latents.factor(self.vae) * 2 ** (levels - 1)
+        return span.factor(self.vae) * 2 ** (levels - 1)
 
 
 def untrained_model(parts: Weights, variant: Variant, *, seed: int) -> DiffusionModel:

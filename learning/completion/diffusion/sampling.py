@@ -10,7 +10,7 @@ import torch
 from diffusers.schedulers.scheduling_ddim import DDIMScheduler
 from torch import Tensor
 
-from starling.learning.completion.diffusion import latents
+from starling.learning.completion.diffusion import span
 from starling.learning.completion.diffusion.model import DiffusionModel
 from starling.learning.completion.diffusion.span import NetworkInput
 from starling.sim.randomness import generator
@@ -52,13 +52,13 @@ def _denoise(model: DiffusionModel, scheduler: Any, condition: Tensor, noisy: Te
         noise = model.conditioning.noise(noisy, step.expand(batch), condition, text)
         noisy, clean = scheduler.step(noise, step, noisy, return_dict=False)
     # Not `noisy`: Stable Diffusion's schedule ends with some noise.
-    return latents.decode_depth(model.vae, clean)
+    return span.decode_depth(model.vae, clean)
 
 
 def _initial_noise(model: DiffusionModel, inputs: NetworkInput, seed: int, number: int) -> Tensor:
     """Draw the initial noise of one sample."""
     batch, _, height, width = inputs.image.shape
-    side = latents.factor(model.vae)
+    side = span.factor(model.vae)
     size = (batch, model.vae.config["latent_channels"], height // side, width // side)
     noise = generator(seed, number, "completion", "diffusion").standard_normal(size)
     return torch.from_numpy(noise.astype(np.float32)).to(model.text.device)

@@ -1,4 +1,8 @@
-"""Encoding of metric depth for the autoencoder, and frames as network inputs."""
+"""Frames as network inputs: encoding of metric depth, and the autoencoder's latents.
+
+The autoencoder of the image generator stays fixed. It reproduces depth that is repeated in all
+three channels (Ke et al., CVPR 2024, sec. 3.2).
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,13 @@ from typing import Any
 
 import numpy as np
 import torch
+from diffusers.models.autoencoders.autoencoder_kl import AutoencoderKL
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn import functional
 
 from starling.learning.completion.alignment import Normalisation, normalisation
-from starling.learning.completion.frame import CompletionFrame, Image
+from starling.learning.completion.method import CompletionFrame, Image
 
 HOLE = -1.0  # Encoded value of a pixel without depth; the paper does not state its value.
 # The sensor's span maps to -0.8..0.8, because depth in holes often lies outside this span.
@@ -95,3 +101,35 @@ def pad_edges(channels: NDArray, multiple: int, least: tuple[int, int] = (1, 1))
         for side, length in zip(sides, channels.shape[1:], strict=True)
     ]
     return np.pad(channels, ((0, 0), *padding), mode="edge")
+
+
+def factor(vae: AutoencoderKL) -> int:
+    """Return the side of one latent cell [px]; 8 in Stable Diffusion."""
+    return 2 ** (len(vae.config["block_out_channels"]) - 1)
+
+
+def encode(vae: AutoencoderKL, images: Tensor) -> Tensor:
+    """Encode images (b, 3, h, w) in -1..1 to latents (b, 4, h / 8, w / 8).
+
+    Returns the posterior's mode, as Marigold does, scaled to about unit variance.
+    """
+    posterior = vae.encode(images, return_dict=False)[0]
+    return posterior.mode() * vae.config["scaling_factor"]
+
+
+def encode_depth(vae: AutoencoderKL, depth: Tensor) -> Tensor:
+    """Encode depth (b, 1, h, w) in -1..1, repeated in all three channels."""
+    return encode(vae, depth.expand(-1, 3, -1, -1))
+
+
+def decode_depth(vae: AutoencoderKL, latents: Tensor) -> Tensor:
+    """Decode latents to depth (b, h, w), the mean of three channels."""
+    return vae.decode(latents / vae.config["scaling_factor"], return_dict=False)[0].mean(dim=1)
+
+
+def cells(mask: Tensor, side: int) -> Tensor:
+    """Downsample a mask (b, 1, h, w) of 0 and 1 to latent size by the maximum of each cell.
+
+    The paper does not state how it downsamples its mask. The maximum misses no hole.
+    """
+    return functional.max_pool2d(mask, side)

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn, optim
 
-from starling.learning.completion.diffusion import Variant, latents, weights
+from starling.learning.completion.diffusion import Variant, span, weights
 from starling.learning.completion.diffusion.conditioning import trainable_parameters
 from starling.learning.completion.diffusion.data import (
     DiffusionBatch,
@@ -28,8 +28,8 @@ from starling.learning.completion.diffusion.data import (
 from starling.learning.completion.diffusion.model import DiffusionModel, untrained_model
 from starling.learning.completion.diffusion.weights import Weights
 from starling.learning.networks import checkpoint
-from starling.learning.networks.training.learner import mixed_precision
-from starling.learning.networks.training.settings import settings_identity
+from starling.learning.networks.device import mixed_precision
+from starling.learning.networks.training import settings_identity
 from starling.patterns import errors
 from starling.patterns.errors import refuse
 from starling.sim.console import output, progress
@@ -137,13 +137,13 @@ def loss(model: DiffusionModel, batch: DiffusionBatch, *, seed: int) -> Tensor:
         batch: samples.
         seed: fixes, with the number of each sample, its step and noise.
     """
-    device, side = batch.truth.device, latents.factor(model.vae)
-    counted = 1 - latents.cells(batch.unknown, side)
+    device, side = batch.truth.device, span.factor(model.vae)
+    counted = 1 - span.cells(batch.unknown, side)
     if model.conditioning.variant == "rgbd-mask":
-        counted = counted * latents.cells(batch.inputs.hole, side)
+        counted = counted * span.cells(batch.inputs.hole, side)
     with mixed_precision(device):
         with torch.no_grad():
-            clean = latents.encode_depth(model.vae, batch.truth).float()
+            clean = span.encode_depth(model.vae, batch.truth).float()
             condition = model.conditioning.condition(batch.inputs, model.vae)
         step, noise = _noise(batch.numbers, model, clean, seed)
         scheduler: Any = model.scheduler

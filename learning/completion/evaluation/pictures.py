@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from starling.learning.completion.data.pairs import Pair
-from starling.learning.completion.frame import Image
+from starling.learning.completion.method import Image
 from starling.sim.plotting import panels, sheet
 from starling.sim.plotting.sheet import Panel
 

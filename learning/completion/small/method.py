@@ -1,25 +1,92 @@
-"""The compact network as a completion method: training, saving and loading."""
+"""The compact network as a completion method: loss, training, saving and loading."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import torch
+from torch import Tensor
+from torch.nn import functional
 
-from starling.learning.completion.frame import CompletionFrame
-from starling.learning.completion.method import Completed
-from starling.learning.completion.small.crops import FrameCrops, FrameSample
-from starling.learning.completion.small.inputs import small_input
-from starling.learning.completion.small.learner import SmallLearner
-from starling.learning.completion.small.network import SmallNetwork, final_log_depth
-from starling.learning.completion.small.settings import SmallSettings
+from starling.learning.completion.method import Completed, CompletionFrame
+from starling.learning.completion.small.crops import (
+    FrameCrops,
+    FrameSample,
+    SmallBatch,
+    SmallSettings,
+)
+from starling.learning.completion.small.network import (
+    SmallNetwork,
+    SmallOutput,
+    final_log_depth,
+    small_input,
+)
 from starling.learning.networks import checkpoint
-from starling.learning.networks.training.learner import initialised, mixed_precision, to_device
-from starling.learning.networks.training.loop import train
+from starling.learning.networks.device import initialised, mixed_precision, to_device
+from starling.learning.networks.training import (
+    STEEPEST,
+    Draw,
+    Learner,
+    decaying_adam,
+    descend,
+    mean,
+    one_cycle,
+    train,
+)
 from starling.sim.console import progress
+
+_FALSE = 0.1  # The camera's depth counts as false above this error of its natural logarithm.
+# Weights of the losses, relative to the likelihood in holes.
+_OWN, _BELOW, _JUDGED, _METRES = 0.2, 0.2, 1.0, 0.5
+
+
+class SmallLearner(Learner[SmallBatch]):
+    """Trains `networks["small"]`."""
+
+    def __init__(self, network: SmallNetwork, settings: SmallSettings) -> None:
+        self.settings = settings
+        super().__init__({"small": network}, [decaying_adam(network, settings.weight_decay)])
+
+    def update(self, draw: Draw[SmallBatch], step: int) -> dict[str, float]:
+        """Take a step and return the losses before it, by name."""
+        self.set_rate(one_cycle(step, self.settings))
+        batch = draw("crops")
+        with mixed_precision(batch.channels.device):
+            output = self.networks["small"](batch.channels, batch.proposed)
+        losses = losses_of(output, batch)
+        total = sum(losses.values(), torch.zeros(()))
+        descend(self.optimizers[0], total, steepest=STEEPEST)
+        return {"loss": total.item(), **{name: value.item() for name, value in losses.items()}}
+
+
+def losses_of(output: SmallOutput, batch: SmallBatch) -> dict[str, Tensor]:
+    """Return the losses by name.
+
+    - holes: negative log-likelihood (Laplace) of the truth's logarithm.
+    - metres: mean error in holes in units of the frame's median depth, the unit of the evaluation.
+    - own: likelihood of the camera's own depth, which trains the scale only.
+    - below: error of the network's depth at pixels with sensor depth.
+    - judged: cross-entropy of the detection of false sensor depth.
+    """
+    hole, valid = batch.known * (1 - batch.valid), batch.known * batch.valid
+    error = (output.log_depth - batch.truth).abs()
+    sensor_error = (batch.sensor - batch.truth).abs()
+    sharp = torch.exp(-output.log_scale)
+    detection = functional.binary_cross_entropy_with_logits(
+        output.false, (sensor_error > _FALSE).float(), reduction="none"
+    )
+    return {
+        "holes": mean(error * sharp + output.log_scale, hole),
+        "metres": _METRES * mean(torch.exp(batch.truth) * error, hole),
+        "own": _OWN * mean(sensor_error * sharp + output.log_scale, valid),
+        "below": _BELOW * mean(error, valid),
+        "judged": _JUDGED * mean(detection, valid),
+    }
+
 
 WEIGHTS = "weights.pt"
 _KIND = "small completion"
@@ -30,12 +97,8 @@ _LAPLACE = np.float32(np.sqrt(2))  # Standard deviation of a Laplace distributio
 class Small:
     """The trained network."""
 
+    name: ClassVar[str] = "small"
     network: SmallNetwork
-
-    @property
-    def name(self) -> str:
-        """`small`."""
-        return "small"
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame. The camera's own depth is kept except where it is probably false.
@@ -79,7 +142,7 @@ def fit(
 
     Raises:
         InputError: if there is no sample; see also
-            `starling.learning.networks.training.loop.train`.
+            `starling.learning.networks.training.train`.
     """
     batches = FrameCrops(samples=samples, settings=settings, seed=seed)
     network = initialised(SmallNetwork, seed)

@@ -26,7 +26,12 @@ _DARKEST = 1e-4  # Least divisor of the unmixing, relative to the brightest pixe
 
 
 def load(
-    path: Path, sensor: Sensor, *, smoothing_px: float = 0.0, within_surfaces: bool = False
+    path: Path,
+    sensor: Sensor,
+    *,
+    smoothing_px: float = 0.0,
+    within_surfaces: bool = False,
+    even_ambient: bool = False,
 ) -> Scene:
     """Build a scene to simulate from one scene of a capture set.
 
@@ -35,6 +40,7 @@ def load(
         sensor: Best available model of the captures' camera.
         smoothing_px: As in `estimate_light`.
         within_surfaces: As in `estimate_light`.
+        even_ambient: As in `estimate_light`.
 
     Raises:
         InputError: if the folder is not a scene of a capture set, or as `estimate_light`.
@@ -46,7 +52,11 @@ def load(
         )
     (scene,) = captures.scenes
     light = estimate_light(
-        scene, sensor, smoothing_px=smoothing_px, within_surfaces=within_surfaces
+        scene,
+        sensor,
+        smoothing_px=smoothing_px,
+        within_surfaces=within_surfaces,
+        even_ambient=even_ambient,
     )
     return scene_from_light(scene, light)
 
@@ -78,6 +88,7 @@ def estimate_light(
     *,
     smoothing_px: float = 0.0,
     within_surfaces: bool = False,
+    even_ambient: bool = False,
 ) -> RoomLight:
     """Estimate reflectance and ambient light from the infrared image of the fullest frame.
 
@@ -95,6 +106,7 @@ def estimate_light(
             contains no detail of the image. 0 removes the dots instead.
         within_surfaces: Undo the Gaussian's mixing across edges of the reference depth
             (`starling.sim.scene.captured.captured_scene`).
+        even_ambient: Assume ambient light that does not vary over the image.
 
     Raises:
         InputError: if smoothing_px is outside 0 to 100, or if reference depth or infrared image is
@@ -118,7 +130,8 @@ def estimate_light(
     ambient, share = LIT_ROOM_W_M2, None
     if frame.ir_left is not None:
         dotted = _level(scene, frame.ir_left, black_dn)
-        share = ambient_share.estimate(dotted, mean_signals(view, even, sensor), disparity_px)
+        if not even_ambient:
+            share = ambient_share.estimate(dotted, mean_signals(view, even, sensor), disparity_px)
         if share is not None:
             light = dataclasses.replace(light, ambient=share * light.ambient)
         ambient = room_light.ambient_w_m2(dotted, light, sensor.left)

@@ -15,7 +15,7 @@ from starling.calibration.observation import Observation
 from starling.patterns import InputError
 from starling.sim import simulate
 from starling.sim.captures import writer
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.scene import sources
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
@@ -112,25 +112,6 @@ def test_depth_parameters_are_recovered(mesh: bool) -> None:
     assert row["ndp_iou_after"] > row["ndp_iou_before"]
 
 
-@pytest.mark.long
-def test_cross_validation_scores_held_out_rooms() -> None:
-    """With geometry only and two folds, the fit removes the preset's bias on held-out scenes."""
-    preset = _preset(320)
-    settings = {"baseline_error": 0.01, "disparity_offset": -0.2}
-    seen = [
-        _observed(name, preset, settings, seed=n, mesh=True)
-        for n, name in enumerate(("clutter:1", "tabletop:2"))
-    ]
-    rows = depth_only.cross_validate(seen, preset, free=("baseline", "offset"), folds=2)
-    assert set(rows) == {"clutter:1", "tabletop:2"}
-    for row in rows.values():
-        missed = {
-            side: abs(row[f"bias_px_{side}"] - row["bias_px_device"])
-            for side in ("before", "after")
-        }
-        assert missed["after"] < 0.25 * missed["before"]
-
-
 def test_one_wall_does_not_separate_scale_from_offset() -> None:
     preset = _preset(320)
     wall = _observed("wall:1", preset, {"disparity_offset": -0.2}, seed=0, mesh=False)
@@ -197,10 +178,6 @@ def test_unsupported_inputs_are_refused() -> None:
         depth_only.fit_depth([_blank(depth_m=None)], preset)
     with pytest.raises(InputError, match=r"scene a must have truth.png or a mesh in scene.toml"):
         depth_only.fit_depth([_blank(truth_m=None)], preset)
-    with pytest.raises(InputError, match=r"captures must be of two rooms; got 1"):
-        depth_only.cross_validate([_blank()], preset)
-    with pytest.raises(InputError, match=r"folds must be in \[2, 1000\]"):
-        depth_only.cross_validate([_blank(), _blank(room="b")], preset, folds=1)
 
 
 def test_a_reference_of_another_scale_is_refused() -> None:

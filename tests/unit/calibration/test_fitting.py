@@ -25,8 +25,7 @@ from starling.sim.render import emission as projector
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.builtin import scenes as builtin
 from starling.sim.scene.scene import Ambient, Scene
-from starling.sim.sensor import presets as sensors
-from starling.sim.sensor import resolve as asked_sensor
+from starling.sim.sensor import presets, resolve
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import infrared
@@ -236,7 +235,7 @@ def test_the_sensor_file_and_its_folder_move_together(
     """After the move, both sensor files give the same projector light."""
     folder, _ = written
     outer, inner = (
-        asked_sensor.load(str(path)) for path in (folder / "x.toml", folder / "x" / "sensor.toml")
+        resolve.load(str(path)) for path in (folder / "x.toml", folder / "x" / "sensor.toml")
     )
     outer_light, inner_light = (
         projector.irradiance_at_unit_distance(each.projector) for each in (outer, inner)
@@ -245,7 +244,7 @@ def test_the_sensor_file_and_its_folder_move_together(
     for emitter in outer.projector.emitters:
         assert Path(emitter.pattern).parent.name == "x"
     # The true projector is 1 mm off the preset's position.
-    x = outer.projector.position_m[0] - sensors.load("d435").projector.position_m[0]
+    x = outer.projector.position_m[0] - presets.load("d435").projector.position_m[0]
     assert x == pytest.approx(1e-3, abs=2e-4)
 
 

@@ -15,7 +15,7 @@ from starling.diagnosis.which.candidates import (
 )
 from starling.diagnosis.which.response import Signature
 from starling.sim import effects
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.effects.effect import Stage
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import presets

@@ -14,7 +14,7 @@ from starling.diagnosis.howfar import holes, residual
 from starling.diagnosis.howfar.evaluation import DRAWS, OTHER
 from starling.diagnosis.scenes.observation import SceneObservation
 from starling.learning.data.example import Example, Image, Physics
-from starling.learning.data.physics_probability import physics_probability
+from starling.learning.data.physics import physics_probability
 from starling.patterns.errors import InputError
 from tests.unit.diagnosis.test_features import DISPARITY, GROUND
 

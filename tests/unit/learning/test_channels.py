@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from starling.learning.data.example import Example
-from starling.learning.networks.training import channels
+from starling.learning.networks import channels
 from starling.patterns.errors import InputError
 from starling.sim.reason import Reason
 from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene

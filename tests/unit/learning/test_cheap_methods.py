@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from starling.learning.data.learnable import check_learnable
+from starling.learning.data.example import check_learnable
 from starling.learning.method import Method
 from starling.learning.methods import model_file
-from starling.learning.methods.perfect import Perfect
-from starling.learning.methods.simple import Simple, incidence_deg
+from starling.learning.methods.baselines import Perfect, Simple, incidence_deg
 from starling.learning.methods.trees import Trees
 from starling.patterns.errors import InputError
 
@@ -147,7 +146,7 @@ def test_models_without_arrays_or_with_other_features_are_refused(tmp_path):
 
 def test_scikit_learn_is_imported_for_training_only():
     code = (
-        "import sys, starling.learning.methods.trees, starling.learning.methods.simple;"
+        "import sys, starling.learning.methods.trees, starling.learning.methods.baselines;"
         "print([m for m in ('sklearn', 'torch', 'mitsuba', 'drjit') if m in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

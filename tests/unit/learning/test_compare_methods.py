@@ -15,10 +15,9 @@ from starling.learning.commands import compare_methods
 from starling.learning.commands.train_captures import train_captures
 from starling.learning.data import captured, simulated
 from starling.learning.data.captured import Simulation
-from starling.learning.data.example import Example, Image, Physics
-from starling.learning.data.learnable import known_holes
+from starling.learning.data.example import Example, Image, Physics, known_holes
 from starling.learning.features import holes
-from starling.learning.methods.perfect import PerfectPredictor
+from starling.learning.methods.baselines import PerfectPredictor
 from starling.learning.methods.physics import SimulatedPredictor
 from starling.patterns.errors import InputError
 from starling.sim.captures.capture import CaptureSet, open_set

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from starling.learning.data.example import Example
-from starling.learning.networks.training import samples
-from starling.learning.networks.training.samples import SceneSample
+from starling.learning.networks import samples
+from starling.learning.networks.samples import SceneSample
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
 

@@ -9,15 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from starling.learning.evaluation import evaluate, pictures, report
+from starling.learning.evaluation import evaluate, metrics, pictures
 from starling.learning.evaluation.evaluate import HolePrediction
-from starling.learning.evaluation.figures import classification
-from starling.learning.features.hole_kinds import KINDS
+from starling.learning.features.holes import KINDS
 from starling.sim.console import record
 from starling.sim.plotting import sheet
 from tests.unit.learning.step_scenes import SHAPE, step_scene
 
-FIGURES = [field.name for field in dataclasses.fields(classification.Classification)]
+FIGURES = [field.name for field in dataclasses.fields(metrics.Classification)]
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -45,7 +44,7 @@ def shown(picture: bytes) -> np.ndarray:
 
 def test_figures_are_the_scores_as_plain_values():
     scores = {"dim": evaluate.scores(predictions(0.3)), "good": evaluate.scores(predictions(0.9))}
-    result = report.figures(scores, seed=4)
+    result = evaluate.figures(scores, seed=4)
     assert json.loads(record.dumps(result)) == result
     assert list(result["methods"]) == ["dim", "good"]
     assert list(result["rooms"]) == ["room0", "room1", "room2", "room3"]
@@ -71,8 +70,8 @@ def test_figures_are_the_scores_as_plain_values():
 def test_one_room_or_one_method_has_no_differences():
     of_room = predictions(0.5, scenes=2, rooms=1)
     one_room = {"a": evaluate.scores(of_room), "b": evaluate.scores(of_room)}
-    assert "differences" not in report.figures(one_room, seed=0)
-    alone = report.figures({"a": evaluate.scores(predictions(0.5))}, seed=0)
+    assert "differences" not in evaluate.figures(one_room, seed=0)
+    alone = evaluate.figures({"a": evaluate.scores(predictions(0.5))}, seed=0)
     assert alone["differences"] == {}
 
 

@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from starling.learning.evaluation.figures import classification, proper_scores
-from starling.learning.evaluation.figures.judged import Judged, judge, pool
-from starling.learning.evaluation.figures.reliability import reliability
-from starling.learning.evaluation.figures.roc import roc
+from starling.learning.evaluation import metrics
+from starling.learning.evaluation.metrics import Judged, judge, pool, reliability, roc
 from starling.patterns.errors import InputError
 
 
@@ -56,19 +54,19 @@ def test_the_rate_on_a_vertical_segment_is_its_upper_end():
 
 @given(tied)
 def test_curve_and_scores_agree_with_scikit_learn(pixels):
-    from sklearn import metrics
+    from sklearn import metrics as reference
 
     report, ndp = zip(*pixels, strict=True)
     ours, curve = judged(report, ndp), roc(judged(report, ndp))
-    across, up, _ = metrics.roc_curve(ours.ndp, ours.probability, drop_intermediate=False)
+    across, up, _ = reference.roc_curve(ours.ndp, ours.probability, drop_intermediate=False)
     np.testing.assert_allclose(curve.false_positive_rate, across)
     np.testing.assert_allclose(curve.true_positive_rate, up)
-    assert curve.area == pytest.approx(metrics.roc_auc_score(ours.ndp, ours.probability))
-    brier = metrics.brier_score_loss(ours.ndp, ours.probability)
-    assert proper_scores.brier(ours) == pytest.approx(brier)
+    assert curve.area == pytest.approx(reference.roc_auc_score(ours.ndp, ours.probability))
+    brier = reference.brier_score_loss(ours.ndp, ours.probability)
+    assert metrics.brier(ours) == pytest.approx(brier)
     inside = np.clip(ours.probability, 1e-6, 1 - 1e-6)
-    loss = metrics.log_loss(ours.ndp, inside, labels=[False, True])
-    assert proper_scores.log_loss(ours) == pytest.approx(loss)
+    loss = reference.log_loss(ours.ndp, inside, labels=[False, True])
+    assert metrics.log_loss(ours) == pytest.approx(loss)
 
 
 @given(tied, st.randoms(use_true_random=False))
@@ -76,26 +74,26 @@ def test_metrics_do_not_depend_on_the_order_of_pixels(pixels, random):
     shuffled = random.sample(pixels, len(pixels))
     report, ndp = zip(*pixels, strict=True)
     told_other, ndp_other = zip(*shuffled, strict=True)
-    first = classification.classification(judged(report, ndp))
-    second = classification.classification(judged(told_other, ndp_other))
+    first = metrics.classification(judged(report, ndp))
+    second = metrics.classification(judged(told_other, ndp_other))
     for name in first.__slots__:
         assert getattr(first, name) == pytest.approx(getattr(second, name), abs=1e-12)
 
 
 def test_skill_of_the_share_the_truth_and_wrong_certainty():
     ndp = [0] * 9 + [1]
-    assert proper_scores.brier_skill(judged([0.1] * 10, ndp)) == pytest.approx(0, abs=1e-6)
-    assert proper_scores.brier_skill(judged(ndp, ndp)) == 1.0
+    assert metrics.brier_skill(judged([0.1] * 10, ndp)) == pytest.approx(0, abs=1e-6)
+    assert metrics.brier_skill(judged(ndp, ndp)) == 1.0
     # Perfect camera: Brier = share, so skill = 1 - 1 / (1 - share).
-    assert proper_scores.brier_skill(judged([0.0] * 10, ndp)) == pytest.approx(1 - 1 / 0.9)
-    assert np.isnan(proper_scores.brier_skill(judged([0.5], [1])))
+    assert metrics.brier_skill(judged([0.0] * 10, ndp)) == pytest.approx(1 - 1 / 0.9)
+    assert np.isnan(metrics.brier_skill(judged([0.5], [1])))
 
 
 def test_log_loss_of_the_share_and_of_wrong_certainty():
     entropy = -(0.1 * np.log(0.1) + 0.9 * np.log(0.9))
     share = judged([0.1] * 10, [0] * 9 + [1])
-    assert proper_scores.log_loss(share) == pytest.approx(entropy, rel=1e-6)
-    assert proper_scores.log_loss(judged([0.0], [1])) == pytest.approx(-np.log(1e-6))
+    assert metrics.log_loss(share) == pytest.approx(entropy, rel=1e-6)
+    assert metrics.log_loss(judged([0.0], [1])) == pytest.approx(-np.log(1e-6))
 
 
 def test_calibration_error_of_true_and_of_squared_probabilities():
@@ -129,12 +127,12 @@ def test_only_counted_pixels_count():
 
 def test_rooms_pool_their_scenes_and_are_weighted_equally():
     good, bad = judged([0.1, 0.9], [0, 1]), judged([0.9, 0.1], [0, 1])
-    rooms = classification.by_room([("b", good), ("a", good), ("b", bad)])
+    rooms = metrics.by_room([("b", good), ("a", good), ("b", bad)])
     assert list(rooms) == ["a", "b"]
     assert rooms["a"].auc == 1.0
-    assert rooms["b"] == classification.classification(pool([good, bad]))
-    assert classification.mean(rooms).auc == pytest.approx((1.0 + rooms["b"].auc) / 2)
-    worst = classification.worst(rooms)
+    assert rooms["b"] == metrics.classification(pool([good, bad]))
+    assert metrics.mean(rooms).auc == pytest.approx((1.0 + rooms["b"].auc) / 2)
+    worst = metrics.worst(rooms)
     assert worst.auc == rooms["b"].auc
     assert worst.brier == rooms["b"].brier > rooms["a"].brier
 
@@ -149,9 +147,9 @@ def test_rooms_pool_their_scenes_and_are_weighted_equally():
         (lambda: roc(judged([0.5, 0.6], [1, 1])), "no-depth pixels must be some"),
         (lambda: roc(judged([0.5, 0.6], [0, 1])).true_positive_rate_at(4), "must be in"),
         (lambda: reliability(judged([0.5], [1]), bins=0), "bins must be in"),
-        (lambda: classification.by_room([("hall", judged([0.5], [1]))]), "room hall: no-depth"),
-        (lambda: classification.mean({}), "rooms must be at least one"),
-        (lambda: classification.worst({}), "rooms must be at least one"),
+        (lambda: metrics.by_room([("hall", judged([0.5], [1]))]), "room hall: no-depth"),
+        (lambda: metrics.mean({}), "rooms must be at least one"),
+        (lambda: metrics.worst({}), "rooms must be at least one"),
     ],
 )
 def test_invalid_pixels_are_refused_in_one_line(call, message):
@@ -162,6 +160,6 @@ def test_invalid_pixels_are_refused_in_one_line(call, message):
 
 def test_the_worst_room_has_the_greatest_error():
     good, bad = judged([0.1, 0.9], [0, 1]), judged([0.9, 0.1], [0, 1])
-    rooms = classification.by_room([("a", good), ("b", bad)])
+    rooms = metrics.by_room([("a", good), ("b", bad)])
     assert rooms["a"] != rooms["b"]
-    assert classification.worst(rooms) == rooms["b"]
+    assert metrics.worst(rooms) == rooms["b"]

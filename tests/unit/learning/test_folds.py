@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from starling.learning.data import folds
+from starling.learning.commands import evaluate_captures
 from starling.patterns.errors import InputError
 
 ROOMS = ("a", "b", "c", "d")
@@ -23,20 +23,20 @@ ROOMS = ("a", "b", "c", "d")
     ],
 )
 def test_training_rooms_are_the_next_ones_in_cyclic_order(held, count, expected):
-    assert folds.training_rooms(ROOMS, held, count) == expected
+    assert evaluate_captures.choose_training_rooms(ROOMS, held, count) == expected
 
 
 @given(number=st.integers(2, 12), data=st.data())
 def test_each_room_is_used_equally_often_and_never_when_held_out(number, data):
     rooms = [f"room {n}" for n in range(number)]
     count = data.draw(st.integers(1, number - 1))
-    taken = {held: folds.training_rooms(rooms, held, count) for held in rooms}
+    taken = {held: evaluate_captures.choose_training_rooms(rooms, held, count) for held in rooms}
     for held, others in taken.items():
         assert held not in others
         assert len(set(others)) == len(others) == count
     for room in rooms:
         assert sum(room in others for others in taken.values()) == count
-    assert set(folds.training_rooms(rooms, rooms[0])) == set(rooms[1:])
+    assert set(evaluate_captures.choose_training_rooms(rooms, rooms[0])) == set(rooms[1:])
 
 
 @pytest.mark.parametrize(
@@ -50,5 +50,5 @@ def test_each_room_is_used_equally_often_and_never_when_held_out(number, data):
 )
 def test_impossible_folds_are_refused(rooms, held, count, line):
     with pytest.raises(InputError) as caught:
-        folds.training_rooms(rooms, held, count)
+        evaluate_captures.choose_training_rooms(rooms, held, count)
     assert str(caught.value).startswith(line)

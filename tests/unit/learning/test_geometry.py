@@ -8,9 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from starling.learning.features.edges import edges_left, edges_right
-from starling.learning.features.thickness import gap_width, thickness
-from starling.learning.features.visibility import seen_from, signed_distance
+from starling.learning.features.geometry import (
+    edges_left,
+    edges_right,
+    gap_width,
+    seen_from,
+    signed_distance,
+    thickness,
+)
 from starling.patterns.errors import InputError
 from starling.sim.arrays import filled
 from starling.sim.geometry.pinhole import Pinhole

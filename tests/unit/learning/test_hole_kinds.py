@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from starling.learning.data.example import Example
-from starling.learning.features.hole_kinds import KINDS, hole_kinds
+from starling.learning.features.holes import KINDS, hole_kinds
 from starling.patterns.errors import InputError
 from tests.unit.learning.seen import FOCAL_PX, HEIGHT, WIDTH, box, example, flat, info
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from starling.learning.icp import alignment, cloud, objects
-from starling.learning.icp.alignment import Disturbance
+from starling.learning.icp import cloud, objects, study
+from starling.learning.icp.study import Disturbance
 from starling.patterns.errors import InputError
 from starling.sim.geometry.frames import rotation
 from tests.unit.learning.drawn_scene import INFO, depth
@@ -27,33 +27,33 @@ def test_a_known_motion_is_recovered(box, turn_deg):
     """To 1 mm and 0.3 degrees; `found` moves the model to the scene, its inverse does not."""
     draw = np.random.default_rng(0)
     reference = cloud.surface(depth(), INFO)
-    scene = reference.cloud(alignment.scene_pixels(box, reference, draw))
+    scene = reference.cloud(study.scene_pixels(box, reference, draw))
     motion = np.eye(4)
     motion[:3, :3] = rotation(turn_deg)
     motion[:3, 3] = box.centre_m - motion[:3, :3] @ box.centre_m + [0.01, -0.008, 0.012]
-    result = alignment.register(alignment.model_points(box, draw).moved(motion), scene)
-    right = alignment.pose_error(result @ motion, box.centre_m)
+    result = study.register(study.model_points(box, draw).moved(motion), scene)
+    right = study.pose_error(result @ motion, box.centre_m)
     assert right.position_m < 1e-3
     assert right.rotation < 1 - np.cos(np.radians(0.3) / 2)
-    wrong = alignment.pose_error(np.linalg.inv(result) @ motion, box.centre_m)
+    wrong = study.pose_error(np.linalg.inv(result) @ motion, box.centre_m)
     assert wrong.position_m > 0.015
 
 
 def test_scene_points_are_near_the_object_at_the_same_pixels(box):
     reference = cloud.surface(depth(), INFO)
-    chosen = alignment.scene_pixels(box, reference, np.random.default_rng(1))
+    chosen = study.scene_pixels(box, reference, np.random.default_rng(1))
     np.testing.assert_array_equal(
-        chosen, alignment.scene_pixels(box, reference, np.random.default_rng(1))
+        chosen, study.scene_pixels(box, reference, np.random.default_rng(1))
     )
     away = np.linalg.norm(reference.point_m[chosen] - box.centre_m, axis=1)
     reach = np.linalg.norm(box.surface.point_m - box.centre_m, axis=1).max()
-    assert away.max() <= reach + alignment.MARGIN_M + 1e-6
-    assert chosen.sum() == pytest.approx(alignment.SCENE_POINTS, rel=0.1)
+    assert away.max() <= reach + study.MARGIN_M + 1e-6
+    assert chosen.sum() == pytest.approx(study.SCENE_POINTS, rel=0.1)
 
 
 def test_model_points_are_in_random_order(box):
-    model = alignment.model_points(box, np.random.default_rng(2))
-    assert len(model) == alignment.MODEL_POINTS
+    model = study.model_points(box, np.random.default_rng(2))
+    assert len(model) == study.MODEL_POINTS
     height = model.point_m[:, 1]
     half = len(height) // 2
     assert abs(height[:half].mean() - height[half:].mean()) < 0.2 * height.std()
@@ -67,7 +67,7 @@ def test_pose_error_of_angle_and_centre(degrees, shift, seed):
     turned = np.eye(4)
     turned[:3, :3] = rotation(tuple(degrees * axis / np.linalg.norm(axis)))
     turned[:3, 3] = CENTRE - turned[:3, :3] @ CENTRE + shift * way / np.linalg.norm(way)
-    error = alignment.pose_error(turned, CENTRE)
+    error = study.pose_error(turned, CENTRE)
     assert error.position_m == pytest.approx(shift, abs=1e-9)
     assert error.rotation == pytest.approx(1 - np.cos(np.radians(degrees) / 2), abs=1e-7)
 
@@ -76,7 +76,7 @@ def test_disturbances_are_uniform_up_to_their_limits():
     """Lengths and angles are uniform with a mean of half the limit (1000 draws: 5 %); isotropic."""
     limits, draw = Disturbance(most_m=0.04, most_deg=20), np.random.default_rng(3)
     moved = [limits.draw(CENTRE, draw) for _ in range(1000)]
-    errors = [alignment.pose_error(motion, CENTRE) for motion in moved]
+    errors = [study.pose_error(motion, CENTRE) for motion in moved]
     length = np.array([error.position_m for error in errors])
     angle = 2 * np.degrees(np.arccos(1 - np.array([error.rotation for error in errors])))
     for value, most in ((length, 0.04), (angle, 20)):

@@ -10,8 +10,7 @@ import pytest
 from starling.learning.data import captured
 from starling.learning.evaluation.evaluate import HolePrediction
 from starling.learning.icp import case_study
-from starling.learning.icp.alignment import Disturbance
-from starling.learning.icp.study import REAL
+from starling.learning.icp.study import REAL, Disturbance
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, info, png
 from starling.sim.captures.capture import CaptureSet

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from starling.learning.icp import cloud, objects, segments
+from starling.learning.icp import cloud, objects
 from starling.learning.icp.cloud import Cloud
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture
@@ -89,7 +89,7 @@ def test_information_of_known_shapes():
 
 def test_a_scene_is_divided_at_steps_only():
     z = depth()
-    label = segments.convex_pieces(cloud.surface(z, INFO), INFO.disparity_px(z), fewest_px=300)
+    label = objects.convex_pieces(cloud.surface(z, INFO), INFO.disparity_px(z), fewest_px=300)
     box, ball = box_depth() < 5, ball_depth() < 5
     wall = ~box & ~ball
     for mask in (box, ball, wall):
@@ -110,7 +110,7 @@ def test_a_concave_crease_separates_surfaces():
     parts = []
     for z in (room, roof):
         shown = cloud.surface(z, INFO)
-        label = segments.convex_pieces(shown, INFO.disparity_px(z), fewest_px=500)
+        label = objects.convex_pieces(shown, INFO.disparity_px(z), fewest_px=500)
         parts.append(np.unique(label).tolist())
     assert set(parts[0]) - {0} == {1, 2}
     assert set(parts[1]) - {0} == {1}

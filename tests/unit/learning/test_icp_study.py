@@ -7,9 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from starling.learning.icp import comparison, objects, study
-from starling.learning.icp.alignment import Disturbance
-from starling.learning.icp.study import Outcome
+from starling.learning.icp import case_study, objects, study
+from starling.learning.icp.study import Disturbance, Outcome
 from starling.patterns.errors import InputError
 from tests.unit.learning.drawn_scene import INFO, depth
 
@@ -27,9 +26,14 @@ def align(pieces: list[objects.Piece], trials: int = 2, seed: int = 0, **images:
 
 def test_equal_depth_has_no_difference(pieces):
     result = align(pieces, real=depth(), same=depth().copy())
-    compared = comparison.against_real(result["same"], result["real"])
+    compared = case_study.against_real(result["same"], result["real"])
     assert compared.difference == (0, 0, 0, 0)
-    assert (compared.trials, compared.objects, compared.hidden, compared.shown) == (2, 1, 0, 0)
+    assert (compared.trials, compared.objects, compared.only_in_real, compared.only_in_method) == (
+        2,
+        1,
+        0,
+        0,
+    )
     assert (result["real"].position_m < 1e-3).all()
 
 
@@ -52,15 +56,20 @@ def test_hidden_objects_are_counted_and_excluded(pieces):
     result = align(pieces, real=depth(), hides=hidden)
     assert not result["hides"].visible.any()
     assert np.isnan(result["hides"].rotation).all()
-    compared = comparison.against_real(result["hides"], result["real"])
+    compared = case_study.against_real(result["hides"], result["real"])
     assert np.isnan(compared.difference).all()
-    assert (compared.objects, compared.hidden, compared.trials) == (0, 1, 0)
+    assert (compared.objects, compared.only_in_real, compared.trials) == (0, 1, 0)
     nothing = align(pieces, real=depth(), blind=np.full_like(depth(), np.nan))
     assert not nothing["blind"].visible.any()
     both = study.pool([result, align(pieces, seed=1, real=depth(), hides=depth())])
-    compared = comparison.against_real(both["hides"], both["real"])
-    assert (compared.objects, compared.hidden, compared.shown, compared.trials) == (1, 1, 0, 2)
-    assert comparison.against_real(both["real"], both["hides"]).shown == 1
+    compared = case_study.against_real(both["hides"], both["real"])
+    assert (compared.objects, compared.only_in_real, compared.only_in_method, compared.trials) == (
+        1,
+        1,
+        0,
+        2,
+    )
+    assert case_study.against_real(both["real"], both["hides"]).only_in_method == 1
 
 
 def outcome(position: np.ndarray) -> Outcome:
@@ -71,7 +80,7 @@ def outcome(position: np.ndarray) -> Outcome:
 def test_figures_are_those_of_the_paper():
     real = outcome(np.array([[1.0, 3.0], [5.0, 7.0]]))  # Mean 4, variance 5.
     method = outcome(np.array([[2.0, 2.0], [4.0, 6.0]]))  # Mean 3.5, variance 2.75.
-    result = comparison.against_real(method, real).difference
+    result = case_study.against_real(method, real).difference
     np.testing.assert_allclose(result, [12.5, 45.0, 12.5, 45.0])
     assert result._fields[0] == "position_mean_pct"
 
@@ -81,13 +90,13 @@ def test_the_interval_of_a_nearer_method_is_above_zero():
     errors = draw.gamma(2.0, 0.01, (60, 5))
     real, near = outcome(errors), outcome(errors * 1.05)
     far = outcome(errors * 1.6)
-    gain = comparison.nearer(near, far, real, seed=0, draws=500)
+    gain = case_study.paired_advantage(near, far, real, seed=0, draws=500)
     assert min(gain.low) > 0
     assert gain.middle.position_mean_pct == pytest.approx(60 - 5, abs=1e-6)
     assert gain.middle.position_var_pct == pytest.approx(156 - 10.25, rel=1e-6)
-    back = comparison.nearer(far, near, real, seed=0, draws=500)
+    back = case_study.paired_advantage(far, near, real, seed=0, draws=500)
     np.testing.assert_allclose(back.high, np.negative(gain.low))
-    same = comparison.nearer(near, near, real, seed=0, draws=500)
+    same = case_study.paired_advantage(near, near, real, seed=0, draws=500)
     assert same.low == same.high == (0, 0, 0, 0)
 
 
@@ -100,7 +109,7 @@ def test_the_interval_of_equal_methods_contains_zero():
     for seed in range(40):
         draw = np.random.default_rng(seed)
         real, item, second = (outcome(draw.gamma(4.0, 0.01, (30, 4))) for _ in range(3))
-        gain = comparison.nearer(item, second, real, seed=seed, draws=300)
+        gain = case_study.paired_advantage(item, second, real, seed=seed, draws=300)
         held += gain.low.position_mean_pct <= 0 <= gain.high.position_mean_pct
     assert held >= 33
 
@@ -123,16 +132,16 @@ def test_outcomes_of_different_objects_are_refused():
     with pytest.raises(InputError, match="scenes must share methods and trials; got 2"):
         study.pool([{"real": item}, {"real": outcome(np.ones((2, 3)))}])
     with pytest.raises(InputError, match="objects must be the same in both; got 2 and 3"):
-        comparison.against_real(item, outcome(np.ones((3, 2))))
+        case_study.against_real(item, outcome(np.ones((3, 2))))
     with pytest.raises(InputError, match="draws must be an integer in"):
-        comparison.nearer(item, item, item, seed=0, draws=10)
+        case_study.paired_advantage(item, item, item, seed=0, draws=10)
     single = outcome(np.array([[1.0, 2.0]]))
     with pytest.raises(InputError, match="objects seen in all must be two or more; got 1"):
-        comparison.nearer(single, single, single, seed=0)
+        case_study.paired_advantage(single, single, single, seed=0)
 
 
 def test_real_zero_gives_no_figure():
     still = outcome(np.zeros((2, 2)))
-    assert np.isnan(comparison.against_real(still, still).difference).all()
+    assert np.isnan(case_study.against_real(still, still).difference).all()
     moved = dataclasses.replace(still, position_m=np.ones((2, 2)))
-    assert np.isnan(comparison.against_real(moved, still).difference).all()
+    assert np.isnan(case_study.against_real(moved, still).difference).all()

@@ -13,15 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from starling.learning.data.example import Example
-from starling.learning.data.physics_probability import physics_probability
-from starling.learning.evaluation.figures.judged import judge, pool
-from starling.learning.evaluation.figures.roc import roc
+from starling.learning.data.physics import physics_probability
+from starling.learning.evaluation.metrics import judge, pool, roc
 from starling.learning.method import Predictor
-from starling.learning.methods.hybrid import Hybrid, HybridPredictor, corrected
-from starling.learning.methods.network import Network
-from starling.learning.networks.inference import apply
-from starling.learning.networks.training.channels import channels
-from starling.learning.networks.training.settings import TrainingSettings
+from starling.learning.methods.network import Hybrid, HybridPredictor, Network, corrected
+from starling.learning.networks.channels import channels
+from starling.learning.networks.device import run_network
+from starling.learning.networks.training import TrainingSettings
 from starling.learning.networks.unet import UNet
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
@@ -135,9 +133,9 @@ def test_the_trained_hybrid_is_scale_times_logit_plus_network() -> None:
         network.unet.head.weight.normal_(0, 0.3)
     example = step_scene(5)
     seen = channels(example, with_reflectance=False, with_physics=True)
-    logit = apply(network, seen)
+    logit = run_network(network, seen)
     share = _predicted(example).astype(np.float64)
-    wanted = 0.6 * np.log(share / (1 - share)) + apply(network.unet, seen)
+    wanted = 0.6 * np.log(share / (1 - share)) + run_network(network.unet, seen)
     np.testing.assert_allclose(logit, wanted, atol=1e-4)
     report = HybridPredictor(network, False, SHAPE).probability(example)
     np.testing.assert_allclose(report, 1 / (1 + np.exp(-wanted)), atol=1e-5)
@@ -152,7 +150,7 @@ def test_inference_is_the_network(width: int) -> None:
         network.head.weight.normal_()
         image = torch.randn(1, 3, 40, width)
         wanted = network(image)[0, 0].numpy()
-    report = apply(network, image[0].numpy())
+    report = run_network(network, image[0].numpy())
     assert report.shape == (40, width)
     np.testing.assert_allclose(report, wanted, atol=1e-4)
 

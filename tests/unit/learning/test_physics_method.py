@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from starling.learning.data.learnable import known_holes
-from starling.learning.data.physics_probability import physics_probability
-from starling.learning.evaluation.figures.judged import judge, pool
-from starling.learning.evaluation.figures.proper_scores import log_loss
+from starling.learning.data.example import known_holes
+from starling.learning.data.physics import physics_probability
+from starling.learning.evaluation.metrics import judge, log_loss, pool
 from starling.learning.method import Method
 from starling.learning.methods import model_file
 from starling.learning.methods.physics import Simulated, SimulatedPredictor

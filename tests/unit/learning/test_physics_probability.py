@@ -11,11 +11,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from starling.learning.data.example import Physics
-from starling.learning.data.physics_probability import (
-    PLACE_PX,
-    as_precise_as_physics,
-    physics_probability,
-)
+from starling.learning.data.physics import PLACE_PX, as_precise_as_physics, physics_probability
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import SHAPE, step_scene
 

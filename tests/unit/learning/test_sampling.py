@@ -10,12 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from starling.learning.data.example import Physics
-from starling.learning.data.physics_probability import physics_probability
+from starling.learning.data.physics import physics_probability
 from starling.learning.sampling import sampling
 from starling.learning.sampling.perlin import Perlin
 from starling.learning.sampling.sampling import Sampling
 from starling.patterns.errors import InputError
 from starling.sim.captures.info import CaptureInfo
+from tests.oracles.flicker import flicker
 from tests.unit.learning.step_scenes import step_scene
 
 NOISE = Perlin(correlation_px=2.0, correlation_frames=5.0)
@@ -73,15 +74,8 @@ def test_flicker_is_the_closed_form(p, later):
             for s in range(40)
         ]
     )
-    expected = float(sampling.flicker(image(p, (1, 1)), how, later)[0, 0])
+    expected = float(flicker(image(p, (1, 1)), how, later)[0, 0])
     assert changed == pytest.approx(expected, rel=0.12)
-
-
-def test_certain_pixels_and_those_above_the_threshold_do_not_flicker():
-    p = np.array([0, 0.3, 0.7, 1.0])
-    rate = sampling.flicker(p, Sampling(noise=NOISE), 100)
-    np.testing.assert_allclose(rate, [0, 2 * 0.3 * 0.7, 0, 0], atol=1e-6)
-    assert not sampling.flicker(p, Sampling(noise=NOISE), 0).any()
 
 
 def simulated(number: int) -> Physics:

@@ -14,7 +14,7 @@ from starling.learning.commands import work_folder
 from starling.learning.commands.train_captures import PHYSICS, train_captures, trained
 from starling.learning.data import captured, simulated
 from starling.learning.data.captured import Simulation
-from starling.learning.methods.simple import Simple
+from starling.learning.methods.baselines import Simple
 from starling.patterns.errors import InputError
 from starling.sim.captures.capture import open_set
 from starling.sim.console.output import RECORD

@@ -14,12 +14,10 @@ import torch
 
 from starling.learning.data.example import Example
 from starling.learning.methods.cyclegan import CycleGan
-from starling.learning.methods.hybrid import Hybrid
-from starling.learning.methods.network import Network
+from starling.learning.methods.network import Hybrid, Network
 from starling.learning.methods.pix2pix import Pix2Pix
-from starling.learning.networks.training import loop
-from starling.learning.networks.training.learner import one_cycle
-from starling.learning.networks.training.settings import TrainingSettings, settings_identity
+from starling.learning.networks import training
+from starling.learning.networks.training import TrainingSettings, one_cycle, settings_identity
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import step_scene
 
@@ -69,7 +67,7 @@ def test_resumed_training_is_bit_identical(method: Any, tmp_path: Path) -> None:
     weights = resumed.network.state_dict()
     for name, value in whole.network.state_dict().items():
         assert torch.equal(weights[name], value), name
-    curves = [(tmp_path / name / loop.CURVE).read_text() for name in ("whole", "killed")]
+    curves = [(tmp_path / name / training.CURVE).read_text() for name in ("whole", "killed")]
     assert curves[0] == curves[1]
     expected, answer = whole.probability(SCENES[0]), resumed.probability(SCENES[0])
     np.testing.assert_array_equal(answer, expected)
@@ -119,7 +117,7 @@ def test_a_checkpoint_of_another_method_is_refused(tmp_path: Path) -> None:
 
 def test_refuses_a_truncated_checkpoint(tmp_path: Path) -> None:
     Network(settings=SHORT).fit(SCENES, folder=tmp_path, seed=0)
-    path = tmp_path / loop.CHECKPOINT
+    path = tmp_path / training.CHECKPOINT
     path.write_bytes(path.read_bytes()[:-1000])
     with pytest.raises(InputError, match="checkpoint must be a complete file"):
         Network(settings=SHORT).fit(SCENES, folder=tmp_path, seed=0)
@@ -134,12 +132,12 @@ def test_a_loss_that_is_not_finite_stops_at_its_batch(tmp_path: Path) -> None:
     assert message.startswith("loss log_loss must be a finite number; got nan.")
     assert "Stopped at batch 1:" in message
     assert "\n" not in message
-    assert not (tmp_path / loop.CHECKPOINT).exists()
+    assert not (tmp_path / training.CHECKPOINT).exists()
 
 
 def test_writes_the_loss_curve(tmp_path: Path) -> None:
     Network(settings=SHORT).fit(SCENES, folder=tmp_path, seed=0)
-    with (tmp_path / loop.CURVE).open() as file:
+    with (tmp_path / training.CURVE).open() as file:
         rows = list(csv.DictReader(file))
     assert [int(row["step"]) for row in rows] == list(range(9))
     assert all(float(row["log_loss"]) > 0 for row in rows)

@@ -12,12 +12,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from starling.learning.evaluation.figures.judged import judge, pool
-from starling.learning.evaluation.figures.roc import roc
+from starling.learning.evaluation.metrics import judge, pool, roc
 from starling.learning.methods.cyclegan import CycleGan, CycleGanLearner
 from starling.learning.methods.pix2pix import INPUTS, SETTINGS, Keeper, Pix2Pix, Pix2PixLearner
-from starling.learning.networks.training.settings import TrainingSettings
-from starling.learning.networks.training.translation import (
+from starling.learning.methods.translation import (
     DEPTH,
     FARTHEST_M,
     PatchDiscriminator,
@@ -27,6 +25,7 @@ from starling.learning.networks.training.translation import (
     least_squares_loss,
     linear_decay,
 )
+from starling.learning.networks.training import TrainingSettings
 from starling.learning.networks.unet import parameter_count
 from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import SHAPE, step_scene
@@ -138,7 +137,7 @@ def test_a_step_changes_every_network() -> None:
     holes = torch.from_numpy(np.asarray(UNSEEN[0].ndp))[None, None]
 
     def draw(part: str) -> Any:
-        from starling.learning.networks.training.samples import Batch
+        from starling.learning.networks.samples import Batch
 
         assert part in ("reference", "device")
         return Batch(image, image * ~holes, torch.ones_like(image))

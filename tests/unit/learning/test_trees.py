@@ -9,16 +9,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from starling.learning.data.drawn_pixels import draw_pixels, join
 from starling.learning.data.example import Physics
-from starling.learning.evaluation.figures.classification import classification
-from starling.learning.evaluation.figures.judged import judge, pool
-from starling.learning.features.bins import equal_count_bins
+from starling.learning.evaluation.metrics import classification, judge, pool
 from starling.learning.features.features import GEOMETRY, features
-from starling.learning.features.visibility import seen_from
+from starling.learning.features.geometry import seen_from
 from starling.learning.methods import model_file
-from starling.learning.methods.forest import forest_of
-from starling.learning.methods.trees import Trees
+from starling.learning.methods.forest import equal_count_bins, forest_of
+from starling.learning.methods.trees import Trees, draw_pixels, join
 from starling.patterns.errors import InputError
 from starling.sim.reason import Reason
 

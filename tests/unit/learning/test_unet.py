@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from starling.learning.networks.training.channels import names
+from starling.learning.networks.channels import names
 from starling.learning.networks.unet import UNet, parameter_count
 
 

@@ -14,7 +14,7 @@ from starling.learning.data import simulated_captures, varied_cameras
 from starling.patterns.errors import InputError
 from starling.sim import effects
 from starling.sim.captures import capture
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.reason import Reason
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import presets

@@ -11,8 +11,7 @@ import pytest
 from starling.patterns import InputError
 from starling.sim import effects
 from starling.sim.commands import atlas
-from starling.sim.effects import Effect, Parameter, Stage
-from starling.sim.effects import setting as setting
+from starling.sim.effects import Effect, Parameter, Stage, setting
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import matcher, presets
 

@@ -16,8 +16,7 @@ from starling.patterns.errors import InputError
 from starling.sim.captures import capture
 from starling.sim.captures import info as capture_info
 from starling.sim.captures.writer import info_of
-from starling.sim.sensor import presets as sensors
-from starling.sim.sensor import resolve
+from starling.sim.sensor import presets, resolve
 
 
 def _change(path: Path, old: str, new: str) -> None:
@@ -226,10 +225,10 @@ def test_wrong_frames_are_refused(small_set: Path) -> None:
 
 
 def test_sensor_takes_the_captures_geometry(small_set: Path) -> None:
-    from starling.sim.sensor import presets as sensors
+    from starling.sim.sensor import presets
 
     info = capture.open_set(small_set).info
-    sensor = info.geometry_into(sensors.load("d415"))
+    sensor = info.geometry_into(presets.load("d415"))
     assert (sensor.width, sensor.fx_px, sensor.baseline_m) == (160, 90.0, 0.05)
 
 
@@ -277,7 +276,7 @@ def test_scene_can_have_its_own_camera(small_set: Path) -> None:
 
 @pytest.mark.parametrize("name", ["cx_px", "cy_px"])
 def test_a_sensor_with_another_centre_is_another_camera(name: str) -> None:
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     info = info_of(sensor, source="", licence="", notes="")
     assert info.are_of(sensor)
     off = getattr(sensor, name) + 0.006 * sensor.width

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from starling.patterns.errors import InputError
 from starling.sim import effects
-from starling.sim.effects import Effect, Parameter, Stage, listing
-from starling.sim.effects import setting as setting
+from starling.sim.effects import Effect, Parameter, Stage, listing, setting
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import matcher, presets
 from starling.sim.sensor.sensor import Colour, Sensor

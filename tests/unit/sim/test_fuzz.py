@@ -18,9 +18,9 @@ from starling.patterns.errors import InputError
 from starling.sim.captures import capture
 from starling.sim.commands import compare
 from starling.sim.sensor import edits as sensor_edits
-from starling.sim.sensor import presets as sensors
+from starling.sim.sensor import presets
 
-PRESET = sensors.text("d415")
+PRESET = presets.text("d415")
 _LINES = [line for line in PRESET.splitlines() if "=" in line and not line.startswith("#")]
 _KEYS = sorted({line.partition("=")[0].strip() for line in _LINES})
 
@@ -98,7 +98,7 @@ def _command(*arguments: str) -> None:
 def test_sensor_files(tmp_path_factory: pytest.TempPathFactory, edits: list) -> None:
     path = tmp_path_factory.getbasetemp() / "fuzz.toml"
     path.write_text(_mutate(PRESET, edits), encoding="utf-8", errors="replace")
-    _quiet(lambda: sensors.load(str(path)))
+    _quiet(lambda: presets.load(str(path)))
 
 
 @settings(max_examples=100)
@@ -109,7 +109,7 @@ def test_sensor_files_with_any_bytes(
     path = tmp_path_factory.getbasetemp() / "fuzz.toml"
     text = PRESET.encode()
     path.write_bytes(text[:position] + data + text[position + len(data) :])
-    _quiet(lambda: sensors.load(str(path)))
+    _quiet(lambda: presets.load(str(path)))
 
 
 @settings(max_examples=200)
@@ -122,7 +122,7 @@ def test_sensor_files_with_any_bytes(
     value=_VALUES,
 )
 def test_edits(table: str, key: str, value: str) -> None:
-    sensor = sensors.load("d415")
+    sensor = presets.load("d415")
     _quiet(lambda: sensor_edits.apply(sensor, [f"{table}{key}={value}"]))
 
 

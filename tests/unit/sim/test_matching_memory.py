@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from starling.sim.sensor.matcher import named
-from starling.sim.stereo import matching as matching
-from starling.sim.stereo import semiglobal
+from starling.sim.stereo import matching, semiglobal
 from starling.sim.stereo.memory import Memory
 
 MATCHER = dataclasses.replace(named("d4xx"), search_px=16)

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from starling.patterns import InputError
 from starling.sim.commands.sweep import axes as sweep_axes
-from starling.sim.commands.sweep import picture
-from starling.sim.commands.sweep import sweep as sweep
+from starling.sim.commands.sweep import picture, sweep
 from starling.sim.commands.sweep.axes import AXES
 from starling.sim.commands.sweep.figures import Figures
 from starling.sim.console import record

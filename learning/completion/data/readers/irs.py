@@ -26,7 +26,7 @@ from starling.learning.completion.data.readers.item import (
     check_folder,
     read_colour,
 )
-from starling.learning.completion.frame import Image
+from starling.learning.completion.method import Image
 from starling.patterns.errors import refuse
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.stereo.depth import depth_from_disparity

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.learning.completion.frame import Image
+from starling.learning.completion.method import Image
 from starling.patterns.errors import refuse
 from starling.sim.geometry.pinhole import Pinhole
 

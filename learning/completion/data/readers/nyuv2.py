@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from starling.learning.completion.data.readers.item import Item, ItemSource
-from starling.learning.completion.frame import Image
+from starling.learning.completion.method import Image
 from starling.patterns.errors import needs, refuse
 from starling.sim.geometry.pinhole import Pinhole
 

@@ -10,11 +10,18 @@ from hypothesis import strategies as st
 
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
-from starling.learning.completion.diffusion import latents
 from starling.learning.completion.diffusion.method import mean_and_std
-from starling.learning.completion.diffusion.span import HOLE, Span, network_input, pad_edges
-from starling.learning.completion.frame import make_frame
-from tests.unit.learning.completion import tiny_diffusion as tiny
+from starling.learning.completion.diffusion.span import (
+    HOLE,
+    Span,
+    cells,
+    decode_depth,
+    encode_depth,
+    network_input,
+    pad_edges,
+)
+from starling.learning.completion.method import make_frame
+from tests.unit.learning.completion import tiny_diffusion
 
 CPU = torch.device("cpu")
 
@@ -33,7 +40,7 @@ def test_depth_up_to_beyond_the_span_is_recovered(near: float, wide: float, seed
 
 
 def test_encoding_is_clipped_and_holes_have_the_lowest_value() -> None:
-    span = Span.from_frame(tiny.frame())
+    span = Span.from_frame(tiny_diffusion.frame())
     np.testing.assert_array_equal(span.encode(np.array([np.nan, 1e-3, 65.0])), [HOLE, -1, 1])
     assert np.isnan(span.decode(np.array([-10.0]))).all()
 
@@ -53,7 +60,7 @@ def test_edges_are_padded_to_the_next_multiple() -> None:
 
 
 def test_network_input_of_a_frame() -> None:
-    frame = tiny.frame((13, 18))
+    frame = tiny_diffusion.frame((13, 18))
     seen = network_input([frame, frame], multiple=8, device=CPU)
     assert seen.image.shape == (2, 3, 16, 24) and seen.sensor.shape == (2, 1, 16, 24)
     inside = np.s_[1, :, :13, :18]
@@ -63,14 +70,14 @@ def test_network_input_of_a_frame() -> None:
 
 
 def test_depth_is_encoded_as_the_mode_of_a_grey_image_and_decoded_as_the_mean() -> None:
-    vae = tiny.autoencoder()
+    vae = tiny_diffusion.autoencoder()
     vae.register_to_config(scaling_factor=0.25)
     depth = torch.rand(2, 1, 16, 8) * 2 - 1
     with torch.no_grad():
-        code = latents.encode_depth(vae, depth)
+        code = encode_depth(vae, depth)
         moments = vae.quant_conv(vae.encoder(depth.repeat(1, 3, 1, 1)))  # Mean, log variance.
         torch.testing.assert_close(code, 0.25 * moments[:, :4])
-        decoded = latents.decode_depth(vae, code)
+        decoded = decode_depth(vae, code)
         colours = vae.decoder(vae.post_quant_conv(moments[:, :4]))
         torch.testing.assert_close(decoded, colours.mean(dim=1))
     assert code.shape == (2, 4, 8, 4) and decoded.shape == (2, 16, 8)
@@ -79,7 +86,7 @@ def test_depth_is_encoded_as_the_mode_of_a_grey_image_and_decoded_as_the_mean() 
 def test_a_cell_with_one_missing_pixel_is_missing() -> None:
     mask = torch.zeros(1, 1, 8, 8)
     mask[0, 0, 3, 4] = 1
-    result = latents.cells(mask, 4)
+    result = cells(mask, 4)
     np.testing.assert_array_equal(result[0, 0], [[0, 1], [0, 0]])
 
 

@@ -12,20 +12,20 @@ import torch
 
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
-from starling.learning.completion.diffusion import VARIANTS, latents, model, weights
+from starling.learning.completion.diffusion import VARIANTS, model, span, weights
 from starling.learning.completion.diffusion.method import Diffusion, load
 from starling.learning.completion.diffusion.sampling import sample
 from starling.learning.completion.diffusion.span import Span, network_input
 from starling.learning.completion.method import complete
 from starling.patterns.errors import InputError
-from tests.unit.learning.completion import tiny_diffusion as tiny
+from tests.unit.learning.completion import tiny_diffusion
 
-FRAME = tiny.frame()
+FRAME = tiny_diffusion.frame()
 
 
 @pytest.fixture(scope="module")
 def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write(tmp_path_factory.mktemp("weights"))
+    return tiny_diffusion.write(tmp_path_factory.mktemp("weights"))
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ class _IdealNetwork:
     """An ideal network that knows the latents of the depth and predicts the exact noise."""
 
     variant = "rgbd"
-    networks = torch.nn.ModuleDict({"unet": tiny.unet()})
+    networks = torch.nn.ModuleDict({"unet": tiny_diffusion.unet()})
 
     def __init__(self, clean: torch.Tensor, remaining: torch.Tensor) -> None:
         self.clean, self.kept = clean, remaining
@@ -96,7 +96,7 @@ def test_an_ideal_network_recovers_the_depth(untrained: model.DiffusionModel, st
     seen = network_input([FRAME], multiple=4, device=torch.device("cpu"))
     (depth,) = sample(ideal, seen, steps=steps, seed=0, count=1)
     with torch.no_grad():
-        expected = latents.decode_depth(untrained.vae, clean)
+        expected = span.decode_depth(untrained.vae, clean)
     torch.testing.assert_close(depth, expected, rtol=1e-3, atol=1e-3)
 
 

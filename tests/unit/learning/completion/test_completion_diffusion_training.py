@@ -25,30 +25,30 @@ from starling.learning.completion.diffusion.data import (
 )
 from starling.learning.completion.diffusion.method import Diffusion
 from starling.learning.completion.diffusion.training import DiffusionSettings, train
-from starling.learning.completion.frame import make_frame
+from starling.learning.completion.method import make_frame
 from starling.patterns.errors import InputError
 from tests.unit.learning import capture_sets
-from tests.unit.learning.completion import tiny_diffusion as tiny
+from tests.unit.learning.completion import tiny_diffusion
 
 CPU = torch.device("cpu")
 SHORT = DiffusionSettings(steps=5, batch=3, at_once=2, save_every=2, rate=1e-3)
 
 
 def _sample(seed: int, shape: tuple[int, int] = (13, 18)) -> TrainingSample:
-    frame = tiny.frame(shape, seed)
+    frame = tiny_diffusion.frame(shape, seed)
     return TrainingSample(
         frame, np.linspace(1, 2, shape[1], dtype=np.float32)[None].repeat(shape[0], 0)
     )
 
 
 SAMPLES = [_sample(seed) for seed in range(4)]
-HELD = tiny.Held(SAMPLES)
+HELD = tiny_diffusion.Held(SAMPLES)
 WHOLE: Any = {"crop_px": (512, 512), "multiple": 4, "device": CPU}
 
 
 @pytest.fixture(scope="module")
 def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write(tmp_path_factory.mktemp("weights"))
+    return tiny_diffusion.write(tmp_path_factory.mktemp("weights"))
 
 
 class _Killed(Exception):
@@ -106,7 +106,9 @@ def test_the_loss_of_one_batch_decreases(published: Path, variant: Variant) -> N
 
 
 def _batch(samples: Sequence[TrainingSample], count: int) -> DiffusionBatch:
-    (batch,) = draw_batches(tiny.Held(samples), step=0, count=count, at_once=count, seed=0, **WHOLE)
+    (batch,) = draw_batches(
+        tiny_diffusion.Held(samples), step=0, count=count, at_once=count, seed=0, **WHOLE
+    )
     return batch
 
 
@@ -231,13 +233,13 @@ def _other_size() -> list[TrainingSample]:
 
 
 def _no_depth() -> list[TrainingSample]:
-    frame = tiny.frame()
+    frame = tiny_diffusion.frame()
     blind = dataclasses.replace(frame, valid=np.zeros_like(frame.valid))
     return [TrainingSample(blind, SAMPLES[0].truth_m)]
 
 
 def _endless() -> list[TrainingSample]:
-    frame = tiny.frame()
+    frame = tiny_diffusion.frame()
     return [TrainingSample(dataclasses.replace(frame, rgb=frame.rgb * np.inf), SAMPLES[0].truth_m)]
 
 
@@ -253,7 +255,14 @@ def _endless() -> list[TrainingSample]:
 )
 def test_samples_refused(published: Path, samples: Any, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
-        train(weights.load(published), "rgbd", tiny.Held(samples()), SHORT, folder=tmp_path, seed=0)
+        train(
+            weights.load(published),
+            "rgbd",
+            tiny_diffusion.Held(samples()),
+            SHORT,
+            folder=tmp_path,
+            seed=0,
+        )
     assert str(error.value).startswith(message)
 
 
@@ -299,10 +308,9 @@ def test_missing_packages_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     captures = capture_sets.write(tmp_path / "set")
-    monkeypatch.setitem(sys.modules, "starling.learning.completion.commands.train_diffusion", None)
+    monkeypatch.setitem(sys.modules, "starling.learning.completion.diffusion.training", None)
     flags = ["--out", str(tmp_path / "out"), "--start", "anywhere"]
     assert command_line.main(["train", "completion", str(captures), *flags]) == 1
     assert (
-        "diffusion needs starling.learning.completion.commands.train_diffusion"
-        in capsys.readouterr().err
+        "diffusion needs starling.learning.completion.diffusion.training" in capsys.readouterr().err
     )

@@ -23,7 +23,7 @@ from starling.learning.completion.diffusion.conditioning import (
 from starling.learning.completion.diffusion.model import DiffusionModel, untrained_model
 from starling.learning.completion.diffusion.span import network_input
 from starling.patterns.errors import InputError
-from tests.unit.learning.completion import tiny_diffusion as tiny
+from tests.unit.learning.completion import tiny_diffusion
 
 STEP = torch.tensor([500, 20])
 TEXT = torch.rand(1, 2, 12, generator=torch.Generator().manual_seed(1)).expand(2, -1, -1)
@@ -40,7 +40,7 @@ def _predict(network: Any, noisy: torch.Tensor) -> torch.Tensor:
 
 @pytest.mark.parametrize("further", [0, 1])
 def test_the_first_layer_repeats_a_third_of_the_pretrained_weights(further: int) -> None:
-    network, old = tiny.unet(), tiny.unet().conv_in
+    network, old = tiny_diffusion.unet(), tiny_diffusion.unet().conv_in
     widen(network, copies=3, further=further)
     new = network.conv_in
     for number in range(3):
@@ -54,8 +54,8 @@ def test_the_first_layer_repeats_a_third_of_the_pretrained_weights(further: int)
 def test_equal_latents_give_the_pretrained_prediction() -> None:
     """The mask channel has no effect before training."""
     noisy = _random(2, 4, 8, 8)
-    before = _predict(tiny.unet(), noisy)
-    network = tiny.unet()
+    before = _predict(tiny_diffusion.unet(), noisy)
+    network = tiny_diffusion.unet()
     widen(network, copies=3, further=1)
     after = _predict(network, torch.cat([noisy, noisy, noisy, _random(2, 1, 8, 8)], dim=1))
     torch.testing.assert_close(after, before, rtol=1e-4, atol=1e-5)
@@ -63,7 +63,7 @@ def test_equal_latents_give_the_pretrained_prediction() -> None:
 
 
 def test_a_widened_network_can_be_saved_and_loaded(tmp_path: Path) -> None:
-    network = tiny.unet()
+    network = tiny_diffusion.unet()
     widen(network, copies=3, further=1)
     network.save_pretrained(tmp_path)
     read: Any = UNet2DConditionModel.from_pretrained(tmp_path, low_cpu_mem_usage=False)
@@ -73,7 +73,7 @@ def test_a_widened_network_can_be_saved_and_loaded(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write(tmp_path_factory.mktemp("weights"))
+    return tiny_diffusion.write(tmp_path_factory.mktemp("weights"))
 
 
 def _begun(published: Path, variant: Variant) -> DiffusionModel:
@@ -88,7 +88,7 @@ def _noise(model: DiffusionModel, frames: Any, noisy: torch.Tensor) -> torch.Ten
 
 
 def _frames() -> list[Any]:
-    return [tiny.frame((16, 16), seed) for seed in range(2)]
+    return [tiny_diffusion.frame((16, 16), seed) for seed in range(2)]
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -126,7 +126,9 @@ def test_controlnet_has_no_effect_before_training(published: Path) -> None:
     """Its outputs pass convolutions of zeros."""
     noisy = _random(2, 4, 8, 8)
     controlled = _noise(_begun(published, "controlnet"), _frames(), noisy)
-    torch.testing.assert_close(controlled, _predict(tiny.unet(), noisy), rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(
+        controlled, _predict(tiny_diffusion.unet(), noisy), rtol=1e-5, atol=1e-6
+    )
 
 
 def test_the_condition_has_an_effect(published: Path) -> None:
@@ -164,7 +166,9 @@ def test_controlnet_trains_the_decoder_only(published: Path) -> None:
 
 def test_concatenation_trains_everything_but_the_autoencoder(published: Path) -> None:
     model = _begun(published, "rgbd")
-    assert len(trainable_parameters(model.conditioning)) == len(list(tiny.unet().parameters()))
+    assert len(trainable_parameters(model.conditioning)) == len(
+        list(tiny_diffusion.unet().parameters())
+    )
     assert not any(value.requires_grad for value in model.vae.parameters())
 
 
@@ -179,7 +183,7 @@ def test_refused(published: Path, tmp_path: Path) -> None:
     wrong: Any = "rgb"
     with pytest.raises(InputError, match=r"^variant must be a known name; got 'rgb'\. "):
         adapt_generator(weights.load(published), wrong, seed=0)
-    wide = weights.load(tiny.write(tmp_path, network=tiny.unet(in_channels=12)))
+    wide = weights.load(tiny_diffusion.write(tmp_path, network=tiny_diffusion.unet(in_channels=12)))
     with pytest.raises(InputError, match=r"^weights must be of a text-to-image model with 4 "):
         adapt_generator(wide, "rgbd", seed=0)
     with pytest.raises(InputError, match=r"^weights must be trained for completion, with 12 or 13"):

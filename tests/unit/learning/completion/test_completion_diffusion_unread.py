@@ -11,15 +11,14 @@ import pytest
 
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
-from starling.learning.completion.commands.train_diffusion import train_diffusion
+from starling.learning.completion.commands.train_captures import train_diffusion
 from starling.learning.completion.data.layouts import list_frames
 from starling.learning.completion.diffusion.data import ListedSamples
 from starling.patterns.errors import InputError
 from starling.sim.captures import png
 from tests.unit.command_line import Capsys
 from tests.unit.learning import capture_sets
-from tests.unit.learning.completion import tiny_data_sets
-from tests.unit.learning.completion import tiny_diffusion as tiny
+from tests.unit.learning.completion import tiny_data_sets, tiny_diffusion
 from tests.unit.learning.completion.test_completion_verbs import ran
 
 
@@ -30,7 +29,7 @@ def captures(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write(tmp_path_factory.mktemp("weights"))
+    return tiny_diffusion.write(tmp_path_factory.mktemp("weights"))
 
 
 def unread(captures: Path, holes: str = "camera") -> ListedSamples:

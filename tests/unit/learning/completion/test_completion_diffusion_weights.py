@@ -19,13 +19,16 @@ from safetensors.torch import load_file, save_file
 from starling.learning.completion.diffusion import model, weights
 from starling.learning.completion.diffusion.weights import empty_prompt
 from starling.patterns.errors import InputError
-from tests.unit.learning.completion import tiny_diffusion as tiny
+from tests.unit.learning.completion import tiny_diffusion
 
 
 def test_every_weight_is_read(tmp_path: Path) -> None:
     """Also under the names that the libraries used at the time of publication."""
-    read = weights.load(tiny.write(tmp_path))
-    for result, built in ((read.unet, tiny.unet()), (read.vae, tiny.autoencoder())):
+    read = weights.load(tiny_diffusion.write(tmp_path))
+    for result, built in (
+        (read.unet, tiny_diffusion.unet()),
+        (read.vae, tiny_diffusion.autoencoder()),
+    ):
         values = built.state_dict()
         assert values.keys() == result.state_dict().keys()
         for name, value in result.state_dict().items():
@@ -35,14 +38,14 @@ def test_every_weight_is_read(tmp_path: Path) -> None:
 
 
 def test_empty_prompt_is_begin_and_end(tmp_path: Path) -> None:
-    read = weights.load(tiny.write(tmp_path))
+    read = weights.load(tiny_diffusion.write(tmp_path))
     result = empty_prompt(read.text_encoder, read.tokenizer)
     assert result.shape == (1, 2, 12)
     assert torch.equal(result, read.text_encoder(torch.tensor([[2, 3]]))[0])
 
 
 def test_a_new_model_always_predicts_noise(tmp_path: Path) -> None:
-    read = weights.load(tiny.write(tmp_path, prediction_type="v_prediction"))
+    read = weights.load(tiny_diffusion.write(tmp_path, prediction_type="v_prediction"))
     assert (
         model.untrained_model(read, "rgbd", seed=0).scheduler.config["prediction_type"] == "epsilon"
     )
@@ -50,7 +53,7 @@ def test_a_new_model_always_predicts_noise(tmp_path: Path) -> None:
 
 
 def test_an_id_is_downloaded_from_the_hub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    tiny.write(tmp_path)
+    tiny_diffusion.write(tmp_path)
     requests: list[tuple[str, list[str]]] = []
 
     def download(source: str, *, allow_patterns: list[str], **_: Any) -> str:
@@ -98,12 +101,12 @@ def _lacking(folder: Path) -> Any:
 
 
 def _other_text(folder: Path) -> Any:
-    tiny.unet(cross_attention_dim=8).save_pretrained(folder / "unet")
+    tiny_diffusion.unet(cross_attention_dim=8).save_pretrained(folder / "unet")
     return folder
 
 
 def _other_latents(folder: Path) -> Any:
-    tiny.unet(in_channels=16, out_channels=16).save_pretrained(folder / "unet")
+    tiny_diffusion.unet(in_channels=16, out_channels=16).save_pretrained(folder / "unet")
     return folder
 
 
@@ -135,7 +138,7 @@ def _other_kind(folder: Path) -> Any:
 def test_refused(spoil: Any, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_OFFLINE", True)
     with pytest.raises(InputError) as error:
-        weights.load(spoil(tiny.write(tmp_path)))
+        weights.load(spoil(tiny_diffusion.write(tmp_path)))
     text = str(error.value)
     assert text.startswith(message) and "\n" not in text
     if spoil in (_no_folder, _offline):

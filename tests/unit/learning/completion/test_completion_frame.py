@@ -7,8 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.learning.completion.frame import CompletionFrame, make_frame
-from starling.learning.completion.method import CANNOT, NOTHING, Completed, complete
+from starling.learning.completion.method import (
+    CANNOT,
+    NOTHING,
+    Completed,
+    CompletionFrame,
+    complete,
+    make_frame,
+)
 from starling.patterns.errors import InputError
 
 DEPTH = np.linspace(0.5, 2, 12, dtype=np.float32).reshape(3, 4)

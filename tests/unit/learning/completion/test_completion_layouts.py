@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.learning.completion.data.fingerprint import fingerprint
+from starling.learning.completion.commands.train_captures import training_rooms
 from starling.learning.completion.data.layouts import (
     LAYOUTS,
+    fingerprint,
     list_frames,
     read_frames,
     select_frames,
 )
 from starling.learning.completion.data.readers import item
-from starling.learning.completion.evaluation.training_rooms import training_rooms
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, png
 from starling.sim.console import progress

@@ -10,7 +10,7 @@ import pytest
 
 from starling.learning.completion.data.readers import irs, item, nyuv2, vkitti2
 from starling.learning.completion.data.readers.item import Item
-from starling.learning.completion.data.readers.stereo_depth import stereo_depth
+from starling.learning.completion.data.readers.readings import stereo_depth
 from starling.patterns.errors import InputError
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.reason import Reason

@@ -12,13 +12,12 @@ import pytest
 
 from starling import command_line
 from starling.learning.completion import methods
-from starling.learning.completion.evaluation.training_rooms import training_rooms
-from starling.learning.completion.frame import CompletionFrame
-from starling.learning.completion.method import Completed
-from starling.learning.completion.small import method as small
+from starling.learning.completion.commands.train_captures import training_rooms
+from starling.learning.completion.method import Completed, CompletionFrame
+from starling.learning.completion.small import method
 from starling.learning.completion.small.method import Small
 from starling.learning.completion.small.network import SmallNetwork
-from starling.learning.networks.training.learner import initialised
+from starling.learning.networks.device import initialised
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, png
 from starling.sim.captures import info as capture_info
@@ -46,7 +45,7 @@ def model(tmp_path: Path) -> Path:
     """Untrained weights, as training saves them."""
     folder = tmp_path / "model"
     folder.mkdir()
-    small.save(Small(initialised(SmallNetwork, 0)), folder)
+    method.save(Small(initialised(SmallNetwork, 0)), folder)
     return folder
 
 

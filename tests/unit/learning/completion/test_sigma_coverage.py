@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from starling.learning.completion.evaluation.sigma_coverage import Coverage, coverage
+from starling.learning.completion.evaluation.metrics import Coverage, coverage
 
 SHAPE = (200, 300)
 ALL = np.ones(SHAPE, bool)

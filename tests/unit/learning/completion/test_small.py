@@ -13,16 +13,24 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from starling.learning.completion.frame import CompletionFrame, make_frame
-from starling.learning.completion.method import complete
+from starling.learning.completion.data.training_frame import with_random_holes
+from starling.learning.completion.method import CompletionFrame, complete, make_frame
 from starling.learning.completion.small import method
-from starling.learning.completion.small.crops import FrameCrops, FrameSample
-from starling.learning.completion.small.false_islands import with_false_islands
-from starling.learning.completion.small.inputs import CHANNELS, small_input
-from starling.learning.completion.small.network import SmallNetwork, SmallOutput, final_log_depth
-from starling.learning.completion.small.proposals import NAMES, proposals
-from starling.learning.completion.small.random_holes import with_random_holes
-from starling.learning.completion.small.settings import SmallSettings
+from starling.learning.completion.small.crops import (
+    FrameCrops,
+    FrameSample,
+    SmallSettings,
+    with_false_islands,
+)
+from starling.learning.completion.small.network import (
+    CHANNELS,
+    PROPOSALS,
+    SmallNetwork,
+    SmallOutput,
+    final_log_depth,
+    proposals,
+    small_input,
+)
 from starling.learning.networks.unet import parameter_count
 from starling.patterns.errors import InputError
 
@@ -50,7 +58,7 @@ def test_proposals_extend_each_side():
     sample = scene()
     depth = np.where(np.isnan(sample.depth_m), np.nan, sample.truth_m)
     whole = make_frame(sample.image, depth, np.isfinite(depth))
-    named = dict(zip(NAMES, proposals(whole), strict=True))
+    named = dict(zip(PROPOSALS, proposals(whole), strict=True))
     hole = np.isnan(depth)
     np.testing.assert_array_equal(named["left"][hole], FAR)
     np.testing.assert_array_equal(named["right"][hole], NEAR)
@@ -196,7 +204,7 @@ def test_output_is_within_a_factor_of_two_of_the_proposals():
         torch.nn.init.normal_(network.body.head.weight, std=50)
     rng = torch.Generator().manual_seed(0)
     channels = torch.randn(1, len(CHANNELS), 32, 48, generator=rng)
-    proposed = torch.randn(1, len(NAMES), 32, 48, generator=rng)
+    proposed = torch.randn(1, len(PROPOSALS), 32, 48, generator=rng)
     with torch.inference_mode():
         report = network(channels, proposed).log_depth
     low, high = proposed.amin(dim=1, keepdim=True), proposed.amax(dim=1, keepdim=True)
@@ -249,15 +257,16 @@ def test_frames_smaller_than_a_crop_must_be_of_one_size():
 
 def test_random_holes_have_the_same_share_at_other_places():
     sample = scene()
-    second = with_random_holes(sample, 0, 0)
-    was, now = np.isnan(sample.depth_m), np.isnan(second.depth_m)
+    second = with_random_holes(sample.depth_m, sample.truth_m, seed=0, number=0)
+    was, now = np.isnan(sample.depth_m), np.isnan(second)
     assert was.sum() <= now.sum() <= was.sum() + 0.02 * was.size  # Single pixels are random.
     assert (was & now).sum() < 0.6 * was.sum()
     closed = was & ~now
-    np.testing.assert_array_equal(second.depth_m[closed], sample.truth_m[closed])
+    np.testing.assert_array_equal(second[closed], sample.truth_m[closed])
     unchanged = ~was & ~now
-    np.testing.assert_array_equal(second.depth_m[unchanged], sample.depth_m[unchanged])
-    assert not np.array_equal(now, np.isnan(with_random_holes(sample, 0, 1).depth_m))
+    np.testing.assert_array_equal(second[unchanged], sample.depth_m[unchanged])
+    other_frame = with_random_holes(sample.depth_m, sample.truth_m, seed=0, number=1)
+    assert not np.array_equal(now, np.isnan(other_frame))
 
 
 def test_training_without_frames_is_refused(tmp_path: Path):

@@ -16,7 +16,7 @@ from safetensors.torch import load_file, save_file
 from transformers import CLIPTextConfig, CLIPTextModel
 
 from starling.learning.completion.diffusion.data import TrainingSample
-from starling.learning.completion.frame import CompletionFrame, make_frame
+from starling.learning.completion.method import CompletionFrame, make_frame
 
 _OLD_NAMES = {
     ".to_q.": ".query.",

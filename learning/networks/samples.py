@@ -11,14 +11,26 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from starling.learning.data.example import Example, Image, Mask
-from starling.learning.data.learnable import check_learnable, known_holes
-from starling.learning.networks.training import turns
-from starling.learning.networks.training.channels import check_size
-from starling.learning.networks.training.settings import TrainingSettings, settings_identity
+from starling.learning.data.example import Example, Image, Mask, check_learnable, known_holes
+from starling.learning.networks.channels import check_size
+from starling.learning.networks.training import TrainingSettings, settings_identity
 from starling.patterns.errors import refuse
 from starling.sim.console import progress
 from starling.sim.randomness import generator
+
+
+def sample_at(place: int, count: int, seed: int, stage: str, effect: str) -> int:
+    """Return the number of the sample at a position of the endless sequence of epochs.
+
+    Args:
+        place: position since training began.
+        count: number of samples.
+        seed: seed of all orders.
+        stage, effect: name of the random stream (see `starling.sim.randomness.generator`).
+    """
+    turn, position = divmod(place, count)
+    return int(generator(seed, turn, stage, effect).permutation(count)[position])
+
 
 # Pixels nearer than this to a cut do not count, because their neighbours are missing [px]. The
 # margin is at most a quarter of the crop.
@@ -94,7 +106,7 @@ def collect(
         track: wraps the loop over examples.
 
     Raises:
-        InputError: if the examples cannot be learnt from (`starling.learning.data.learnable`),
+        InputError: if the examples cannot be learnt from (`starling.learning.data.example`),
             differ in size, or lack an input.
     """
     check_learnable(examples)
@@ -169,7 +181,7 @@ def draw(
     hide = generator(seed, step, "training", f"{part} hidden").random(count) < hidden
     crops = []
     for place, hides in enumerate(hide, start=step * count):
-        number = turns.sample_at(place, len(samples), seed, "training", f"{part} order")
+        number = sample_at(place, len(samples), seed, "training", f"{part} order")
         crops.append(_crop(samples[number], crop_px, hides, rng))
     return _batch(crops)
 

@@ -1,6 +1,6 @@
 """Compare the real table of objects with its simulation: holes, dots, mirror ball.
 
-Usage: python benchmarks/calibration/table_gap.py $STARLING_CAPTURES/d415-table
+Usage: python benchmarks/diagnosis/table_gap.py $STARLING_CAPTURES/d415-table
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The training loop of all networks: steps, weight averages, checkpoints.
+"""Training of networks: settings, optimisers, and a loop that can be interrupted.
 
 The draw of a step depends on the seed and the step's number only. Training that was interrupted
 continues from its last checkpoint with bit-identical results on one machine and thread count.
@@ -8,29 +8,143 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import torch
-from torch import nn
+from torch import Tensor, nn, optim
 
 from starling.learning.networks import checkpoint
-from starling.learning.networks.training.learner import Learner
-from starling.learning.networks.training.settings import Schedule
+from starling.patterns import errors
 from starling.patterns.errors import refuse
 from starling.sim.console import output, progress
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Schedule:
+    """Steps, batches and rates."""
+
+    steps: int
+    batch: int = 8  # Crops a step.
+    crop_px: tuple[int, int]  # (h, w)
+    rate: float = 2e-3  # Highest learning rate.
+    weight_decay: float
+    averaging: float  # Decay of the running average of weights per step.
+    save_every: int  # Steps between checkpoints.
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "batch", "save_every"):
+            errors.in_interval(name, getattr(self, name), 1, 10_000_000)
+        for side in self.crop_px:
+            errors.in_interval("crop_px", side, 1, 16384, "Give height and width [px].")
+        errors.positive("rate", self.rate)
+        errors.in_interval("weight_decay", self.weight_decay, 0.0, 1.0)
+        errors.in_interval("averaging", self.averaging, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrainingSettings(Schedule):
+    """Settings of networks that predict no-depth pixels; training takes minutes on two cores."""
+
+    steps: int = 600
+    crop_px: tuple[int, int] = (192, 384)  # (h, w); wide, because occlusions extend along rows.
+    weight_decay: float = 1e-2
+    averaging: float = 0.99
+    save_every: int = 50
+    hidden: float = 0.75  # Share of crops in which the physics channels are hidden.
+    start: Path | None = None  # Folder with initial weights; None starts from scratch.
+
+    def __post_init__(self) -> None:
+        Schedule.__post_init__(self)  # `super()` does not work in a dataclass with slots.
+        errors.in_interval("hidden", self.hidden, 0.0, 1.0)
+
+
+def settings_identity(settings: object) -> str:
+    """Text of training settings in checkpoint identities; the class's name does not count."""
+    return repr(settings).replace(type(settings).__name__, "Settings", 1)
+
+
+_Batch = TypeVar("_Batch")
+Draw = Callable[[str], _Batch]  # Draws the batch of one part of a step, by name.
+
+_WARM_UP = 0.1  # Share of the steps in which the learning rate rises.
+STEEPEST = 1.0  # Gradients are clipped to this length.
+
+
+class Learner(ABC, Generic[_Batch]):
+    """Networks in training. They and the optimisers hold the whole state for a restart."""
+
+    def __init__(self, networks: Mapping[str, nn.Module], optimizers: list[optim.Optimizer]):
+        self.networks = nn.ModuleDict(dict(networks))
+        self.optimizers = optimizers
+
+    @abstractmethod
+    def update(self, draw: Draw[_Batch], step: int) -> dict[str, float]:
+        """Take a step and return the losses before it, by name."""
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that changes in training."""
+        return {
+            "networks": self.networks.state_dict(),
+            "optimizers": [optimizer.state_dict() for optimizer in self.optimizers],
+        }
+
+    def set_rate(self, rate: float) -> None:
+        """Set one learning rate for all optimisers."""
+        self.set_rates(*[rate] * len(self.optimizers))
+
+    def set_rates(self, *rates: float) -> None:
+        """Set the learning rate of each optimiser."""
+        for optimizer, rate in zip(self.optimizers, rates, strict=True):
+            for group in optimizer.param_groups:
+                group["lr"] = rate
+
+
+def decaying_adam(network: nn.Module, decay: float) -> optim.AdamW:
+    """Build an optimiser with decay of weights, but not of biases."""
+    parameters = list(network.parameters())
+    groups = [
+        {"params": [p for p in parameters if p.ndim > 1]},
+        {"params": [p for p in parameters if p.ndim <= 1], "weight_decay": 0.0},
+    ]
+    return optim.AdamW(groups, weight_decay=decay)
+
+
+def descend(optimizer: optim.Optimizer, loss: Tensor, *, steepest: float = math.inf) -> None:
+    """Take one gradient step; gradients longer than `steepest` are clipped."""
+    optimizer.zero_grad()
+    loss.backward()
+    parameters = [value for group in optimizer.param_groups for value in group["params"]]
+    nn.utils.clip_grad_norm_(parameters, steepest)
+    optimizer.step()
+
+
+def mean(values: Tensor, counted: Tensor) -> Tensor:
+    """Return the mean over counted pixels; 0 if none counts."""
+    return (values * counted).sum() / counted.sum().clamp(min=1)
+
+
+def one_cycle(step: int, settings: Schedule) -> float:
+    """Return the learning rate: linear rise, then half a cosine to 0 (Smith, arXiv 1803.09820)."""
+    rise = max(1.0, _WARM_UP * settings.steps)
+    if step < rise:
+        return settings.rate * (step + 1) / (rise + 1)
+    part = (step - rise) / max(1.0, settings.steps - rise)
+    return settings.rate * 0.5 * (1 + math.cos(math.pi * part))
+
 
 CHECKPOINT = "training.pt"
 CURVE = "loss.csv"
 
 
-_Batch = TypeVar("_Batch", covariant=True)
+_Drawn = TypeVar("_Drawn", covariant=True)
 
 
-class BatchSource(Protocol[_Batch]):
+class BatchSource(Protocol[_Drawn]):
     """Source of batches. Equal arguments give equal batches.
 
     A batch is a dataclass of images (b, c, h, w).
@@ -41,7 +155,7 @@ class BatchSource(Protocol[_Batch]):
         """Text that changes when the drawn data change."""
         ...
 
-    def batch(self, step: int, part: str) -> _Batch:
+    def batch(self, step: int, part: str) -> _Drawn:
         """Draw the batch of one part of a step."""
         ...
 

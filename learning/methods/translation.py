@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from torch import Tensor, nn, optim
 from torch.nn import functional
 
 from starling.learning.data.example import Example, Image, Mask
-from starling.learning.networks import inference
-from starling.learning.networks.training import samples as drawing
-from starling.learning.networks.training import weights
-from starling.learning.networks.training.channels import check_size
-from starling.learning.networks.training.learner import Learner
-from starling.learning.networks.training.loop import train
-from starling.learning.networks.training.samples import Batch, SceneSample, check_same_size
-from starling.learning.networks.training.settings import TrainingSettings
+from starling.learning.networks import checkpoint, samples
+from starling.learning.networks.channels import check_size
+from starling.learning.networks.device import run_network
+from starling.learning.networks.samples import Batch, check_same_size
+from starling.learning.networks.training import Learner, TrainingSettings, train
 from starling.learning.networks.unet import UNet
 from starling.patterns.errors import refuse
 from starling.sim.console import progress
@@ -100,7 +99,7 @@ class TranslationPredictor:
             InputError: if the example has another size than the training images.
         """
         check_same_size(example, self.shape)
-        return inference.apply(self.network, self.inputs.see(example)) * np.float32(UNIT_M)
+        return run_network(self.network, self.inputs.see(example)) * np.float32(UNIT_M)
 
     def probability(self, example: Example) -> Image:
         """Return how far each depth moved from the reference towards zero, (h, w), 0 to 1.
@@ -135,66 +134,61 @@ def depth_image(example: Example) -> Image:
 DEPTH = TranslatorInput(names=("depth",), odd=(), see=depth_image)
 
 
-def fit_translation(
-    examples: Sequence[Example],
-    learner: Learner[Batch],
-    generator: str,
-    settings: TrainingSettings,
-    *,
-    inputs: TranslatorInput,
-    name: str,
-    folder: Path,
-    seed: int,
-    track: progress.Progress,
-) -> TranslationPredictor:
-    """Train, or continue from the folder's checkpoint, and save the generator's weights there.
-
-    Args:
-        examples: at least one; the target is the reference depth with the device's holes at 0.
-        learner: the generators and discriminators.
-        generator: name of the network that predicts.
-        settings: steps, batches and learning rates.
-        inputs: input channels of the generator.
-        name: name of the method.
-        folder: gets checkpoint, loss curve and weights.
-        seed: seed of the crops.
-        track: wraps long loops.
-
-    Raises:
-        InputError: see `starling.learning.networks.training.samples.collect` and
-            `starling.learning.networks.training.loop.train`.
-    """
-    samples = _samples(examples, inputs, track)
-    kind = f"{name} training"
-    crops = drawing.Crops(samples=samples, settings=settings, seed=seed)
-    trained = train(learner, crops, settings, kind=kind, folder=folder, track=track)
-    shape = examples[0].info.shape
-    weights.save(folder, name, trained[generator], inputs.names, shape)
-    return TranslationPredictor(trained[generator], shape, inputs)
-
-
-def load_translation(
-    folder: Path, name: str, network: nn.Module, inputs: TranslatorInput
-) -> TranslationPredictor:
-    """Load the weights that `fit_translation` saved into a generator.
-
-    Raises:
-        InputError: see `starling.learning.networks.training.weights.load`.
-    """
-    shape = weights.load(folder, name, network, inputs.names)
-    return TranslationPredictor(network, shape, inputs)
-
-
-def _samples(
-    examples: Sequence[Example], inputs: TranslatorInput, track: progress.Progress
-) -> list[SceneSample]:
-    def target(example: Example) -> Image:
-        ndp: Mask = np.asarray(example.ndp)
-        return np.where(ndp, 0, depth_image(example)[0])
-
-    return drawing.collect(examples, inputs.see, odd=inputs.odd, target=target, track=track)
-
-
 def linear_decay(step: int, settings: TrainingSettings) -> float:
     """Return the learning rate: constant for half of the steps, then linear to 0 (Zhu et al.)."""
     return settings.rate * min(1.0, 2 * (1 - step / settings.steps))
+
+
+class Translation(ABC):
+    """A method whose generator maps reference depth to the device's depth with its holes."""
+
+    name: ClassVar[str]
+    settings: TrainingSettings
+    predicts: ClassVar[str]  # Name of the network that predicts, a generator.
+    generator: ClassVar[type[nn.Module]]
+    inputs: ClassVar[TranslatorInput]
+
+    @abstractmethod
+    def learner(self, seed: int) -> Learner[Batch]:
+        """Build the initial generators and discriminators."""
+
+    def fit(
+        self,
+        examples: Sequence[Example],
+        *,
+        folder: Path,
+        seed: int,
+        track: progress.Progress = progress.silent,
+    ) -> TranslationPredictor:
+        """Train, or continue from the folder's checkpoint, and save the weights there.
+
+        Raises:
+            InputError: see `starling.learning.networks.samples.collect` and
+                `starling.learning.networks.training.train`.
+        """
+        learner = self.learner(seed)
+        scenes = samples.collect(
+            examples, self.inputs.see, odd=self.inputs.odd, target=_device_image, track=track
+        )
+        crops = samples.Crops(samples=scenes, settings=self.settings, seed=seed)
+        kind = f"{self.name} training"
+        trained = train(learner, crops, self.settings, kind=kind, folder=folder, track=track)
+        network, shape = trained[self.predicts], examples[0].info.shape
+        checkpoint.save_network(folder, self.name, network, self.inputs.names, shape)
+        return TranslationPredictor(network, shape, self.inputs)
+
+    def load(self, folder: Path) -> TranslationPredictor:
+        """Load the weights that `fit` saved.
+
+        Raises:
+            InputError: see `starling.learning.networks.checkpoint.load_network`.
+        """
+        network = self.generator()
+        shape = checkpoint.load_network(folder, self.name, network, self.inputs.names)
+        return TranslationPredictor(network, shape, self.inputs)
+
+
+def _device_image(example: Example) -> Image:
+    """Return the target: reference depth (h, w) with the device's holes at 0."""
+    ndp: Mask = np.asarray(example.ndp)
+    return np.where(ndp, 0, depth_image(example)[0])

@@ -26,11 +26,6 @@ class Difference:
     rooms: int
     above: int  # Rooms with a difference above 0.
 
-    @property
-    def excludes_zero(self) -> bool:
-        """Whether the interval excludes 0."""
-        return self.low > 0 or self.high < 0
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Share:

@@ -1,12 +1,17 @@
-"""Probability of no depth, estimated from repeated simulations."""
+"""Probability of no depth from repeated simulations, and their cache files."""
 
 from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from starling.learning.data.example import Image, Physics
+from starling.learning.methods import model_file
 from starling.patterns import errors
 
 # Simulated holes are accurate to half a matching window of 9 px. Their borders depend on single
@@ -64,3 +69,32 @@ def as_precise_as_physics(image: NDArray) -> NDArray:
 def _smoothed(image: NDArray, sigma_px: float) -> NDArray:
     smoothed = cv2.GaussianBlur(image, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(smoothed, image.dtype)
+
+
+_VERSION = 3
+
+
+def write_physics(folder: Path, key: str, physics: Physics) -> None:
+    """Write a simulation atomically under a key that identifies its inputs.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    fields = dataclasses.fields(Physics)
+    arrays = {field.name: np.asarray(getattr(physics, field.name)) for field in fields}
+    model_file.write(folder, key, _VERSION, arrays)
+
+
+def read_physics(folder: Path, key: str) -> Physics | None:
+    """Read a simulation by its key; None if it is not in the cache.
+
+    Raises:
+        InputError: if the file is damaged or of another version.
+    """
+    if not model_file.path_of(folder, key).is_file():
+        return None
+    names = tuple(field.name for field in dataclasses.fields(Physics))
+    arrays = model_file.take(model_file.read(folder, key, _VERSION), names, folder)
+    values: dict[str, Any] = dict(zip(names, arrays, strict=True))
+    values["draws"] = int(values["draws"])
+    return Physics(**values)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.learning.data.example import Example, Image, Physics
-from starling.learning.data.physics_probability import as_precise_as_physics, physics_probability
+from starling.learning.data.physics import as_precise_as_physics, physics_probability
 from starling.patterns import errors
 from starling.sim.arrays import filled
 from starling.sim.captures.info import CaptureInfo
@@ -69,7 +69,7 @@ def channels(example: Example, *, with_reflectance: bool, with_physics: bool) ->
     check_size(example.info, "depth_m", example.depth_m)
     images = _geometry(example)
     if with_reflectance:
-        images |= {"reflectance": np.sqrt(_reflectance(example))}
+        images |= {"reflectance": np.sqrt(np.clip(reflectance(example), 0, 1))}
     if with_physics:
         images |= physics_images(example)
     order = names(with_reflectance=with_reflectance, with_physics=with_physics)
@@ -120,14 +120,18 @@ def _geometry(example: Example) -> dict[str, Image]:
     }
 
 
-def _reflectance(example: Example) -> Image:
+def reflectance(example: Example) -> Image:
+    """Return the reflectance (h, w) of a scene; unknown pixels take the nearest known value.
+
+    Raises:
+        InputError: if there is none, or it is of another size than the geometry states.
+    """
     if example.reflectance is None:
         rule = "must be given for a method that uses it"
         remedy = "Take captures with infrared images, or a method without reflectance."
         raise errors.refuse("reflectance", rule, f"none for {example.scene}", remedy)
     check_size(example.info, "reflectance", example.reflectance)
-    reflectance = filled(example.reflectance, np.isfinite(example.reflectance))
-    return np.clip(reflectance, 0, 1)
+    return filled(example.reflectance, np.isfinite(example.reflectance))
 
 
 def require_physics(example: Example) -> Physics:

@@ -1,8 +1,4 @@
-"""The simple rule: the more grazing the view of a surface, the more likely a hole.
-
-Source: the "simple NDP prediction scheme" of A Supervised Approach to Predicting Noise in Depth
-Images, sec. IV-B: surfaces with normals nearly perpendicular to the view have no depth.
-"""
+"""Lower bounds for every method: a camera without holes, and the angle of incidence alone."""
 
 from __future__ import annotations
 
@@ -15,13 +11,46 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from starling.learning.data.example import Example, Image
-from starling.learning.data.learnable import check_learnable, known_holes
+from starling.learning.data.example import Example, Image, check_learnable, known_holes
 from starling.learning.methods import model_file
 from starling.sim.arrays import filled
 from starling.sim.console import progress
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.geometry.planes import NORMAL_RADIUS_PX, fit_planes, incidence_cosine
+
+
+@dataclass(frozen=True, slots=True)
+class PerfectPredictor:
+    """Predicts depth everywhere."""
+
+    def probability(self, example: Example) -> Image:
+        """0 everywhere, (h, w)."""
+        return np.zeros(example.depth_m.shape, np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Perfect:
+    """The lower bound for every method; there is nothing to train."""
+
+    name: ClassVar[str] = "perfect"
+
+    def fit(
+        self,
+        examples: Sequence[Example],
+        *,
+        folder: Path,
+        seed: int,
+        track: progress.Progress = progress.silent,
+    ) -> PerfectPredictor:
+        """Do nothing; no file is written."""
+        del examples, folder, seed, track
+        return PerfectPredictor()
+
+    def load(self, folder: Path) -> PerfectPredictor:
+        """Return the predictor; no file is read."""
+        del folder
+        return PerfectPredictor()
+
 
 _VERSION = 1
 _BINS = 180  # Bins of half a degree.
@@ -75,7 +104,7 @@ class Simple:
         """Count holes by angle and fit an increasing share; nothing is random.
 
         Raises:
-            InputError: if the examples cannot be learnt from (`starling.learning.data.learnable`).
+            InputError: if the examples cannot be learnt from (`starling.learning.data.example`).
         """
         del seed
         check_learnable(examples)

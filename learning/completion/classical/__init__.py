@@ -1,1 +1,0 @@
-"""Completion without learning, the reference for learnt methods."""

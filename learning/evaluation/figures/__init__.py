@@ -1,1 +1,0 @@
-"""Metrics of predicted probabilities: ranking, proper scores, calibration, intervals."""

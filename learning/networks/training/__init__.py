@@ -1,1 +1,0 @@
-"""Training of networks: input channels, batches, and a loop that can be interrupted."""
