@@ -206,9 +206,12 @@ def _levels(
     free: Sequence[str],
 ) -> dict[str, Solution]:
     """Fit image levels and noise; each scene is rendered with its own pattern scale."""
-    from starling.calibration.photometry.exposure_level import fit_exposure_level
     from starling.calibration.photometry.noise import fit_noise
-    from starling.calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
+    from starling.calibration.photometry.photometry_fit import (
+        PARAMETERS,
+        fit_exposure_level,
+        fit_photometry,
+    )
 
     parameters_to_fit = PARAMETERS if PHOTOMETRY in free else ()
     if parameters_to_fit:  # Held levels come from the initial sensor, and so does the map.

@@ -19,7 +19,6 @@ from starling.calibration.pattern import (
     emission,
     emitter_model,
     image_equations,
-    modulation,
     pattern_fit,
     room_equations,
     tile_equations,
@@ -28,11 +27,10 @@ from starling.calibration.pattern import (
 from starling.calibration.pattern.absorbed import AbsorbedMotion
 from starling.calibration.pattern.cosine_image import Grid
 from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
-from starling.calibration.pattern.modulation import Modulation
 from starling.calibration.pattern.pattern_fit import PatternFit
 from starling.calibration.pattern.tile_equations import NormalEquations
 from starling.calibration.pattern.unprojected import PatternImage, PlacedView
-from starling.calibration.pattern.views import Array, PatternView
+from starling.calibration.pattern.views import Array, Modulation, PatternView, modulate
 from starling.sim.console import progress
 from starling.sim.render import emission as light
 from starling.sim.sensor.sensor import Sensor
@@ -51,7 +49,7 @@ Modulations = Mapping[int, Modulation]  # By the identity of the view.
 def modulations(views: Sequence[PatternView], sensor: Sensor) -> Modulations:
     """Normalise views by local mean and deviation, with weights from the sensor's noise."""
     return {
-        id(view): modulation.from_view(
+        id(view): modulate(
             view,
             dn_per_electron=sensor.left.dn_per_electron,
             black_level_dn=sensor.left.black_level_dn,

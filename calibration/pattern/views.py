@@ -1,14 +1,19 @@
-"""One imager's image of a captured scene, with the surface point of each pixel."""
+"""One imager's image of a captured scene, with the surface point of each pixel.
+
+The dots on a surface scale with its reflectance. Subtracting the local mean and dividing by the
+local deviation leaves the pattern, if the surface has no texture of the size of dots.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.calibration import correlation
 from starling.calibration.observation import Observation
 from starling.patterns import errors
 from starling.sim import metrics
@@ -24,6 +29,9 @@ Mask = NDArray[np.bool_]
 _LIT = 0.5  # Minimum lit share of a pixel.
 _NEAR_SHADOW_PX = 2  # Width of the excluded margin along shadow edges (reference uncertainty).
 _BURNT_SHARE = 0.98  # Saturation threshold over the highest code.
+_LEAST_DEVIATION_DN = 0.5  # Minimum deviation; a smaller one is quantisation.
+_STEP_DN2 = 1 / 12  # Quantisation variance.
+_MOST_WEIGHT = 50.0  # Maximum weight: texture and model errors limit a strong pattern.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -36,6 +44,13 @@ class PatternView:
     level_dn: Array  # (h, w), including the black level.
     points_m: Array  # (h, w, 3) in the left imager's frame; NaN where unknown.
     usable: Mask  # Known, lit and unsaturated pixels away from edges of depth and shadow.
+
+
+class Modulation(NamedTuple):
+    """A view's image, normalised by local mean and deviation."""
+
+    value: Array  # (h, w), with unit local deviation.
+    weight: Array  # (h, w), inverse noise variance; 0 for unusable pixels.
 
 
 def make_views(observation: Observation, sensor: Sensor) -> tuple[PatternView, ...]:
@@ -62,6 +77,25 @@ def make_views(observation: Observation, sensor: Sensor) -> tuple[PatternView, .
     if observation.right is not None and layers.right is not None:
         views.append(_view(observation, sensor, "right", observation.right, layers.right))
     return tuple(views)
+
+
+def modulate(view: PatternView, *, dn_per_electron: float, black_level_dn: float) -> Modulation:
+    """Normalise a view by local mean and deviation.
+
+    Args:
+        view: view with dots.
+        dn_per_electron: conversion gain, for the shot noise [DN / electron].
+        black_level_dn: black level of the image.
+    """
+    varying = correlation.without_mean(view.level_dn)
+    deviation = np.sqrt(correlation.local_square(varying))
+    above = correlation.local_mean(view.level_dn) - np.float32(black_level_dn)
+    noise = _STEP_DN2 + np.float32(dn_per_electron) * np.maximum(above, 0)
+    weight = np.minimum(deviation**2 / noise, _MOST_WEIGHT)
+    return Modulation(
+        value=varying / np.maximum(deviation, _LEAST_DEVIATION_DN),
+        weight=np.where(view.usable, weight, 0).astype(np.float32),
+    )
 
 
 def _view(

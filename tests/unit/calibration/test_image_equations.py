@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from starling.calibration.pattern import image_equations, unprojected
-from starling.calibration.pattern.modulation import Modulation
 from starling.calibration.pattern.unprojected import PlacedView
+from starling.calibration.pattern.views import Modulation
 
 SHAPE = (96, 128)
 TILE = 32

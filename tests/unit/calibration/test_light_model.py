@@ -106,7 +106,7 @@ def test_the_black_level_s_column_is_not_scaled_by_the_reflectance() -> None:
     ones = np.ones((16, 32))
     signal = 0.4 * model + 0.01 * rng.standard_normal((16, 32))
     gram = tiles.grams([signal, model, ones, change], ones, means=False)
-    case: Any = SimpleNamespace(eliminate=True, names=(light_model.LEFT_BLACK, light_model.POWER))
+    case: Any = SimpleNamespace(names=(light_model.LEFT_BLACK, light_model.POWER))
     products = photometry_fit._jacobian(gram, case, "left")
     inner, factor = tiles.eliminate(gram, 1)
     assert factor == pytest.approx(0.4, rel=0.01)
@@ -120,7 +120,7 @@ def test_initial_black_levels_are_limited_by_the_darkest_pixels() -> None:
     """The fitted sensor has no negative black level."""
     bright = edits.with_values(START, [("imager.black_level_dn", 30.0)])
     images = light_model.images([observed()], bright, fitted_layers(), {})
-    case = photometry_fit._case(images, bright, (), eliminate=True, means=False)
+    case = photometry_fit._case(images, bright, (), means=False)
     for image in images:
         start = case.values[light_model.black_name(image.side)]
         assert start == image.lowest_dn < 30.0
