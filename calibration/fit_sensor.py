@@ -6,6 +6,7 @@ import dataclasses
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from starling.calibration import heldout as held
@@ -16,8 +17,7 @@ from starling.calibration.pattern import pattern_sensor, pattern_solution, recov
 from starling.calibration.pattern import views as seeing
 from starling.calibration.pattern.recovery import RecoveredPattern
 from starling.calibration.plausibility import checks
-from starling.calibration.result import Calibration
-from starling.calibration.solution import Solution
+from starling.calibration.solution import Estimate, Solution
 from starling.patterns import errors
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.console import progress
@@ -31,6 +31,32 @@ WARP = "warp"
 GROUPS = (*parameters.GEOMETRY, PATTERN, PHOTOMETRY, NOISE, WARP)
 WITH_PATTERN = ("baseline", "alignment", "projector", "scale")  # Free in the pattern fit as well.
 _ONE_IN = 4  # Default: every fourth room is held out.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Calibration:
+    """Result of `calibration.fit`."""
+
+    sensor: Sensor  # The calibrated sensor.
+    solutions: Mapping[str, Solution]  # By fit: geometry, pattern ...
+    warnings: tuple[str, ...]  # From the plausibility checks of the captures.
+    fitted_rooms: tuple[str, ...]
+    heldout: tuple[SceneScore, ...]  # Held-out scenes, simulated with the fitted sensor.
+    before: tuple[SceneScore, ...]  # The same scenes, simulated with the initial sensor.
+    recovered: RecoveredPattern | None  # The pattern, if the fit freed it.
+    seconds: Mapping[str, float]  # Wall time by stage [s].
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """All fitted parameters, including those of single scenes."""
+        return tuple(
+            estimate for solution in self.solutions.values() for estimate in solution.estimates
+        )
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Unidentifiable parameters, one sentence each."""
+        return tuple(text for solution in self.solutions.values() for text in solution.undetermined)
 
 
 class _Clock:

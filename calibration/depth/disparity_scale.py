@@ -62,7 +62,6 @@ class DisparityScale:
     scale: float  # Correction of the expected s.
     offset_px: float  # Correction of the expected o.
     covariance: NDArray[np.float64]  # (2, 2) of scale and offset_px; inf if not separable.
-    spread_px: float  # 1.4826 x median absolute residual [px].
     bend_px: float  # RMS over the image of a smooth second-order residual [px].
     bend_sd_px: float  # Standard deviation of `bend_px` by chance.
     pixels: int  # Number of pixels used.
@@ -131,7 +130,6 @@ def fit(pairs: Sequence[DisparityPair], *, free: Sequence[str]) -> DisparityScal
         scale=float(value[0]),
         offset_px=float(value[1]),
         covariance=covariance,
-        spread_px=_nmad(residual),
         bend_px=bend,
         bend_sd_px=chance,
         pixels=len(residual),

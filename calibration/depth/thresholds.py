@@ -17,8 +17,7 @@ from starling.calibration.depth import hole_places
 from starling.calibration.depth.hole_places import ComparedScene
 from starling.sim import simulate
 from starling.sim.console import progress
-from starling.sim.effects import Parameter
-from starling.sim.effects import setting as setting
+from starling.sim.effects import Parameter, setting
 from starling.sim.sensor.sensor import Sensor
 
 Array = NDArray[np.float32]

@@ -15,24 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.pattern import (
-    absorbed,
     emission,
     emitter_model,
-    image_equations,
     pattern_fit,
     room_equations,
     tile_equations,
     unprojected,
 )
-from starling.calibration.pattern.absorbed import AbsorbedMotion
 from starling.calibration.pattern.cosine_image import Grid
-from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
+from starling.calibration.pattern.emitter_model import (
+    AbsorbedMotion,
+    EmitterModel,
+    PatternEmitter,
+)
 from starling.calibration.pattern.pattern_fit import PatternFit
 from starling.calibration.pattern.tile_equations import NormalEquations
 from starling.calibration.pattern.unprojected import PatternImage, PlacedView
 from starling.calibration.pattern.views import Array, Modulation, PatternView, modulate
 from starling.sim.console import progress
-from starling.sim.render import emission as light
+from starling.sim.render.emission import half_tangents
 from starling.sim.sensor.sensor import Sensor
 
 _TEXELS_PER_PIXEL = 0.9  # Pixels of the pattern image per imager pixel, on the axis.
@@ -65,7 +66,7 @@ def imager_blur_px(sensor: Sensor) -> float:
 
 def make_grid(sensor: Sensor) -> Grid:
     """Return the grid of a pattern image over the projector's field."""
-    half_x, half_y = (_MARGIN * half for half in light.half_tangents(sensor.projector))
+    half_x, half_y = (_MARGIN * half for half in half_tangents(sensor.projector))
     return Grid(
         half_a=half_x / np.hypot(1, half_x),
         half_b=half_y / np.hypot(1, half_y),
@@ -233,7 +234,7 @@ def _equation(
         points, view.scene, following, emitter_light, 0, turns=False
     )
     placed = _place(source.grid.place(emitter_light.rays.cosines), modulated[id(view)], sensor)
-    normal = image_equations.reduce_view(
+    normal = tile_equations.reduce_view(
         unprojected.with_gain(placed, source.value),
         emitter_light.light.reshape(shape),
         {name: np.nan_to_num(column).reshape(shape) for name, column in columns.items()},
@@ -266,4 +267,4 @@ def _average_motion(
         parts.append(
             (cosines, weight, emitter_model.partials(surface, view.scene, emitter_light.rays, 0))
         )
-    return absorbed.average(parts, grid)
+    return emitter_model.average_motion(parts, grid)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.calibration.fit_sensor import Calibration
 from starling.calibration.heldout import SceneScore
-from starling.calibration.result import Calibration
 from starling.calibration.solution import Estimate
 
 _NAN = float("nan")

@@ -7,20 +7,11 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
+from starling.calibration.fit_sensor import Calibration
 from starling.calibration.report import figures, heldout_section, pattern_section, tables
-from starling.calibration.result import Calibration
 from starling.calibration.solution import Solution
+from starling.sim.report import elements
 from starling.sim.report.elements import TIMES, counted, listed, number, sentences, table
-from starling.sim.report.style import STYLE
-
-_SECTIONS = {
-    "parameters": "Fitted parameters",
-    "open": "Unidentifiable parameters and warnings",
-    "heldout": "Held-out scenes",
-    "pattern": "Recovered pattern",
-    "correlation": "Correlation of the parameters",
-    "fit": "Convergence",
-}
 
 
 def page(calibration: Calibration) -> str:
@@ -30,27 +21,21 @@ def page(calibration: Calibration) -> str:
     with the best, the median and the worst score.
     """
     values = figures.figures(calibration)
-    bodies = {
-        "parameters": _parameters(calibration),
-        "open": _open(calibration),
-        "heldout": heldout_section.section(calibration, values["heldout"]),
-        "pattern": pattern_section.section(calibration.recovered) if calibration.recovered else "",
-        "correlation": _correlation(calibration.solutions),
-        "fit": _fit(calibration, values),
+    heldout = heldout_section.section(calibration, values["heldout"])
+    pattern = pattern_section.section(calibration.recovered) if calibration.recovered else ""
+    sections = {
+        "parameters": ("Fitted parameters", _parameters(calibration)),
+        "open": ("Unidentifiable parameters and warnings", _open(calibration)),
+        "heldout": ("Held-out scenes", heldout),
+        "pattern": ("Recovered pattern", pattern),
+        "correlation": ("Correlation of the parameters", _correlation(calibration.solutions)),
+        "fit": ("Convergence", _fit(calibration, values)),
     }
-    shown = {key: body for key, body in bodies.items() if body}
-    links = "".join(f'<a href="#{key}">{_SECTIONS[key]}</a>' for key in shown)
-    sections = "".join(
-        f'<section id="{key}"><h2>{_SECTIONS[key]}</h2>{body}</section>'
-        for key, body in shown.items()
-    )
-    title = f"Calibration of {escape(calibration.sensor.name)}"
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title><style>{STYLE}</style></head><body><main>"
-        f"<header><h1>{title}</h1>{_summary(calibration, values)}<nav>{links}</nav></header>"
-        f"{sections}</main></body></html>\n"
+    title = f"Calibration of {calibration.sensor.name}"
+    return elements.page(
+        title,
+        f"<h1>{escape(title)}</h1>{_summary(calibration, values)}",
+        {key: section for key, section in sections.items() if section[1]},
     )
 
 

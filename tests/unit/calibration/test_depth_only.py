@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.calibration.depth import depth_figures, depth_geometry, depth_only
+from starling.calibration.depth import depth_only, hole_places
 from starling.calibration.depth.depth_twin import render_twin
 from starling.calibration.depth.disparity_scale import DisparityPair
 from starling.calibration.observation import Observation
 from starling.patterns import InputError
 from starling.sim import simulate
 from starling.sim.captures import writer
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.scene import sources
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
@@ -102,7 +102,7 @@ def test_depth_parameters_are_recovered(mesh: bool) -> None:
         render_twin(_observed(name, preset, TRUE, seed=200 + n, mesh=mesh), preset, seed=50 + n)
         for n, name in enumerate(UNSEEN)
     ]
-    rows = depth_figures.compare_readings(held, preset, solution.sensor)
+    rows = hole_places.compare_readings(held, preset, solution.sensor)
     row = {key: np.mean([figures[key] for figures in rows.values()]) for key in rows["clutter:3"]}
     assert row["nmad_px_after"] == pytest.approx(row["nmad_px_device"], rel=0.1)
     gap = {
@@ -110,25 +110,6 @@ def test_depth_parameters_are_recovered(mesh: bool) -> None:
     }
     assert gap["after"] < 0.5 * gap["before"]
     assert row["ndp_iou_after"] > row["ndp_iou_before"]
-
-
-@pytest.mark.long
-def test_cross_validation_scores_held_out_rooms() -> None:
-    """With geometry only and two folds, the fit removes the preset's bias on held-out scenes."""
-    preset = _preset(320)
-    settings = {"baseline_error": 0.01, "disparity_offset": -0.2}
-    seen = [
-        _observed(name, preset, settings, seed=n, mesh=True)
-        for n, name in enumerate(("clutter:1", "tabletop:2"))
-    ]
-    rows = depth_only.cross_validate(seen, preset, free=("baseline", "offset"), folds=2)
-    assert set(rows) == {"clutter:1", "tabletop:2"}
-    for row in rows.values():
-        missed = {
-            side: abs(row[f"bias_px_{side}"] - row["bias_px_device"])
-            for side in ("before", "after")
-        }
-        assert missed["after"] < 0.25 * missed["before"]
 
 
 def test_one_wall_does_not_separate_scale_from_offset() -> None:
@@ -197,10 +178,6 @@ def test_unsupported_inputs_are_refused() -> None:
         depth_only.fit_depth([_blank(depth_m=None)], preset)
     with pytest.raises(InputError, match=r"scene a must have truth.png or a mesh in scene.toml"):
         depth_only.fit_depth([_blank(truth_m=None)], preset)
-    with pytest.raises(InputError, match=r"captures must be of two rooms; got 1"):
-        depth_only.cross_validate([_blank()], preset)
-    with pytest.raises(InputError, match=r"folds must be in \[2, 1000\]"):
-        depth_only.cross_validate([_blank(), _blank(room="b")], preset, folds=1)
 
 
 def test_a_reference_of_another_scale_is_refused() -> None:
@@ -241,6 +218,6 @@ def test_fit_by_simulation_recovers_offset_and_scale() -> None:
             )
 
     drawn: Any = [Drawn()]
-    fitted = depth_geometry.fit_by_simulation(drawn, sensor, ("scale", "offset")).sensor
+    fitted = depth_only.fit_by_simulation(drawn, sensor, ("scale", "offset")).sensor
     assert fitted.baseline_error == pytest.approx(0.01, abs=5e-4)
     assert fitted.right.alignment.offset_x_px == pytest.approx(0.4, abs=0.02)

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from starling.calibration.fit_sensor import Calibration
 from starling.calibration.heldout import SceneScore
 from starling.calibration.pattern.cosine_image import Grid
 from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
@@ -24,7 +25,6 @@ from starling.calibration.pattern.unprojected import PatternImage
 from starling.calibration.report import figures, tables
 from starling.calibration.report import page as report_page
 from starling.calibration.report import pictures as report_pictures
-from starling.calibration.result import Calibration
 from starling.calibration.solution import Estimate, Solution
 from starling.sim.console import record
 from starling.sim.report.elements import MINUS
