@@ -10,8 +10,8 @@ from typing import Any
 
 from starling.calibration import fit_sensor
 from starling.calibration.pattern import dots
-from starling.calibration.report import figures as report
 from starling.calibration.report import page
+from starling.calibration.report.figures import calibration_figures
 from starling.patterns import errors
 from starling.sim.captures import capture
 from starling.sim.console import progress, record
@@ -53,7 +53,7 @@ def calibrate_captures(
 
     Returns:
         `{"parameters", "undetermined", "heldout", "seconds", "out", ...}` (see
-        `starling.calibration.report.figures.figures`).
+        `starling.calibration.report.figures.calibration_figures`).
 
     Raises:
         InputError: if captures, groups or output are invalid. Partial output is removed.
@@ -70,7 +70,7 @@ def calibrate_captures(
         calibration = fit_sensor.fit(
             opened.scenes, sensor, free=free, folder=patterns_folder, heldout=heldout, track=track
         )
-        figures = report.figures(calibration)
+        figures = calibration_figures(calibration)
         for name in patterns_folder.glob("mirrored-*.png"):
             name.unlink()
         if calibration.recovered is not None:

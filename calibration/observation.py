@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
     from starling.sim.render.mitsuba_scene import MitsubaScene
 
 Array = NDArray[np.float32]
+Side = Literal["left", "right"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

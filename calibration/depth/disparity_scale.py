@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -213,13 +214,13 @@ def _binned(disparity: Column) -> NDArray[np.intp]:
 
 def _spread(residual: Column, bins: NDArray[np.intp], floor_var: Column) -> Column:
     """Return the standard deviation of each sample: that of its bin, at least the rounding's."""
-    by_bin = np.array([_nmad(residual[bins == number]) for number in range(bins.max() + 1)])
+    by_bin = np.array([nmad(residual[bins == number]) for number in range(bins.max() + 1)])
     return np.sqrt(np.maximum(by_bin[bins] ** 2, floor_var) + 1e-12)
 
 
-def _nmad(residual: Column) -> float:
-    middle = np.median(residual)
-    return metrics.MAD_TO_SIGMA * float(np.median(np.abs(residual - middle)))
+def nmad(values: NDArray[np.floating[Any]]) -> float:
+    """Return 1.4826 x the median absolute deviation."""
+    return metrics.MAD_TO_SIGMA * float(np.median(np.abs(values - np.median(values))))
 
 
 def _clustered(

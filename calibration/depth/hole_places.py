@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.depth.depth_twin import DepthTwin
+from starling.calibration.depth.disparity_scale import nmad
 from starling.sim import metrics
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.sensor.sensor import Sensor
@@ -125,9 +126,7 @@ def figures(scene: ComparedScene, reading: Array) -> dict[str, float]:
     bias = float(np.median(error)) if error.size else float("nan")
     return {
         "bias_px": bias,
-        "nmad_px": metrics.MAD_TO_SIGMA * float(np.median(np.abs(error - bias)))
-        if error.size
-        else float("nan"),
+        "nmad_px": nmad(error) if error.size else float("nan"),
         "scatter_px": scatter_px(scene, reading),
         "ndp_rate": float((~np.isfinite(reading[measurable])).mean()),
         "ndp_iou": metrics.hole_overlap(reading, device, measurable),
@@ -173,7 +172,7 @@ def scatter_px(scene: ComparedScene, reading: Array) -> float:
     """Return 1.4826 x median absolute error of disparity about its mean over 41 px [px]."""
     error = _error(scene, reading)
     known = error[np.isfinite(error)]
-    return _nmad(known) if known.size else float("nan")
+    return nmad(known) if known.size else float("nan")
 
 
 def _classify_scene(twin: DepthTwin, reached: Mask, middle_px: float, number: int) -> ComparedScene:
@@ -217,7 +216,7 @@ def _classify_scene(twin: DepthTwin, reached: Mask, middle_px: float, number: in
 def _log_ratio(simulated: Array, real: Array) -> float:
     if real.size == 0:
         return 0.0
-    return float(np.log(max(_nmad(simulated), 1e-6) / max(_nmad(real), 1e-6)))
+    return float(np.log(max(nmad(simulated), 1e-6) / max(nmad(real), 1e-6)))
 
 
 def _error(scene: ComparedScene, reading: Array) -> Array:
@@ -237,7 +236,3 @@ def _local(error: Array, counted: Mask) -> Array:
 def _dilated(mask: Mask, reach: int) -> Mask:
     side = 2 * reach + 1
     return cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
-
-
-def _nmad(values: Array) -> float:
-    return metrics.MAD_TO_SIGMA * float(np.median(np.abs(values - np.median(values))))

@@ -8,7 +8,6 @@ It then solves for the image at the new position.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -151,12 +150,8 @@ def fit_image(
             (np.abs(last[0]) <= _SETTLED * np.sqrt(np.diagonal(covariance)) + 1e-12).all()
         )
     # The image absorbs noise that the tiles' scores then miss, so the room variance is added.
-    room_variance = room_equations.jackknife(
-        [
-            correction @ leave_out_step
-            for leave_out_step in _leave_out_steps(views, sensor, model, modulated)
-        ]
-    )
+    steps = _leave_out_steps(views, sensor, model, modulated)
+    room_variance = room_equations.jackknife([correction @ step for step in steps])
     variance = np.diagonal(covariance) + room_variance
     return PatternFit(
         model=model,
@@ -209,14 +204,9 @@ def _equations(
     assert isinstance(emitter.source, PatternImage)
     motion = _average_motion(views, sensor, model, emitter.source.grid, modulated)
     following = replace(emitter, absorbed=motion)
-    with ThreadPoolExecutor(2) as pool:
-        equations = list(
-            pool.map(lambda view: _equation(view, sensor, model, following, modulated), views)
-        )
-    rooms: dict[str, list[NormalEquations]] = {}
-    for view, view_equations in zip(views, equations, strict=True):
-        rooms.setdefault(view.room, []).append(view_equations)
-    return {room: tile_equations.total(room_parts) for room, room_parts in rooms.items()}
+    return room_equations.reduce_rooms(
+        views, lambda view: _equation(view, sensor, model, following, modulated)
+    )
 
 
 def _equation(

@@ -7,14 +7,14 @@ local deviation leaves the pattern, if the surface has no texture of the size of
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration import correlation
-from starling.calibration.observation import Observation
+from starling.calibration.observation import Observation, Side
 from starling.patterns import errors
 from starling.sim import metrics
 from starling.sim.sensor.sensor import Sensor
@@ -40,7 +40,7 @@ class PatternView:
 
     scene: str
     room: str
-    side: Literal["left", "right"]
+    side: Side
     level_dn: Array  # (h, w), including the black level.
     points_m: Array  # (h, w, 3) in the left imager's frame; NaN where unknown.
     usable: Mask  # Known, lit and unsaturated pixels away from edges of depth and shadow.
@@ -101,7 +101,7 @@ def modulate(view: PatternView, *, dn_per_electron: float, black_level_dn: float
 def _view(
     observation: Observation,
     sensor: Sensor,
-    side: Literal["left", "right"],
+    side: Side,
     level_dn: Array,
     rendered: ViewLayers,
 ) -> PatternView:
@@ -127,9 +127,7 @@ def _view(
     )
 
 
-def _misalign(
-    points_m: Array, lit: Array, sensor: Sensor, side: Literal["left", "right"]
-) -> tuple[Array, Array]:
+def _misalign(points_m: Array, lit: Array, sensor: Sensor, side: Side) -> tuple[Array, Array]:
     """Resample points and light at the pixels of a misaligned imager."""
     from starling.sim.geometry.pinhole import Pinhole
     from starling.sim.imaging.optics import alignment

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.calibration.observation import Side
 from starling.sim.arrays import Image, Mask
 from starling.sim.geometry import frames
 from starling.sim.imaging.imager import electrons_per_radiance, mix_pixels
@@ -22,8 +22,6 @@ from starling.sim.imaging.steady import steady
 from starling.sim.render.layers import ViewLayers
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Imager, Sensor
-
-Side = Literal["left", "right"]
 
 _DARKEST = 1e-3  # Quantile of the level that is an upper bound of the black level.
 _JUMP = 0.02  # Relative step of depth between neighbours at an edge.

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from starling.calibration import correlation
 from starling.calibration.least_squares import tiles
-from starling.calibration.observation import Observation
+from starling.calibration.observation import Observation, Side
 from starling.calibration.photometry import levels
-from starling.calibration.photometry.levels import Levels, Side, side_imager
+from starling.calibration.photometry.levels import Levels, side_imager
 from starling.sim.arrays import Mask
 from starling.sim.imaging import imager
 from starling.sim.imaging.imager.exposure import Exposure

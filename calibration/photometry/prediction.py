@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.least_squares import tiles
+from starling.calibration.observation import Side
 from starling.calibration.photometry import light_model
-from starling.calibration.photometry.levels import Side
 from starling.calibration.photometry.light_model import CapturedImage, LevelsCache, LightColumns
 from starling.sim.arrays import Mask
 from starling.sim.sensor.sensor import Sensor

@@ -15,7 +15,7 @@ from starling.calibration.solution import Estimate
 _NAN = float("nan")
 
 
-def figures(calibration: Calibration) -> dict[str, Any]:
+def calibration_figures(calibration: Calibration) -> dict[str, Any]:
     """Convert a calibration to plain values; a missing value is NaN, and null in JSON.
 
     Returns:

@@ -11,7 +11,8 @@ import numpy as np
 
 from starling.calibration import correlation
 from starling.calibration.fit_sensor import Calibration
-from starling.calibration.heldout import SMOOTHING_PX, SceneScore, Side
+from starling.calibration.heldout import SMOOTHING_PX, SceneScore
+from starling.calibration.observation import Side
 from starling.calibration.report.pictures import (
     RESIDUAL_LIMIT,
     ImagerPictures,

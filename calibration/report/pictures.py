@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.correlation import high_passed
-from starling.calibration.heldout import SceneScore, Side
+from starling.calibration.heldout import SceneScore
+from starling.calibration.observation import Side
 from starling.calibration.pattern.unprojected import PatternImage
 from starling.sim.captures import png
 from starling.sim.report.pictures import (

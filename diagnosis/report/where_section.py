@@ -21,6 +21,7 @@ from starling.diagnosis.where.rules import GapRule
 from starling.diagnosis.where.swap import StageFigures
 from starling.sim.report.elements import (
     Bar,
+    Kind,
     chart,
     colour_bar,
     figure,
@@ -115,26 +116,17 @@ def _part(name: str, part: StageFigures, sides: SideNames) -> str:
     def scaled(value: float | None) -> float:
         return math.nan if value is None else style.scale * value
 
-    bars = [
-        Bar(name=sides.images[0], value=scaled(part.base), text=written(part.base)),
-        Bar(
-            name=sides.images[1],
-            value=scaled(part.rematched),
-            text=written(part.rematched),
-            kind="second",
-        ),
-        Bar(name="C device", value=scaled(part.device), text=written(part.device), kind="third"),
+    stages: list[tuple[str, float | None, Kind]] = [
+        (sides.images[0], part.base, "first"),
+        (sides.images[1], part.rematched, "second"),
+        ("C device", part.device, "third"),
     ]
     if part.base_device is not None:
-        reference = part.base_device
-        bars.append(
-            Bar(
-                name=sides.reference_depth,
-                value=scaled(reference),
-                text=written(reference),
-                kind="third",
-            )
-        )
+        stages.append((sides.reference_depth, part.base_device, "third"))
+    bars = [
+        Bar(name=title, value=scaled(value), text=written(value), kind=kind)
+        for title, value, kind in stages
+    ]
     for title, difference in (
         ("B minus A: images", part.image),
         ("C minus B: matcher and filters", part.matcher),
