@@ -229,10 +229,7 @@ def _levels(
     if parameters_to_fit:  # Held levels come from the initial sensor, and so does the map.
         observations = [_evenly_lit(item) for item in observations]
     layers = _layers(observations, sensor, recovered)
-    exposures = {item.name: item.exposure for item in observations if item.exposure is not None}
-    levels = fit_photometry(
-        observations, sensor, layers=layers, exposures=exposures, free=parameters_to_fit
-    )
+    levels = fit_photometry(observations, sensor, layers=layers, free=parameters_to_fit)
     solutions = {PHOTOMETRY: levels.solution} if parameters_to_fit else {}
     fitted = levels.solution.sensor
     exposure = fit_exposure_level(observations, fitted) if parameters_to_fit else None

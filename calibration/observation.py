@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -135,12 +135,6 @@ def with_surface(
 def load(scene: CapturedScene, sensor: Sensor, *, smoothing_px: float = 0.0) -> Observation:
     """Read one scene and its surface (see `read` and `with_surface`)."""
     return with_surface(read(scene), scene, sensor, smoothing_px=smoothing_px)
-
-
-def load_all(scenes: Sequence[CapturedScene], sensor: Sensor) -> tuple[Observation, ...]:
-    """Read several scenes and their surfaces (see `read_all` and `with_surface`)."""
-    pairs = zip(read_all(scenes), scenes, strict=True)
-    return tuple(with_surface(observation, scene, sensor) for observation, scene in pairs)
 
 
 def truth_px(observation: Observation) -> Array | None:

@@ -65,7 +65,6 @@ class DisparityScale:
     covariance: NDArray[np.float64]  # (2, 2) of scale and offset_px; inf if not separable.
     bend_px: float  # RMS over the image of a smooth second-order residual [px].
     bend_sd_px: float  # Standard deviation of `bend_px` by chance.
-    pixels: int  # Number of pixels used.
 
     @cached_property
     def separable(self) -> bool:
@@ -133,7 +132,6 @@ def fit(pairs: Sequence[DisparityPair], *, free: Sequence[str]) -> DisparityScal
         covariance=covariance,
         bend_px=bend,
         bend_sd_px=chance,
-        pixels=len(residual),
     )
 
 

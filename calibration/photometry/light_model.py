@@ -109,43 +109,39 @@ def start(sensor: Sensor, strengths: Mapping[str, float]) -> dict[str, float]:
 
 
 def images(
-    observations: Sequence[Observation],
-    sensor: Sensor,
-    layers: Mapping[str, Layers],
-    exposures: Mapping[str, Exposure],
+    observations: Sequence[Observation], sensor: Sensor, layers: Mapping[str, Layers]
 ) -> tuple[CapturedImage, ...]:
-    """Return the images of all observations with a surface, with their layers."""
+    """Return the images of all observations with a surface, with their layers.
+
+    A recorded exposure is that of the left imager.
+    """
     captured = []
     hazy = edits.with_values(sensor, [(HAZE, 1.0)])
+    sensor_exposure = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
+    sides: tuple[tuple[Side, bool, str], ...] = (
+        ("left", True, "left"),
+        ("right", True, "right"),
+        ("left", False, "left_off"),
+        ("right", False, "right_off"),
+    )
     for observation in observations:
         if observation.scene is None:
             continue
-        rendered = layers.get(observation.name)
-        if rendered is None:
-            rendered = direct.layers(observation.stage, sensor)
+        rendered = layers.get(observation.name) or direct.layers(observation.stage, sensor)
         spread = direct.layers(observation.stage, hazy)
-        recorded = exposures.get(observation.name)
-        sensor_exposure = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
-        known = recorded is not None or sensor.left.auto_exposure_level == 0
-        levels_by_side: tuple[tuple[Side, bool, Array | None], ...] = (
-            ("left", True, observation.left),
-            ("right", True, observation.right),
-            ("left", False, observation.left_off),
-            ("right", False, observation.right_off),
-        )
-        for side, on, level in levels_by_side:
-            view, even_view = (
-                view_layers.left if side == "left" else view_layers.right
-                for view_layers in (rendered, spread)
+        known = observation.exposure is not None or sensor.left.auto_exposure_level == 0
+        for side, on, name in sides:
+            level, view, even = (
+                getattr(*place) for place in ((observation, name), (rendered, side), (spread, side))
             )
-            if level is None or view is None or even_view is None:
+            if level is None or view is None or even is None:
                 continue
-            exposure = recorded or sensor_exposure
+            exposure = observation.exposure or sensor_exposure
             if side == "right":
                 gain = exposure.gain * sensor.right.gain / sensor.left.gain
                 exposure = dataclasses.replace(exposure, gain=gain)
-            imager_part = side_imager(sensor, side)
-            dark_e = imager_part.dark_current_e_s * exposure.exposure_s
+            part = side_imager(sensor, side)
+            dark_e = part.dark_current_e_s * exposure.exposure_s
             captured.append(
                 CapturedImage(
                     scene=observation.name,
@@ -154,12 +150,12 @@ def images(
                     level=level,
                     used=_used(level, view, sensor, side),
                     view=view,
-                    even=even_view,
+                    even=even,
                     model=observation.scene,
                     exposure=exposure,
                     exposure_known=known,
                     ambient_w_m2=observation.scene.ambient.irradiance_w_m2,
-                    dark_dn=dark_e * levels.dn_per_electron(imager_part, exposure),
+                    dark_dn=dark_e * levels.dn_per_electron(part, exposure),
                 )
             )
     return tuple(captured)
@@ -170,11 +166,10 @@ def _used(level: Array, view: ViewLayers, sensor: Sensor, side: Side) -> Mask:
 
     Excluding single saturated pixels would bias the noise.
     """
-    shape = (level.shape[0], level.shape[1])
     saturated = tiles.cut_tiles(level >= side_imager(sensor, side).saturation_dn).any(axis=1)
     away = levels.away_from_edges(view.depth_m)
     enough = tiles.cut_tiles(away).mean(axis=1) >= tiles.FEWEST
-    return away & (tiles.to_pixels(enough & ~saturated, shape) > 0)
+    return away & (tiles.to_pixels(enough & ~saturated, level.shape) > 0)
 
 
 def dots_match(images: Sequence[CapturedImage]) -> bool:

@@ -40,7 +40,6 @@ from starling.calibration.photometry.photometry_open import BLACK_DN, sentences
 from starling.calibration.photometry.prediction import Prediction
 from starling.calibration.solution import Estimate, Solution
 from starling.patterns import errors
-from starling.sim.imaging.imager.exposure import Exposure
 from starling.sim.render.layers import Layers
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
@@ -91,7 +90,6 @@ def fit_photometry(
     sensor: Sensor,
     *,
     layers: Mapping[str, Layers] | None = None,
-    exposures: Mapping[str, Exposure] | None = None,
     free: Sequence[str] = PARAMETERS,
 ) -> Photometry:
     """Fit levels to captures with calibrated geometry.
@@ -101,11 +99,10 @@ def fit_photometry(
     (`tiles.clusters`).
 
     Args:
-        observations: scenes with images and a surface.
+        observations: scenes with images and a surface. Without a recorded exposure and with auto
+            exposure on, the ratio of the exposures with projector off and on is free.
         sensor: sensor with geometry, projector, pattern, noise and all fixed parameters.
         layers: layers rendered with this sensor, by scene; missing ones are rendered.
-        exposures: recorded exposures, by scene. Without a recorded exposure and with auto
-            exposure on, the ratio of the exposures with projector off and on is free.
         free: names in `PARAMETERS`.
 
     Returns:
@@ -118,7 +115,7 @@ def fit_photometry(
     for name in free:
         errors.one_of("free", name, PARAMETERS)
     _refuse_gamma(sensor)
-    images = light_model.images(observations, sensor, layers or {}, exposures or {})
+    images = light_model.images(observations, sensor, layers or {})
     if not images:
         raise errors.refuse(
             "observations",

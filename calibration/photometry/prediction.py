@@ -25,7 +25,6 @@ _MODEL_ERROR = 0.01  # Relative model error, in addition to noise.
 class Prediction:
     """Prediction of one image; arrays are (h, w)."""
 
-    scene: str
     side: Side
     on: bool
     level_dn: Array  # Captured level, including the black level.
@@ -50,7 +49,6 @@ def predict(
     mean_factor = tile_factor(image, signal, column.model)
     factor = tiles.fit_factor(signal, column.model, weight(image, column, mean_factor))
     return Prediction(
-        scene=image.scene,
         side=image.side,
         on=image.on,
         level_dn=image.level,
@@ -71,8 +69,7 @@ def tile_factor(image: CapturedImage, signal: Array, model: Array, *, around: in
         model: predicted signal [DN] (h, w).
         around: radius of the average in tiles.
     """
-    shape = (model.shape[0], model.shape[1])
-    grid = (shape[0] // tiles.TILE_PX, shape[1] // tiles.TILE_PX)
+    grid = tuple(length // tiles.TILE_PX for length in model.shape)
     used_pixels = tiles.cut_tiles(image.used)
     window = (2 * around + 1, 2 * around + 1)
     observed, expected = (
@@ -82,7 +79,7 @@ def tile_factor(image: CapturedImage, signal: Array, model: Array, *, around: in
         for picture in (signal, model)
     )
     ratio = np.where(expected > 0, observed / np.maximum(expected, 1e-30), 1.0)
-    return np.nan_to_num(tiles.to_pixels(np.maximum(ratio, 1e-3), shape), nan=1.0)
+    return np.nan_to_num(tiles.to_pixels(np.maximum(ratio, 1e-3), model.shape), nan=1.0)
 
 
 def weight(
@@ -101,8 +98,7 @@ def weight(
     variance = constant + per_signal * np.maximum(signal, 0) + per_laser * laser**2
     variance += (_MODEL_ERROR * signal) ** 2
     if misfit:
-        shape = (laser.shape[0], laser.shape[1])
-        square = tiles.to_pixels(tiles.cut_tiles(laser**2).mean(axis=1), shape)
+        square = tiles.to_pixels(tiles.cut_tiles(laser**2).mean(axis=1), laser.shape)
         variance += misfit**2 * np.nan_to_num(square)
     return np.where(image.used, 1 / variance, 0).astype(np.float32)
 

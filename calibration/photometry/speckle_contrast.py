@@ -52,7 +52,7 @@ def fit_speckle(predictions: Sequence[Prediction], sensor: Sensor) -> Estimate |
         for candidate in predictions
         if candidate.on and candidate.dots and candidate.sharp_laser_dn.any()
     ):
-        shape = (prediction.level_dn.shape[0], prediction.level_dn.shape[1])
+        shape = prediction.level_dn.shape
         squared = _speckle_variance(prediction, sensor)
         residual = _without_trend(prediction)
         images = (np.ones(shape), np.maximum(prediction.signal_dn, 0), squared, residual**2)

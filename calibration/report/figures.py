@@ -77,12 +77,8 @@ def scene_parameter(name: str) -> tuple[str, str]:
 
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:
-    return {
-        "value": float(estimate.value),
-        "sd": float(estimate.sd),
-        "unit": estimate.unit,
-        "start": float(estimate.start),
-    }
+    numbers = {key: float(getattr(estimate, key)) for key in ("value", "sd", "start")}
+    return {**numbers, "unit": estimate.unit}
 
 
 def _scenes(calibration: Calibration) -> dict[str, dict[str, float]]:

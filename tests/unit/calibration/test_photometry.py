@@ -52,7 +52,7 @@ def test_dark_current_does_not_change_the_black_level() -> None:
 def test_sharp_laser_light_precedes_crosstalk_and_averaging() -> None:
     """Crosstalk and averaging of the sharp laser light give the laser level, for any haze."""
     sensor = edits.with_values(START, [("imager.smoothing_px", 0.68), ("imager.crosstalk", 0.2)])
-    image = light_model.images([observed()], sensor, fitted_layers(), {})[0]
+    image = light_model.images([observed()], sensor, fitted_layers())[0]
     values = light_model.start(sensor, {SCENE.name: AMBIENT_W_M2}) | {light_model.HAZE: 0.3}
     column = light_model.columns(image, values, sensor, (), {})
     assert column.sharp_laser.std() > 1.1 * column.laser.std()
@@ -116,12 +116,10 @@ def test_auto_exposure_does_not_change_the_ratio(recorded: bool) -> None:
     lit = dataclasses.replace(SCENE, ambient=light)
     exposure = simulate.infrared(captured_layers(), lit, truth, seed=7).exposure
     known = Exposure(exposure_s=exposure.exposure_s, gain=exposure.gain)
-    fit = fit_photometry(
-        [observed(sensor=truth, off=not recorded)],
-        start,
-        layers=fitted_layers(),
-        exposures={SCENE.name: known} if recorded else {},
-    )
+    observation = observed(sensor=truth, off=not recorded)
+    if recorded:
+        observation = dataclasses.replace(observation, exposure=known)
+    fit = fit_photometry([observation], start, layers=fitted_layers())
     ratio = values_by_name(fit)[AMBIENT] / values_by_name(fit)["projector.power_w"]
     assert ratio == pytest.approx(AMBIENT_W_M2 / 0.22, rel=0.03)
 
