@@ -77,27 +77,18 @@ def calibrate_captures(
             folder.write("dots.csv", dots.table(calibration.recovered, sensor))
         folder.write("report.json", record.dumps(figures))
         folder.write("report.html", page.page(calibration))
-        folder.write(
-            RECORD,
-            record.dumps(
-                {
-                    "verb": "calibrate",
-                    "arguments": {
-                        "captures": captures,
-                        "free": list(free),
-                        "heldout": heldout,
-                        **(options or {}),
-                    },
-                    "versions": record.versions(),
-                    "renderer": backend.renderer(),
-                    "figures": figures,
-                }
-            ),
-        )
+        arguments = {"captures": captures, "free": list(free), "heldout": heldout}
+        run = {
+            "verb": "calibrate",
+            "arguments": {**arguments, **(options or {})},
+            "versions": record.versions(),
+            "renderer": backend.renderer(),
+            "figures": figures,
+        }
+        folder.write(RECORD, record.dumps(run))
         calibrated = _relative(calibration.sensor, patterns_folder, output_folder.name)
-        folder.write(
-            "sensor.toml", presets.dumps(_relative(calibration.sensor, patterns_folder, ""))
-        )
+        local = _relative(calibration.sensor, patterns_folder, "")
+        folder.write("sensor.toml", presets.dumps(local))
     write_file(out, presets.dumps(calibrated).encode(), force=force)
     return {
         **figures,

@@ -258,16 +258,13 @@ def _layers(
         return {}
     from starling.sim.render import direct
 
-    layers_by_scene = {}
-    for item in observations:
-        if item.scene is None:
-            continue
-        scale = recovered.fitted.model.scales[item.name]
-        light = dataclasses.replace(sensor.projector, pattern_scale=scale)
-        layers_by_scene[item.name] = direct.layers(
-            item.stage, dataclasses.replace(sensor, projector=light)
+    def layers(item: Observation) -> Layers:
+        light = dataclasses.replace(
+            sensor.projector, pattern_scale=recovered.model.scales[item.name]
         )
-    return layers_by_scene
+        return direct.layers(item.stage, dataclasses.replace(sensor, projector=light))
+
+    return {item.name: layers(item) for item in observations if item.scene is not None}
 
 
 def _scored(

@@ -211,9 +211,9 @@ def _case(
     for image in images:  # Apart from noise, no pixel is darker than black level and dark current.
         name = light_model.black_name(image.side)
         values[name] = min(values[name], image.lowest_dn)
-    kept = [*_KEPT, *((HAZE, BLUR) if means else ())]
-    kept += [HAZE] if sensor.projector.haze == 1 else []  # Haze of 1 means no dots.
-    names = [name for name in _COMMON if name in free and name not in kept]
+    fixed = [*_KEPT, *((HAZE, BLUR) if means else ())]
+    fixed += [HAZE] if sensor.projector.haze == 1 else []  # Haze of 1 means no dots.
+    names = [name for name in _COMMON if name in free and name not in fixed]
     if LEFT_BLACK in free and any(image.side == "right" for image in images):
         names.append(RIGHT_BLACK)
     exposure_known = all(image.exposure_known for image in images)

@@ -72,16 +72,13 @@ def sentences(
 
 
 def _power(images: Sequence[CapturedImage], power_w: float) -> str:
-    relative = f"ambient irradiance is relative to {POWER} = {power_w:g} W"
-    if any(not image.on for image in images):
-        return (
-            f"{POWER} and reflectance cannot be separated; {relative}: give the reflectance of one "
-            "surface (a grey card)."
-        )
-    return (
-        f"{POWER} (gain, exposure) and reflectance cannot be separated; {relative}: give "
-        "reflectance. Captures with the emitter off make the ratio independent of the dots' shape."
+    text = (
+        f"{POWER} (gain, exposure) and reflectance cannot be separated: {POWER} = {power_w:g} W was "
+        "kept, and ambient irradiance is relative to it."
     )
+    if all(image.on for image in images):
+        text += " Captures with the emitter off make the ratio independent of the dots' shape."
+    return text
 
 
 def _background(estimates: Sequence[Estimate], images: Sequence[CapturedImage]) -> list[str]:
