@@ -73,8 +73,8 @@ def sentences(
 
 def _power(images: Sequence[CapturedImage], power_w: float) -> str:
     text = (
-        f"{POWER} (gain, exposure) and reflectance cannot be separated: {POWER} = {power_w:g} W was "
-        "kept, and ambient irradiance is relative to it."
+        f"{POWER} (gain, exposure) and reflectance cannot be separated: {POWER} = {power_w:g} W "
+        "was kept, and ambient irradiance is relative to it."
     )
     if all(image.on for image in images):
         text += " Captures with the emitter off make the ratio independent of the dots' shape."
