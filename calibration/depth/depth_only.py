@@ -46,7 +46,7 @@ _BENT_PX = 0.03  # Smooth residual below which no sentence is reported.
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DepthGeometry:
-    """Result of the steps."""
+    """Result of `fit_by_simulation`."""
 
     sensor: Sensor  # With `baseline_error` and the right image's offset set.
     twins: tuple[DepthTwin, ...]  # Rendered with that sensor.
