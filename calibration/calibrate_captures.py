@@ -10,8 +10,8 @@ from typing import Any
 
 from starling.calibration import fit_sensor
 from starling.calibration.pattern import dots
-from starling.calibration.report import figures as report
 from starling.calibration.report import page
+from starling.calibration.report.figures import calibration_figures
 from starling.patterns import errors
 from starling.sim.captures import capture
 from starling.sim.console import progress, record
@@ -53,7 +53,7 @@ def calibrate_captures(
 
     Returns:
         `{"parameters", "undetermined", "heldout", "seconds", "out", ...}` (see
-        `starling.calibration.report.figures.figures`).
+        `starling.calibration.report.figures.calibration_figures`).
 
     Raises:
         InputError: if captures, groups or output are invalid. Partial output is removed.
@@ -70,34 +70,25 @@ def calibrate_captures(
         calibration = fit_sensor.fit(
             opened.scenes, sensor, free=free, folder=patterns_folder, heldout=heldout, track=track
         )
-        figures = report.figures(calibration)
+        figures = calibration_figures(calibration)
         for name in patterns_folder.glob("mirrored-*.png"):
             name.unlink()
         if calibration.recovered is not None:
             folder.write("dots.csv", dots.table(calibration.recovered, sensor))
         folder.write("report.json", record.dumps(figures))
         folder.write("report.html", page.page(calibration))
-        folder.write(
-            RECORD,
-            record.dumps(
-                {
-                    "verb": "calibrate",
-                    "arguments": {
-                        "captures": captures,
-                        "free": list(free),
-                        "heldout": heldout,
-                        **(options or {}),
-                    },
-                    "versions": record.versions(),
-                    "renderer": backend.renderer(),
-                    "figures": figures,
-                }
-            ),
-        )
+        arguments = {"captures": captures, "free": list(free), "heldout": heldout}
+        run = {
+            "verb": "calibrate",
+            "arguments": {**arguments, **(options or {})},
+            "versions": record.versions(),
+            "renderer": backend.renderer(),
+            "figures": figures,
+        }
+        folder.write(RECORD, record.dumps(run))
         calibrated = _relative(calibration.sensor, patterns_folder, output_folder.name)
-        folder.write(
-            "sensor.toml", presets.dumps(_relative(calibration.sensor, patterns_folder, ""))
-        )
+        local = _relative(calibration.sensor, patterns_folder, "")
+        folder.write("sensor.toml", presets.dumps(local))
     write_file(out, presets.dumps(calibrated).encode(), force=force)
     return {
         **figures,

@@ -1,27 +1,46 @@
-"""Local normalised cross-correlation of infrared images, independent of brightness."""
+"""Local normalisation and cross-correlation of infrared images, independent of brightness."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.calibration import detail
 from starling.patterns.errors import refuse
 
 Array = NDArray[np.float32]
+Floats = NDArray[np.floating[Any]]
 
+NEIGHBOURHOOD_PX = 6.0  # Sigma of the subtracted local mean; covers several dots.
+DEVIATION_PX = 10.0  # Sigma of the window of the local variance.
 WINDOW_PX = 31  # Side of a window; holds about 25 dots of a D415, 5 of a D435.
 STRIDE_PX = 16
 # Deviation over the image's largest value; a smaller deviation is rounding.
 _FAINTEST = 1e-4
 
 
+def local_mean(image: Floats) -> Floats:
+    """Return the local mean (h, w), weighted by a Gaussian of sigma 6 px."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), NEIGHBOURHOOD_PX), image.dtype)
+
+
+def without_mean(image: Floats) -> Floats:
+    """Subtract the local mean (h, w); dots and texture remain, shading does not."""
+    return image - local_mean(image)
+
+
+def local_square(image: Floats) -> Floats:
+    """Return the local mean square (h, w); Gaussian of sigma 10 px."""
+    return np.asarray(cv2.GaussianBlur(image * image, (0, 0), DEVIATION_PX), image.dtype)
+
+
 def high_passed(image: NDArray) -> Array:
     """Subtract the local mean and divide by the local deviation.
 
-    `starling.calibration.detail` defines both. The result does not depend on gain, on slow shading
-    and, within 1e-3, on an offset. It is 0 where the image is constant.
+    The result does not depend on gain, on slow shading and, within 1e-3, on an offset. It is 0
+    where the image is constant.
 
     Args:
         image: (h, w), any scale, finite.
@@ -40,8 +59,8 @@ def high_passed(image: NDArray) -> Array:
             f"{np.count_nonzero(~np.isfinite(image))} pixels that are not",
             "Fill them and exclude them from `usable`.",
         )
-    varying = detail.high_passed(image)
-    energy = detail.variance(varying)
+    varying = without_mean(image)
+    energy = local_square(varying)
     floor = _FAINTEST * float(np.abs(image).max(initial=0.0)) + np.finfo(np.float32).tiny
     return np.asarray(varying / np.sqrt(energy + np.float32(floor) ** 2 + 1e-30), np.float32)
 

@@ -6,18 +6,17 @@ import dataclasses
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
-from starling.calibration import heldout as held
 from starling.calibration import observation, parameters
-from starling.calibration.heldout import SceneScore
+from starling.calibration.heldout import SMOOTHING_PX, SceneScore, score
 from starling.calibration.observation import Observation
 from starling.calibration.pattern import pattern_sensor, pattern_solution, recovery
-from starling.calibration.pattern import views as seeing
 from starling.calibration.pattern.recovery import RecoveredPattern
+from starling.calibration.pattern.views import PatternView, make_views
 from starling.calibration.plausibility import checks
-from starling.calibration.result import Calibration
-from starling.calibration.solution import Solution
+from starling.calibration.solution import Estimate, Solution
 from starling.patterns import errors
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.console import progress
@@ -33,17 +32,37 @@ WITH_PATTERN = ("baseline", "alignment", "projector", "scale")  # Free in the pa
 _ONE_IN = 4  # Default: every fourth room is held out.
 
 
-class _Clock:
-    """Wall time of each stage [s]."""
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Calibration:
+    """Result of `calibration.fit`."""
 
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
+    sensor: Sensor  # The calibrated sensor.
+    solutions: Mapping[str, Solution]  # By fit: geometry, pattern ...
+    warnings: tuple[str, ...]  # From the plausibility checks of the captures.
+    fitted_rooms: tuple[str, ...]
+    seconds: Mapping[str, float]  # Wall time by stage [s].
+    heldout: tuple[SceneScore, ...] = ()  # Held-out scenes, simulated with the fitted sensor.
+    before: tuple[SceneScore, ...] = ()  # The same scenes, simulated with the initial sensor.
+    recovered: RecoveredPattern | None = None  # The pattern, if the fit freed it.
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        start_s = time.perf_counter()
-        yield
-        self.seconds[name] = round(time.perf_counter() - start_s, 2)
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """All fitted parameters, including those of single scenes."""
+        return tuple(
+            estimate for solution in self.solutions.values() for estimate in solution.estimates
+        )
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Unidentifiable parameters, one sentence each."""
+        return tuple(text for solution in self.solutions.values() for text in solution.undetermined)
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
+    start_s = time.perf_counter()
+    yield
+    seconds[stage] = round(time.perf_counter() - start_s, 2)
 
 
 def fit(
@@ -56,6 +75,16 @@ def fit(
     track: progress.Progress = progress.silent,
 ) -> Calibration:
     """Fit groups of parameters and score the fit on held-out rooms.
+
+    Three routes calibrate the baseline. The captures and the groups select one:
+
+    - Depth without infrared: the group `baseline` compares the device's disparity with a simulation
+      of the reference. It fits f * b and sets `baseline_error` (see `depth.depth_only`).
+    - Infrared with the group `pattern`: the pattern fit moves the right image against the pattern.
+      It fits f * b and sets `baseline_m` (see `pattern.emission.RightAlignment`). The groups in
+      `WITH_PATTERN` are part of it.
+    - Infrared without `pattern`: the group `baseline` frees `baseline_m` in the geometry fit of the
+      known pattern (see `geometry.geometry_fit`).
 
     Args:
         scenes: scenes captured by one camera.
@@ -71,27 +100,36 @@ def fit(
         InputError: if the captures contradict their metadata, a group or room is unknown, or no
             room remains to fit.
     """
-    clock = _Clock()
+    seconds: dict[str, float] = {}
     _check_groups(free)
     outside = _held_out(scenes, heldout)
     inside = [scene for scene in scenes if scene.room not in outside]
     rooms = tuple(dict.fromkeys(scene.room for scene in inside))
-    with clock.stage("load"):
+    with _timed(seconds, "load"):
         read_observations = observation.read_all(track(inside, "read"))
-        warnings = checks.check(
-            read_observations, sensor
-        )  # Checked first: loading surfaces takes longer.
+        # Checked first, because loading surfaces takes longer.
+        warnings = checks.check(read_observations, sensor)
         observations = tuple(
             observation.with_surface(item, scene, sensor)
             for item, scene in zip(read_observations, track(inside, "surfaces"), strict=True)
         )
     if all(item.left is None for item in observations):
-        return _from_depth(observations, sensor, free, warnings, rooms, clock, track)
+        from starling.calibration.depth.depth_only import fit_depth
+
+        with _timed(seconds, "depth"):
+            solution = fit_depth(observations, sensor, free=free, track=track)
+        return Calibration(
+            sensor=solution.sensor,
+            solutions={"depth": solution},
+            warnings=warnings,
+            fitted_rooms=rooms,
+            seconds=seconds,
+        )
     for group in free:
         errors.one_of("free", group, GROUPS)
     fitted, recovered, solutions = sensor, None, {}
     if PATTERN in free:
-        with clock.stage(PATTERN):
+        with _timed(seconds, PATTERN):
             recovered = _recovered(observations, sensor, track)
             metric = all(item.metric for item in observations)
             solutions[PATTERN] = pattern_solution.solution(recovered, sensor, metric=metric)
@@ -104,24 +142,24 @@ def fit(
     if geometry:
         from starling.calibration.geometry.geometry_fit import fit_geometry
 
-        with clock.stage("geometry"):
+        with _timed(seconds, "geometry"):
             solutions["geometry"] = fit_geometry(observations, fitted, free=geometry)
             fitted = solutions["geometry"].sensor
     if PHOTOMETRY in free or NOISE in free:
-        with clock.stage(PHOTOMETRY):
+        with _timed(seconds, PHOTOMETRY):
             solutions |= _levels(observations, fitted, recovered, free)
             fitted = list(solutions.values())[-1].sensor
     if WARP in free:
         from starling.calibration.geometry.warp_fit import fit_warp
 
-        with clock.stage(WARP):
+        with _timed(seconds, WARP):
             smooth = [
-                observation.with_surface(item, scene, fitted, smoothing_px=held.SMOOTHING_PX)
+                observation.with_surface(item, scene, fitted, smoothing_px=SMOOTHING_PX)
                 for item, scene in zip(read_observations, track(inside, "warp"), strict=True)
             ]
             solutions[WARP] = fit_warp(smooth, fitted)
             fitted = solutions[WARP].sensor
-    with clock.stage("held out"):
+    with _timed(seconds, "held out"):
         before, after = _scored(scenes, outside, sensor, fitted, recovered, folder, track)
     return Calibration(
         sensor=fitted,
@@ -131,18 +169,18 @@ def fit(
         heldout=after,
         before=before,
         recovered=recovered,
-        seconds=clock.seconds,
+        seconds=seconds,
     )
 
 
 def _check_groups(free: Sequence[str]) -> None:
     """Refuse an unknown group before the captures are loaded."""
-    from starling.calibration.depth.depth_only import GROUPS as DEPTH_GROUPS
+    from starling.calibration.depth import depth_only
 
     if not free:
         raise errors.refuse("free", "must name a group", "none", f"There are: {', '.join(GROUPS)}.")
     for group in free:
-        if group not in DEPTH_GROUPS:
+        if group not in depth_only.GROUPS:
             errors.one_of("free", group, GROUPS)
 
 
@@ -150,15 +188,14 @@ def _recovered(
     observations: Sequence[Observation], sensor: Sensor, track: progress.Progress
 ) -> RecoveredPattern:
     """Recover the pattern, then repeat with the images aligned by the first estimate."""
-    views = [
-        view for item in track(observations, "views") for view in seeing.make_views(item, sensor)
-    ]
-    recovered = recovery.recover(views, sensor, track=track)
+
+    def views(aligned: Sensor) -> list[PatternView]:
+        items = track(observations, "views")
+        return [view for item in items for view in make_views(item, aligned)]
+
+    recovered = recovery.recover(views(sensor), sensor, track=track)
     aligned = pattern_sensor.with_alignment(sensor, recovered.model)
-    views = [
-        view for item in track(observations, "views") for view in seeing.make_views(item, aligned)
-    ]
-    return recovery.refine(recovered, views, aligned)
+    return recovery.refine(recovered, views(aligned), aligned)
 
 
 def _held_out(scenes: Sequence[CapturedScene], requested: Sequence[str] | None) -> tuple[str, ...]:
@@ -174,31 +211,6 @@ def _held_out(scenes: Sequence[CapturedScene], requested: Sequence[str] | None) 
     return tuple(requested)
 
 
-def _from_depth(
-    observations: Sequence[Observation],
-    sensor: Sensor,
-    free: Sequence[str],
-    warnings: tuple[str, ...],
-    rooms: tuple[str, ...],
-    clock: _Clock,
-    track: progress.Progress,
-) -> Calibration:
-    from starling.calibration.depth.depth_only import fit_depth
-
-    with clock.stage("depth"):
-        solution = fit_depth(observations, sensor, free=free, track=track)
-    return Calibration(
-        sensor=solution.sensor,
-        solutions={"depth": solution},
-        warnings=warnings,
-        fitted_rooms=rooms,
-        heldout=(),
-        before=(),
-        recovered=None,
-        seconds=clock.seconds,
-    )
-
-
 def _levels(
     observations: Sequence[Observation],
     sensor: Sensor,
@@ -206,18 +218,18 @@ def _levels(
     free: Sequence[str],
 ) -> dict[str, Solution]:
     """Fit image levels and noise; each scene is rendered with its own pattern scale."""
-    from starling.calibration.photometry.exposure_level import fit_exposure_level
     from starling.calibration.photometry.noise import fit_noise
-    from starling.calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
+    from starling.calibration.photometry.photometry_fit import (
+        PARAMETERS,
+        fit_exposure_level,
+        fit_photometry,
+    )
 
     parameters_to_fit = PARAMETERS if PHOTOMETRY in free else ()
     if parameters_to_fit:  # Held levels come from the initial sensor, and so does the map.
         observations = [_evenly_lit(item) for item in observations]
     layers = _layers(observations, sensor, recovered)
-    exposures = {item.name: item.exposure for item in observations if item.exposure is not None}
-    levels = fit_photometry(
-        observations, sensor, layers=layers, exposures=exposures, free=parameters_to_fit
-    )
+    levels = fit_photometry(observations, sensor, layers=layers, free=parameters_to_fit)
     solutions = {PHOTOMETRY: levels.solution} if parameters_to_fit else {}
     fitted = levels.solution.sensor
     exposure = fit_exposure_level(observations, fitted) if parameters_to_fit else None
@@ -246,16 +258,13 @@ def _layers(
         return {}
     from starling.sim.render import direct
 
-    layers_by_scene = {}
-    for item in observations:
-        if item.scene is None:
-            continue
-        scale = recovered.fitted.model.scales[item.name]
-        light = dataclasses.replace(sensor.projector, pattern_scale=scale)
-        layers_by_scene[item.name] = direct.layers(
-            item.stage, dataclasses.replace(sensor, projector=light)
+    def layers(item: Observation) -> Layers:
+        light = dataclasses.replace(
+            sensor.projector, pattern_scale=recovered.model.scales[item.name]
         )
-    return layers_by_scene
+        return direct.layers(item.stage, dataclasses.replace(sensor, projector=light))
+
+    return {item.name: layers(item) for item in observations if item.scene is not None}
 
 
 def _scored(
@@ -271,13 +280,12 @@ def _scored(
     before, after = [], []
     control = pattern_sensor.with_mirrored_pattern(fitted, folder) if recovered else None
     for scene in track([scene for scene in scenes if scene.room in rooms], "held out"):
-        item = observation.load(scene, start, smoothing_px=held.SMOOTHING_PX)
+        item = observation.load(scene, start, smoothing_px=SMOOTHING_PX)
         if item.left is None or item.scene is None:
             continue
         scale = fitted.projector.pattern_scale
         if recovered is not None:
-            views = seeing.make_views(item, start)
-            scale = recovery.scene_scale(views, start, recovered.fitted.model)
-        before.append(held.score(item, start, scale=start.projector.pattern_scale))
-        after.append(held.score(item, fitted, scale=scale, mirrored=control))
+            scale = recovery.scene_scale(make_views(item, start), start, recovered.model)
+        before.append(score(item, start, scale=start.projector.pattern_scale))
+        after.append(score(item, fitted, scale=scale, mirrored=control))
     return tuple(before), tuple(after)

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration import correlation
-from starling.calibration.observation import Observation, truth_px
+from starling.calibration.observation import Observation, Side, truth_px
 from starling.patterns import errors
 from starling.sim import metrics
 from starling.sim.sensor.sensor import Sensor
@@ -27,7 +27,6 @@ if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
     from starling.sim.render.mitsuba_scene import MitsubaScene
 
 Array = NDArray[np.float32]
-Side = Literal["left", "right"]
 
 SMOOTHING_PX = 12.0  # Sigma of the smoothing of reflectance; a smaller one would keep dots.
 

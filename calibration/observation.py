@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
     from starling.sim.render.mitsuba_scene import MitsubaScene
 
 Array = NDArray[np.float32]
+Side = Literal["left", "right"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,12 +135,6 @@ def with_surface(
 def load(scene: CapturedScene, sensor: Sensor, *, smoothing_px: float = 0.0) -> Observation:
     """Read one scene and its surface (see `read` and `with_surface`)."""
     return with_surface(read(scene), scene, sensor, smoothing_px=smoothing_px)
-
-
-def load_all(scenes: Sequence[CapturedScene], sensor: Sensor) -> tuple[Observation, ...]:
-    """Read several scenes and their surfaces (see `read_all` and `with_surface`)."""
-    pairs = zip(read_all(scenes), scenes, strict=True)
-    return tuple(with_surface(observation, scene, sensor) for observation, scene in pairs)
 
 
 def truth_px(observation: Observation) -> Array | None:

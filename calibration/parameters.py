@@ -1,4 +1,4 @@
-"""The sensor parameters that a fit may free, in named groups."""
+"""The parameters that a geometry fit may free, in named groups."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from starling.patterns import errors
-from starling.sim.sensor import edits as sensor_edits
+from starling.sim.sensor import edits
 from starling.sim.sensor.sensor import Sensor
 
 FIELD = "projector.field"  # Tangent of the projector's half horizontal field.
@@ -18,48 +18,35 @@ DOT_BLUR = "projector.dot_blur_mrad"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CalibrationParameter:
-    """One parameter that a fit may free."""
+    """One parameter that a geometry fit may free."""
 
-    name: str  # A dotted path in the sensor, except `projector.field` and `scene.` paths.
+    name: str  # A dotted path in the sensor, except `projector.field`.
     group: str  # Name of the group on the command line (`--free`).
     unit: str
     tolerance: float  # Prior standard deviation of a device from its data sheet.
 
 
-def _row(name: str, group: str, unit: str, tolerance: float) -> CalibrationParameter:
-    return CalibrationParameter(name=name, group=group, unit=unit, tolerance=tolerance)
-
-
 # Tolerances without a source are assumptions. They regularise parameters that the captures do not
 # determine, and mark them as unidentifiable. They do not affect well-determined parameters.
-TABLE = (
-    _row("baseline_m", "baseline", "m", 3e-3),
-    _row("right.alignment.offset_y_px", "alignment", "px", 2.0),
-    _row("right.alignment.roll_deg", "alignment", "deg", 0.3),
-    _row("right.alignment.pitch_deg", "alignment", "deg", 0.3),
-    _row("right.alignment.yaw_deg", "alignment", "deg", 0.3),
-    _row("fx_px", "focal", "px", 0.01),  # Times the focal length.
-    _row("cx_px", "centre", "px", 10.0),
-    _row("cy_px", "centre", "px", 10.0),
-    *(_row(f"projector.position_m.{axis}", "projector", "m", 5e-3) for axis in "xyz"),
-    *(_row(f"projector.rotation_deg.{axis}", "projector", "deg", 1.0) for axis in "xyz"),
-    _row(FIELD, "field", "1", 0.02),  # Times the tangent.
-    _row("projector.pattern_scale", "scale", "1", 3e-3),
-    _row(DOT_BLUR, "dots", "mrad", 1.5),
-    _row("projector.power_w", "photometry", "W", 0.1),
-    _row("projector.haze", "photometry", "1", 0.3),
-    _row("projector.falloff", "photometry", "1", 2.0),
-    _row("scene.ambient.irradiance_w_m2", "photometry", "W m^-2", 1.0),
-    _row("left.black_level_dn", "photometry", "DN", 4.0),
-    _row("left.lens.vignetting", "photometry", "1", 2.0),
-    _row("left.auto_exposure_level", "photometry", "1", 0.05),
-    _row("left.full_well_e", "noise", "e", 5e3),
-    _row("left.read_noise_e", "noise", "e", 5.0),
-    _row("left.smoothing_px", "noise", "px", 0.5),
-    _row("projector.speckle_contrast", "noise", "1", 0.2),
+TABLE = tuple(
+    CalibrationParameter(name=name, group=group, unit=unit, tolerance=tolerance)
+    for name, group, unit, tolerance in (
+        ("baseline_m", "baseline", "m", 3e-3),
+        ("right.alignment.offset_y_px", "alignment", "px", 2.0),
+        ("right.alignment.roll_deg", "alignment", "deg", 0.3),
+        ("right.alignment.pitch_deg", "alignment", "deg", 0.3),
+        ("right.alignment.yaw_deg", "alignment", "deg", 0.3),
+        ("fx_px", "focal", "px", 0.01),  # Times the focal length.
+        ("cx_px", "centre", "px", 10.0),
+        ("cy_px", "centre", "px", 10.0),
+        *((f"projector.position_m.{axis}", "projector", "m", 5e-3) for axis in "xyz"),
+        *((f"projector.rotation_deg.{axis}", "projector", "deg", 1.0) for axis in "xyz"),
+        (FIELD, "field", "1", 0.02),  # Times the tangent.
+        ("projector.pattern_scale", "scale", "1", 3e-3),
+        (DOT_BLUR, "dots", "mrad", 1.5),
+    )
 )
-GROUPS = tuple(dict.fromkeys(row.group for row in TABLE))
-GEOMETRY = ("baseline", "alignment", "focal", "centre", "projector", "field", "scale", "dots")
+GEOMETRY = tuple(dict.fromkeys(row.group for row in TABLE))  # The groups.
 _RELATIVE = ("fx_px", FIELD)  # Their tolerance is a share of the value.
 
 
@@ -114,10 +101,10 @@ def with_values(sensor: Sensor, values: Iterable[tuple[str, float]]) -> Sensor:
     Raises:
         InputError: if a value is outside its valid range.
     """
-    edits: list[tuple[str, float]] = []
+    changes: list[tuple[str, float]] = []
     for name, number in values:
         if name == "fx_px":
-            edits += [("fx_px", number), ("fy_px", number * sensor.fy_px / sensor.fx_px)]
+            changes += [("fx_px", number), ("fy_px", number * sensor.fy_px / sensor.fx_px)]
         elif name == FIELD:
             ratio = number / value(sensor, FIELD)
             for axis, degrees in (
@@ -125,10 +112,10 @@ def with_values(sensor: Sensor, values: Iterable[tuple[str, float]]) -> Sensor:
                 ("y", sensor.projector.fov_y_deg),
             ):
                 tangent = math.tan(math.radians(degrees / 2)) * ratio
-                edits.append((f"projector.fov_{axis}_deg", 2 * math.degrees(math.atan(tangent))))
+                changes.append((f"projector.fov_{axis}_deg", 2 * math.degrees(math.atan(tangent))))
         else:
-            edits.append((name, number))
-    return sensor_edits.with_values(sensor, edits)
+            changes.append((name, number))
+    return edits.with_values(sensor, changes)
 
 
 def _is_image(sensor: Sensor) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from starling.diagnosis.howfar.evaluation import Evaluation
 from starling.diagnosis.howfar.residual import METHOD, LearnedResidual, learn_residual
-from starling.diagnosis.report.scene_images import SceneImages, scene_images
+from starling.diagnosis.report.scene_section import SceneImages, scene_images
 from starling.diagnosis.scenes.comparable import split_complete
 from starling.diagnosis.scenes.estimated import ABSORBED_FAMILIES
 from starling.diagnosis.scenes.limits import list_limits

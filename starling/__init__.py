@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from starling.calibration.result import Calibration as Calibration
+    from starling.calibration.fit_sensor import Calibration as Calibration
     from starling.diagnosis.diagnosis import Diagnosis as Diagnosis
     from starling.learning.completion.method import Completed as Completed
     from starling.patterns.errors import InputError as InputError
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 _CLASSES = {  # Name to the module that defines it; loaded on first use.
-    "Calibration": "starling.calibration.result",
+    "Calibration": "starling.calibration.fit_sensor",
     "CaptureSet": "starling.sim.captures.capture",
     "CapturedScene": "starling.sim.captures.capture",
     "Completed": "starling.learning.completion.method",

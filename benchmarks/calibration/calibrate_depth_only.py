@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from starling.calibration.depth.depth_figures import compare_readings
 from starling.calibration.depth.depth_only import GROUPS, fit_depth
 from starling.calibration.depth.depth_twin import render_twin
+from starling.calibration.depth.hole_places import compare_readings
 from starling.calibration.observation import Observation
 from starling.calibration.solution import Solution
 from starling.sim.captures.capture import CapturedScene, open_set

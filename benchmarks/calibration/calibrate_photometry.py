@@ -11,6 +11,7 @@ off are assumed to have the same exposure, which the captures do not record.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 import time
 from pathlib import Path
@@ -42,11 +43,12 @@ def report(folder: Path, sensor_name: str) -> None:
     captures = open_set(folder)
     sensor = captures.info.geometry_into(presets.load(sensor_name))
     start_s = time.perf_counter()
-    seen = observation.load_all(captures.scenes, sensor)
     one_exposure = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
-    fit = fit_photometry(
-        seen, sensor, exposures={scene_observation.name: one_exposure for scene_observation in seen}
-    )
+    seen = [
+        dataclasses.replace(observation.load(scene, sensor), exposure=one_exposure)
+        for scene in captures.scenes
+    ]
+    fit = fit_photometry(seen, sensor)
     noise = fit_noise(seen, fit.predictions, fit.solution.sensor)
     print(f"{folder.parent.name}/{folder.name}: {time.perf_counter() - start_s:.0f} s")
     for scene_observation in seen:

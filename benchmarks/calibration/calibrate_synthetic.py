@@ -143,7 +143,7 @@ def reference_observations(
         cv2.imwrite(str(frame.parent / "truth.png"), code)
         cv2.imwrite(str(frame / "ir_left.png"), pair.left)
         cv2.imwrite(str(frame / "ir_right.png"), pair.right)
-    return list(observation.load_all(capture.open_set(folder).scenes, claimed))
+    return [observation.load(scene, claimed) for scene in capture.open_set(folder).scenes]
 
 
 def _info(sensor: Sensor) -> CaptureInfo:

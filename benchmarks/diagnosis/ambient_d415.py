@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rooms import first_of_each
 
-from starling.calibration import detail
+from starling.calibration.correlation import without_mean
 from starling.calibration.least_squares.variable_projection import cut
 from starling.diagnosis.scenes import fit_scene
 from starling.learning.data.captured import SMOOTHING_PX
@@ -117,7 +117,7 @@ def _right(
 ) -> tuple[float, float]:
     """Half the central 68 % interval of the log strength of dots, and the RMS residual [DN]."""
     real_dots, simulated_dots = (
-        cut(detail.high_passed(np.asarray(image, np.float32)), SIDE_PX)[one_surface]
+        cut(without_mean(np.asarray(image, np.float32)), SIDE_PX)[one_surface]
         for image in (real, simulated)
     )
     common = (real_dots * simulated_dots).mean(axis=1)

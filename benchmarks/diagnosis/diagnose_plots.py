@@ -19,7 +19,7 @@ from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from starling.diagnosis.report.group_names import describe
+from starling.diagnosis.report.sentences import describe_group
 from starling.sim.plotting import sheet
 
 Reports = Mapping[str, Mapping[str, Any]]
@@ -104,7 +104,7 @@ def groups(reports: Reports) -> bytes:
         }
         known = {name for by_group in groups_by_report.values() for name in by_group}
         names = sorted(known, key=lambda name: -_largest(groups_by_report.values(), name))[:GROUPS]
-        row[0].set_yticks(range(len(names)), [describe(name) for name in names], fontsize=8)
+        row[0].set_yticks(range(len(names)), [describe_group(name) for name in names], fontsize=8)
         row[0].invert_yaxis()
         for axes, (label, by_group) in zip(row, groups_by_report.items(), strict=True):
             sizes = [by_group.get(name, {"before": 0.0, "after": 0.0}) for name in names]

@@ -70,7 +70,7 @@ def fit(folder: str, name: str) -> None:
 def iteration(folder: Path) -> dict[str, float]:
     """Time one view's part of an iteration, and a plain render with as many rays."""
     mi, sensor = backend.mitsuba(), nominal()
-    view_observation = observation.load_all(captured(folder), sensor)[1]
+    view_observation = observation.load(captured(folder)[1], sensor)
     view = residuals.make_views([view_observation], sensor)[0]
     free = parameters.free(GEOMETRY, sensor)
     light = emission.irradiance_at_unit_distance(sensor.projector)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -62,10 +63,8 @@ class DisparityScale:
     scale: float  # Correction of the expected s.
     offset_px: float  # Correction of the expected o.
     covariance: NDArray[np.float64]  # (2, 2) of scale and offset_px; inf if not separable.
-    spread_px: float  # 1.4826 x median absolute residual [px].
     bend_px: float  # RMS over the image of a smooth second-order residual [px].
     bend_sd_px: float  # Standard deviation of `bend_px` by chance.
-    pixels: int  # Number of pixels used.
 
     @cached_property
     def separable(self) -> bool:
@@ -131,10 +130,8 @@ def fit(pairs: Sequence[DisparityPair], *, free: Sequence[str]) -> DisparityScal
         scale=float(value[0]),
         offset_px=float(value[1]),
         covariance=covariance,
-        spread_px=_nmad(residual),
         bend_px=bend,
         bend_sd_px=chance,
-        pixels=len(residual),
     )
 
 
@@ -215,13 +212,13 @@ def _binned(disparity: Column) -> NDArray[np.intp]:
 
 def _spread(residual: Column, bins: NDArray[np.intp], floor_var: Column) -> Column:
     """Return the standard deviation of each sample: that of its bin, at least the rounding's."""
-    by_bin = np.array([_nmad(residual[bins == number]) for number in range(bins.max() + 1)])
+    by_bin = np.array([nmad(residual[bins == number]) for number in range(bins.max() + 1)])
     return np.sqrt(np.maximum(by_bin[bins] ** 2, floor_var) + 1e-12)
 
 
-def _nmad(residual: Column) -> float:
-    middle = np.median(residual)
-    return metrics.MAD_TO_SIGMA * float(np.median(np.abs(residual - middle)))
+def nmad(values: NDArray[np.floating[Any]]) -> float:
+    """Return 1.4826 x the median absolute deviation."""
+    return metrics.MAD_TO_SIGMA * float(np.median(np.abs(values - np.median(values))))
 
 
 def _clustered(

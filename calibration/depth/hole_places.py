@@ -1,8 +1,8 @@
-"""Compare simulated and device depth: rate of missing depth by place, scatter of disparity."""
+"""Compare depth readings: missing depth by place, and bias and scatter of disparity."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.depth.depth_twin import DepthTwin
+from starling.calibration.depth.disparity_scale import nmad
 from starling.sim import metrics
 from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.sensor.sensor import Sensor
 
 Array = NDArray[np.float32]
 Column = NDArray[np.float64]
@@ -109,6 +111,54 @@ def tolerance(scenes: Sequence[ComparedScene], readings: Sequence[Array]) -> Col
     return np.sqrt(np.array(model_tolerances) ** 2 + chance)
 
 
+def figures(scene: ComparedScene, reading: Array) -> dict[str, float]:
+    """Compare a reading of a scene with the reference and with the device's missing depth.
+
+    Returns:
+        - `bias_px`, `nmad_px` away from edges (see `starling.sim.metrics.DisparityFigures`).
+        - `scatter_px`: scatter about the mean over 41 px.
+        - `ndp_rate`, `ndp_iou`: rate and overlap of no-depth pixels, right of the left band.
+        - `ndp_PLACE`: rate of no-depth pixels by place.
+    """
+    truth, device = scene.twin.truth_px, scene.twin.device_px
+    measurable = metrics.reached_pixels(truth)
+    error = (reading - truth)[scene.counted & np.isfinite(reading)]
+    bias = float(np.median(error)) if error.size else float("nan")
+    return {
+        "bias_px": bias,
+        "nmad_px": nmad(error) if error.size else float("nan"),
+        "scatter_px": scatter_px(scene, reading),
+        "ndp_rate": float((~np.isfinite(reading[measurable])).mean()),
+        "ndp_iou": metrics.hole_overlap(reading, device, measurable),
+        **{f"ndp_{place}": rate for place, rate in rates(scene, reading).items()},
+    }
+
+
+def compare_readings(
+    twins: Sequence[DepthTwin], before: Sensor, after: Sensor
+) -> dict[str, Mapping[str, float]]:
+    """Compute figures of the device's and of two sensors' readings by scene.
+
+    Returns:
+        By scene, `figures` with the suffix `_device`, `_before` or `_after` on each name.
+    """
+    before_scenes = classify([depth_twin.rendered(before) for depth_twin in twins])
+    after_scenes = classify([depth_twin.rendered(after) for depth_twin in twins])
+    rows: dict[str, Mapping[str, float]] = {}
+    for scene_before, scene_after in zip(before_scenes, after_scenes, strict=True):
+        readings = {
+            "device": (scene_before, scene_before.twin.device_px),
+            "before": (scene_before, scene_before.twin.reading(before)),
+            "after": (scene_after, scene_after.twin.reading(after)),
+        }
+        rows[scene_before.twin.name] = {
+            f"{name}_{label}": value
+            for label, (scene, reading) in readings.items()
+            for name, value in figures(scene, reading).items()
+        }
+    return rows
+
+
 def rates(scene: ComparedScene, reading: Array) -> dict[str, float]:
     """Return the rate of no-depth pixels by place, 0 ... 1; NaN for an empty place."""
     hole = ~np.isfinite(reading)
@@ -122,7 +172,7 @@ def scatter_px(scene: ComparedScene, reading: Array) -> float:
     """Return 1.4826 x median absolute error of disparity about its mean over 41 px [px]."""
     error = _error(scene, reading)
     known = error[np.isfinite(error)]
-    return _nmad(known) if known.size else float("nan")
+    return nmad(known) if known.size else float("nan")
 
 
 def _classify_scene(twin: DepthTwin, reached: Mask, middle_px: float, number: int) -> ComparedScene:
@@ -166,7 +216,7 @@ def _classify_scene(twin: DepthTwin, reached: Mask, middle_px: float, number: in
 def _log_ratio(simulated: Array, real: Array) -> float:
     if real.size == 0:
         return 0.0
-    return float(np.log(max(_nmad(simulated), 1e-6) / max(_nmad(real), 1e-6)))
+    return float(np.log(max(nmad(simulated), 1e-6) / max(nmad(real), 1e-6)))
 
 
 def _error(scene: ComparedScene, reading: Array) -> Array:
@@ -186,7 +236,3 @@ def _local(error: Array, counted: Mask) -> Array:
 def _dilated(mask: Mask, reach: int) -> Mask:
     side = 2 * reach + 1
     return cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
-
-
-def _nmad(values: Array) -> float:
-    return metrics.MAD_TO_SIGMA * float(np.median(np.abs(values - np.median(values))))

@@ -17,8 +17,7 @@ from starling.calibration.depth import hole_places
 from starling.calibration.depth.hole_places import ComparedScene
 from starling.sim import simulate
 from starling.sim.console import progress
-from starling.sim.effects import Parameter
-from starling.sim.effects import setting as setting
+from starling.sim.effects import Parameter, setting
 from starling.sim.sensor.sensor import Sensor
 
 Array = NDArray[np.float32]
@@ -109,7 +108,8 @@ def tune(
     trial = _Trial(scenes, sensor)
     settings = {name: float(setting.value(_parameter(name), sensor) or 0.0) for name in names}
     checks = [name for name in CHECKS if name in names]
-    stages = [stage for stage in ("scatter", "checks", "scatter again") if _is_needed(stage, names)]
+    scatter = ["scatter"] if SCATTER in names else []
+    stages = [*scatter, "checks", *scatter] if checks else scatter
     scores = [trial.score(settings)]
     for stage in track(stages, "search"):
         if stage == "checks":
@@ -124,11 +124,6 @@ def tune(
         sensor=setting.on_sensor(sensor, settings),
         scores=tuple(scores),
     )
-
-
-def _is_needed(stage: str, names: Sequence[str]) -> bool:
-    checks, scatter = set(CHECKS) & set(names), SCATTER in names
-    return bool({"scatter": scatter, "checks": checks, "scatter again": scatter and checks}[stage])
 
 
 def _parameter(name: str) -> Parameter:

@@ -17,6 +17,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
 
 _DAMPING = 1e-5  # First damping after a failed step, relative to the information's diagonal.
@@ -29,32 +30,31 @@ _NOTHING = 1e-3
 
 
 class Equations(Protocol):
-    """Normal equations at one parameter vector."""
+    """Normal equations at one step of p parameters in tolerances, without the prior."""
 
     @property
-    def information(self) -> NDArray[np.float64]:
-        """Information matrix (p, p), parameters in tolerances."""
-        ...
+    def information(self) -> Matrix: ...  # (p, p)
 
     @property
-    def gradient(self) -> Vector:
-        """Gradient (p,) of half the cost."""
-        ...
+    def gradient(self) -> Vector: ...  # (p,) of half the cost.
 
     @property
-    def cost(self) -> float:
-        """Robust sum of squared residuals over their deviations."""
-        ...
+    def scores(self) -> Matrix: ...  # (clusters, p) gradient by cluster.
 
     @property
-    def deviation(self) -> float:
-        """Mean variance of the residuals' weights."""
-        ...
+    def shares(self) -> Matrix: ...  # (clusters, p, p) information by cluster.
 
     @property
-    def freedom(self) -> int:
-        """Degrees of freedom: residuals minus eliminated coefficients."""
-        ...
+    def stiffness(self) -> float: ...  # Curvature of the cost over the information.
+
+    @property
+    def cost(self) -> float: ...  # Robust sum of squared residuals over their deviations.
+
+    @property
+    def deviation(self) -> float: ...  # Mean variance of the residuals' weights.
+
+    @property
+    def freedom(self) -> int: ...  # Residuals minus eliminated coefficients.
 
 
 E = TypeVar("E", bound=Equations)

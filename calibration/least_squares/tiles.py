@@ -85,7 +85,7 @@ def cut_tiles(image: NDArray) -> NDArray:
     return cut(image, TILE_PX)
 
 
-def to_pixels(values: NDArray, shape: tuple[int, int]) -> NDArray[np.float32]:
+def to_pixels(values: NDArray, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Expand tile values (n,) to an image (h, w); pixels outside complete tiles are NaN."""
     rows, columns = shape[0] // TILE_PX, shape[1] // TILE_PX
     grid = values.reshape(rows, columns)
@@ -94,7 +94,7 @@ def to_pixels(values: NDArray, shape: tuple[int, int]) -> NDArray[np.float32]:
     return image
 
 
-def clusters(shape: tuple[int, int]) -> NDArray[np.int64]:
+def clusters(shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Return the cluster number of each tile (n,) of an image (h, w)."""
     rows, columns = shape[0] // TILE_PX, shape[1] // TILE_PX
     side = max(columns // CLUSTERS_ACROSS, 1)
@@ -155,7 +155,7 @@ def _solved(gram: Array, count: int) -> tuple[Array, Array, Array]:
     return products, np.linalg.pinv(scaled, rcond=1e-6, hermitian=True) @ products, scale
 
 
-def ramps(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def ramps(shape: tuple[int, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the position within the tile, horizontal and vertical, from -1 to 1 (h, w)."""
     row, column = np.mgrid[: shape[0], : shape[1]] % TILE_PX
     across, down = ((2 * (axis + 0.5) / TILE_PX - 1).astype(np.float32) for axis in (column, row))
@@ -170,13 +170,12 @@ def fit_factor(signal: NDArray, model: NDArray, weight: NDArray) -> NDArray[np.f
         model: (h, w).
         weight: (h, w), 0 for unused pixels; c is 1 in unused tiles.
     """
-    shape = (model.shape[0], model.shape[1])
-    bases = (np.ones(shape, np.float32), *ramps(shape))
+    bases = (np.ones_like(model, np.float32), *ramps(model.shape))
     gram = grams([signal, *(model * base for base in bases)], weight, means=False)
     _, tile_coefficients, scale = _solved(gram, len(bases))
     coefficients = tile_coefficients[:, :, 0] / scale
     coefficients[gram[:, 1, 1] <= 0] = (1.0, 0.0, 0.0)
-    planes = (to_pixels(coefficients[:, k], shape) * base for k, base in enumerate(bases))
+    planes = (to_pixels(coefficients[:, k], model.shape) * base for k, base in enumerate(bases))
     return np.nan_to_num(np.sum(list(planes), axis=0), nan=1.0).astype(np.float32)
 
 

@@ -12,49 +12,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.calibration.least_squares.solve import Equations, Matrix
 from starling.calibration.parameters import CalibrationParameter
-
-Matrix = NDArray[np.float64]
 
 OPEN = 0.4  # Deviation above which a direction is undetermined [tolerances].
 _LEAST_OTHERS = 0.05  # Minimum of 1 - leverage.
 _NAMED = 0.3  # Minimum component of a parameter that is named with a direction.
 _OPEN_SHARE = 0.5  # Share of variance from open directions that makes a parameter open.
 _LEAST_SD = 0.02  # Deviation below which a parameter always counts as determined [tolerances].
-
-
-class Clustered(Protocol):
-    """Normal equations in tolerances, with the contributions of clusters."""
-
-    @property
-    def information(self) -> Matrix:
-        """Information matrix (p, p), without the prior."""
-        ...
-
-    @property
-    def gradient(self) -> Matrix:
-        """Gradient (p,) of half the cost."""
-        ...
-
-    @property
-    def scores(self) -> Matrix:
-        """Gradient by cluster (clusters, p)."""
-        ...
-
-    @property
-    def shares(self) -> Matrix:
-        """Information by cluster (clusters, p, p)."""
-        ...
-
-    @property
-    def stiffness(self) -> float:
-        """Curvature of the cost over the information."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -67,7 +36,7 @@ class Uncertainty:
     directions: Matrix
 
 
-def estimate(equations: Clustered) -> Uncertainty:
+def estimate(equations: Equations) -> Uncertainty:
     """Estimate the clustered sandwich covariance and the undetermined directions.
 
     A cluster with high leverage pulls the fit towards itself, so its residuals underestimate its

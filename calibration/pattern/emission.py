@@ -7,11 +7,12 @@ them. A relative change of the laser's wavelength scales them about the axis.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.calibration.observation import Side
 from starling.sim.geometry import frames
 
 Array = NDArray[np.floating[Any]]
@@ -50,7 +51,7 @@ class SurfacePoints:
 
     points_m: Array  # (n, 3) in the left frame.
     slopes: Array  # (n, 2) tangents of the imager's rays.
-    side: Literal["left", "right"]
+    side: Side
     focal_px: float
 
     def shifted(self, alignment: RightAlignment) -> Array:

@@ -1,8 +1,16 @@
-"""Model of a projector's emitters: light on surfaces, and derivatives by all parameters."""
+"""Model of a projector's emitters: light on surfaces, and derivatives by all parameters.
+
+When an emitter moves, dots shift in each view. A re-solved pattern image follows the mean shift
+over the views in each direction. Only the difference between views at different distances
+determines the emitter's position. A step without this correction would move the image instead.
+
+Source of the correction: the projector of variable projection (Golub and Pereyra, SIAM J. Numer.
+Anal. 10(2), 1973), for an image with many pixels in each direction.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from starling.calibration.pattern import cosine_image, emission
-from starling.calibration.pattern.absorbed import AbsorbedMotion
+from starling.calibration.pattern.cosine_image import Grid
 from starling.calibration.pattern.emission import RightAlignment, SurfacePoints
 from starling.calibration.pattern.lattice import Lattice
 from starling.calibration.pattern.unprojected import PatternImage
@@ -23,6 +31,22 @@ _LATTICE = (
     "sigma",
 )
 _MOST_WIDER = 1.2  # Maximum factor of a dot's width per step.
+_CELL = 8  # Cell size in pixels of the pattern image; shifts vary slowly with direction.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class AbsorbedMotion:
+    """Mean derivative of the cosines over all views, by direction."""
+
+    grid: Grid
+    partials: Mapping[str, tuple[Array, Array]]  # By parameter: derivatives of a and b, (h, w).
+
+    def interpolate(self, name: str, cosines: Array) -> Array:
+        """Return the mean derivative (n, 2) in the directions `cosines` (n, 2)."""
+        place, values = self.grid.place(cosines), np.zeros((2, len(cosines)), np.float32)
+        for image, row in zip(self.partials[name], values, strict=True):
+            cosine_image.read(image, place, row)
+        return values.T
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -175,6 +199,32 @@ def partials(
         names = (f"right.{name}" for name in emission.RIGHT)
         by_name |= dict(zip(names, emission.right_partials(surface, rays), strict=True))
     return by_name
+
+
+def average_motion(
+    views: Iterable[tuple[Array, Array, Mapping[str, Array]]], grid: Grid
+) -> AbsorbedMotion:
+    """Average derivatives over views.
+
+    Args:
+        views: for each view, cosines (n, 2), weights (n,), and derivatives (n, 2) of the cosines
+            by parameter. Missing derivatives count as 0.
+        grid: grid of the pattern image.
+    """
+    coarse = Grid(half_a=grid.half_a, half_b=grid.half_b, step=_CELL * grid.step)
+    total = np.zeros(coarse.shape, np.float32)
+    sums: dict[str, tuple[Array, Array]] = {}
+    for cosines, weight, partials in views:
+        place = coarse.place(cosines)
+        cosine_image.add(total, place, weight)
+        for name, partial in partials.items():
+            zeros = np.zeros_like(total), np.zeros_like(total)
+            for axis, image in enumerate(sums.setdefault(name, zeros)):
+                cosine_image.add(image, place, weight * np.nan_to_num(partial[:, axis]))
+    share = 1 / np.maximum(total, np.float32(1e-6))
+    return AbsorbedMotion(
+        grid=coarse, partials={name: (a * share, b * share) for name, (a, b) in sums.items()}
+    )
 
 
 def _known_cosines(rays: emission.Directions) -> Array:

@@ -8,33 +8,31 @@ It then solves for the image at the new position.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.pattern import (
-    absorbed,
     emission,
     emitter_model,
-    image_equations,
-    modulation,
     pattern_fit,
     room_equations,
     tile_equations,
     unprojected,
 )
-from starling.calibration.pattern.absorbed import AbsorbedMotion
 from starling.calibration.pattern.cosine_image import Grid
-from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
-from starling.calibration.pattern.modulation import Modulation
+from starling.calibration.pattern.emitter_model import (
+    AbsorbedMotion,
+    EmitterModel,
+    PatternEmitter,
+)
 from starling.calibration.pattern.pattern_fit import PatternFit
 from starling.calibration.pattern.tile_equations import NormalEquations
 from starling.calibration.pattern.unprojected import PatternImage, PlacedView
-from starling.calibration.pattern.views import Array, PatternView
+from starling.calibration.pattern.views import Array, Modulation, PatternView, modulate
 from starling.sim.console import progress
-from starling.sim.render import emission as light
+from starling.sim.render.emission import half_tangents
 from starling.sim.sensor.sensor import Sensor
 
 _TEXELS_PER_PIXEL = 0.9  # Pixels of the pattern image per imager pixel, on the axis.
@@ -51,7 +49,7 @@ Modulations = Mapping[int, Modulation]  # By the identity of the view.
 def modulations(views: Sequence[PatternView], sensor: Sensor) -> Modulations:
     """Normalise views by local mean and deviation, with weights from the sensor's noise."""
     return {
-        id(view): modulation.from_view(
+        id(view): modulate(
             view,
             dn_per_electron=sensor.left.dn_per_electron,
             black_level_dn=sensor.left.black_level_dn,
@@ -67,7 +65,7 @@ def imager_blur_px(sensor: Sensor) -> float:
 
 def make_grid(sensor: Sensor) -> Grid:
     """Return the grid of a pattern image over the projector's field."""
-    half_x, half_y = (_MARGIN * half for half in light.half_tangents(sensor.projector))
+    half_x, half_y = (_MARGIN * half for half in half_tangents(sensor.projector))
     return Grid(
         half_a=half_x / np.hypot(1, half_x),
         half_b=half_y / np.hypot(1, half_y),
@@ -152,12 +150,8 @@ def fit_image(
             (np.abs(last[0]) <= _SETTLED * np.sqrt(np.diagonal(covariance)) + 1e-12).all()
         )
     # The image absorbs noise that the tiles' scores then miss, so the room variance is added.
-    room_variance = room_equations.jackknife(
-        [
-            correction @ leave_out_step
-            for leave_out_step in _leave_out_steps(views, sensor, model, modulated)
-        ]
-    )
+    steps = _leave_out_steps(views, sensor, model, modulated)
+    room_variance = room_equations.jackknife([correction @ step for step in steps])
     variance = np.diagonal(covariance) + room_variance
     return PatternFit(
         model=model,
@@ -210,14 +204,9 @@ def _equations(
     assert isinstance(emitter.source, PatternImage)
     motion = _average_motion(views, sensor, model, emitter.source.grid, modulated)
     following = replace(emitter, absorbed=motion)
-    with ThreadPoolExecutor(2) as pool:
-        equations = list(
-            pool.map(lambda view: _equation(view, sensor, model, following, modulated), views)
-        )
-    rooms: dict[str, list[NormalEquations]] = {}
-    for view, view_equations in zip(views, equations, strict=True):
-        rooms.setdefault(view.room, []).append(view_equations)
-    return {room: tile_equations.total(room_parts) for room, room_parts in rooms.items()}
+    return room_equations.reduce_rooms(
+        views, lambda view: _equation(view, sensor, model, following, modulated)
+    )
 
 
 def _equation(
@@ -235,7 +224,7 @@ def _equation(
         points, view.scene, following, emitter_light, 0, turns=False
     )
     placed = _place(source.grid.place(emitter_light.rays.cosines), modulated[id(view)], sensor)
-    normal = image_equations.reduce_view(
+    normal = tile_equations.reduce_view(
         unprojected.with_gain(placed, source.value),
         emitter_light.light.reshape(shape),
         {name: np.nan_to_num(column).reshape(shape) for name, column in columns.items()},
@@ -268,4 +257,4 @@ def _average_motion(
         parts.append(
             (cosines, weight, emitter_model.partials(surface, view.scene, emitter_light.rays, 0))
         )
-    return absorbed.average(parts, grid)
+    return emitter_model.average_motion(parts, grid)

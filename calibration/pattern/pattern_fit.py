@@ -8,8 +8,8 @@ enough, and scene texture does not enter the pattern.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,11 +84,12 @@ def fit(
     fine_steps = min(steps, _FINE_STEPS)
     costs: tuple[float, ...] = ()
     if steps > fine_steps:
-        coarse = _samples(views, sensor, _FIRST_EVERY_PX)
+        coarse = [_sample(view, sensor, _FIRST_EVERY_PX) for view in views]
         coarse_fit = _iterate(coarse, model, held, steps - fine_steps)
         model, costs = coarse_fit.model, coarse_fit.cost
-    fine = _iterate(_samples(views, sensor, _EVERY_PX), model, held, fine_steps)
-    return replace(fine, cost=(*costs, *fine.cost))
+    fine = [_sample(view, sensor, _EVERY_PX) for view in views]
+    fitted = _iterate(fine, model, held, fine_steps)
+    return replace(fitted, cost=(*costs, *fitted.cost))
 
 
 def _iterate(
@@ -97,7 +98,7 @@ def _iterate(
     """Iterate until steps are small, or up to a maximum number of steps."""
     costs: list[float] = []
     while True:
-        rooms = _normals(sampled, model)
+        rooms = room_equations.reduce_rooms(sampled, partial(_view_equations, model=model))
         normal = tile_equations.total(list(rooms.values()))
         costs.append(normal.misfit / max(normal.freedom, 1))
         step = room_equations.gauss_newton_step(rooms, model, held)
@@ -133,10 +134,6 @@ def surface_points(view: PatternView, sensor: Sensor, every_px: int = 1) -> Surf
     )
 
 
-def _samples(views: Sequence[PatternView], sensor: Sensor, every_px: int) -> list[_SampledView]:
-    return [_sample(view, sensor, every_px) for view in views]
-
-
 def _sample(view: PatternView, sensor: Sensor, every_px: int) -> _SampledView:
     sparse = (slice(None, None, every_px), slice(None, None, every_px))
     level = np.ascontiguousarray(view.level_dn[sparse])
@@ -151,16 +148,6 @@ def _sample(view: PatternView, sensor: Sensor, every_px: int) -> _SampledView:
         weight=np.where(view.usable[sparse], 1 / variance, 0).astype(np.float32),
         tile_px=_TILE_PX // every_px,
     )
-
-
-def _normals(sampled: Sequence[_SampledView], model: EmitterModel) -> dict[str, NormalEquations]:
-    """Return the normal equations of each room."""
-    with ThreadPoolExecutor(2) as pool:
-        equations = list(pool.map(lambda view: _view_equations(view, model), sampled))
-    rooms: dict[str, list[NormalEquations]] = {}
-    for view, view_equations in zip(sampled, equations, strict=True):
-        rooms.setdefault(view.room, []).append(view_equations)
-    return {room: tile_equations.total(room_parts) for room, room_parts in rooms.items()}
 
 
 def _view_equations(view: _SampledView, model: EmitterModel) -> NormalEquations:

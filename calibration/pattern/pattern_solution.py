@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.pattern import emission, emitter_model, pattern_sensor, room_equations
-from starling.calibration.pattern.emission import RightAlignment
 from starling.calibration.pattern.lattice import Lattice
 from starling.calibration.pattern.recovery import RecoveredPattern
 from starling.calibration.solution import Estimate, Solution
@@ -74,119 +73,77 @@ _Row = tuple[str, float, str, float, NDArray[np.float64]]  # Name, value, unit, 
 
 
 def _rows(recovered: RecoveredPattern, sensor: Sensor) -> list[_Row]:
-    model, names = recovered.fitted.model, recovered.fitted.model.names
-    part, count = sensor.projector, len(recovered.fitted.model.emitters)
-    axes = frames.rotation(model.rotation_deg)
+    model, part = recovered.model, sensor.projector
+    count, axes = len(model.emitters), frames.rotation(model.rotation_deg)
+    rows: list[_Row] = []
 
-    def slope(weights: dict[str, float]) -> NDArray[np.float64]:
-        return np.array([weights.get(name, 0.0) for name in names])
+    def add(path: str, value: float, unit: str, start: float, weights: dict[str, float]) -> None:
+        slope = np.array([weights.get(name, 0.0) for name in model.names])
+        rows.append((path, float(value), unit, start, slope))
 
     def place(number: int, weights: NDArray[np.float64]) -> dict[str, float]:
-        start = emitter_model.emitter_prefix(number)
-        return {
-            f"{start}position.{axis}": float(w)
-            for axis, w in zip(emission.PLACE, weights, strict=True)
-        }
+        prefix = f"{emitter_model.emitter_prefix(number)}position."
+        pairs = zip(emission.PLACE, weights, strict=True)
+        return {prefix + axis: float(weight) for axis, weight in pairs}
 
     mean = np.mean([emitter.position_m for emitter in model.emitters], axis=0)
-    rows: list[_Row] = []
     for i, axis in enumerate("xyz"):
         weights = {k: v for n in range(count) for k, v in place(n, np.eye(3)[i] / count).items()}
-        path = f"projector.position_m.{axis}"
-        rows.append((path, float(mean[i]), "m", part.position_m[i], slope(weights)))
+        add(f"projector.position_m.{axis}", mean[i], "m", part.position_m[i], weights)
     for i, (axis, name) in enumerate(zip("xy", emission.TURN, strict=True)):
-        if name in names:  # For small angles, the change of the vector is the angle by axis.
-            value, initial = model.rotation_deg[i], part.rotation_deg[i]
-            weights = {name: float(np.degrees(1))}
-            rows.append((f"projector.rotation_deg.{axis}", value, "deg", initial, slope(weights)))
+        if name in model.names:  # For small angles, the change of the vector is the angle by axis.
+            path, weights = f"projector.rotation_deg.{axis}", {name: float(np.degrees(1))}
+            add(path, model.rotation_deg[i], "deg", part.rotation_deg[i], weights)
     for number, emitter in enumerate(model.emitters if count > 1 else ()):
         offset = axes.T @ (emitter.position_m - mean)
         for i, axis in enumerate("xyz"):
             weights = {}
             for index in range(count):
                 weights |= place(index, axes[:, i] * ((index == number) - 1 / count))
-            path = f"projector.emitters.{number}.offset_m.{axis}"
             initial = part.emitters[number].offset_m[i] if len(part.emitters) == count else 0.0
-            rows.append((path, float(offset[i]), "m", initial, slope(weights)))
-    alignment, old = model.alignment, sensor.right.alignment
+            add(f"projector.emitters.{number}.offset_m.{axis}", offset[i], "m", initial, weights)
     deg_per_px = -float(np.degrees(1 / sensor.fx_px))
-    rows += [
-        (
-            "right.alignment.offset_y_px",
-            old.offset_y_px + alignment.offset_y,
-            "px",
-            old.offset_y_px,
-            slope({"right.offset_y": 1.0}),
-        ),
-        (
-            "right.alignment.offset_x_px",
-            old.offset_x_px + alignment.offset_x,
-            "px",
-            old.offset_x_px,
-            slope({"right.offset_x": 1.0}),
-        ),
-        (
-            "right.alignment.roll_deg",
-            old.roll_deg + deg_per_px * alignment.roll,
-            "deg",
-            old.roll_deg,
-            slope({"right.roll": deg_per_px}),
-        ),
-    ]
+    for field, name, unit, factor in (
+        ("offset_y_px", "offset_y", "px", 1.0),
+        ("offset_x_px", "offset_x", "px", 1.0),
+        ("roll_deg", "roll", "deg", deg_per_px),
+    ):
+        initial = getattr(sensor.right.alignment, field)
+        value = initial + factor * getattr(model.alignment, name)
+        add(f"right.alignment.{field}", value, unit, initial, {f"right.{name}": factor})
     for scene, scale in model.scales.items():
         name = emitter_model.scene_scale_name(scene)
-        rows.append((f"projector.{name}", scale, "1", 1.0, slope({name: 1.0})))
+        add(f"projector.{name}", scale, "1", 1.0, {name: 1.0})
     return rows
 
 
 def _derived(recovered: RecoveredPattern, sensor: Sensor) -> tuple[Estimate, ...]:
     """Return f * b, and the pitch, angle and dot width of lattices."""
-    fitted = recovered.fitted
-    alignment: RightAlignment = fitted.model.alignment
+    fitted, estimates = recovered.fitted, []
+
+    def add(name: str, value: float, sd: float, unit: str, start: float = float("nan")) -> None:
+        estimates.append(Estimate(name=name, value=value, sd=sd, unit=unit, start=start))
+
     initial = sensor.focal_baseline_px_m
-    estimates = [
-        Estimate(
-            name="focal_baseline_px_m",
-            value=initial - alignment.focal_baseline,
-            sd=fitted.sd("right.focal_baseline"),
-            unit="px m",
-            start=initial,
-        )
-    ]
+    value = initial - fitted.model.alignment.focal_baseline
+    sd = fitted.sd("right.focal_baseline")
+    add("focal_baseline_px_m", value, sd, "px m", initial)
     for number, emitter in enumerate(fitted.model.emitters):
         if not isinstance(emitter.source, Lattice):
             continue
-        start = emitter_model.emitter_prefix(number)
+        prefix = emitter_model.emitter_prefix(number)
         for i in range(2):
             row = emitter.source.frequencies[i]
-            names = [f"{start}frequency.{i}{j}" for j in range(2)]
-            indices = [fitted.model.names.index(name) for name in names]
+            indices = [fitted.model.names.index(f"{prefix}frequency.{i}{j}") for j in range(2)]
             length = float(np.linalg.norm(row))
             block = fitted.covariance[np.ix_(indices, indices)]
             along, across = row / length, np.array([-row[1], row[0]]) / length**2
-            estimates += [
-                Estimate(
-                    name=f"{start}lattice.{i}.cycles",
-                    value=length,
-                    sd=float(np.sqrt(along @ block @ along)),
-                    unit="1 / unit of direction cosine",
-                    start=float("nan"),
-                ),
-                Estimate(
-                    name=f"{start}lattice.{i}.angle_deg",
-                    value=float(np.degrees(np.arctan2(row[1], row[0]))),
-                    sd=float(np.degrees(np.sqrt(across @ block @ across))),
-                    unit="deg",
-                    start=float("nan"),
-                ),
-            ]
-        estimates.append(
-            Estimate(
-                name=f"{start}dot_sigma_mrad",
-                value=1e3 * emitter.source.sigma,
-                sd=1e3 * fitted.sd(f"{start}sigma"),
-                unit="mrad, the imager's blur included",
-                start=float("nan"),
-            )
-        )
+            sd = float(np.sqrt(along @ block @ along))
+            add(f"{prefix}lattice.{i}.cycles", length, sd, "1 / unit of direction cosine")
+            angle_deg = float(np.degrees(np.arctan2(row[1], row[0])))
+            sd = float(np.degrees(np.sqrt(across @ block @ across)))
+            add(f"{prefix}lattice.{i}.angle_deg", angle_deg, sd, "deg")
+        sd = 1e3 * fitted.sd(f"{prefix}sigma")
+        width_mrad = 1e3 * emitter.source.sigma
+        add(f"{prefix}dot_sigma_mrad", width_mrad, sd, "mrad, the imager's blur included")
     return tuple(estimates)

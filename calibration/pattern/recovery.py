@@ -16,10 +16,9 @@ from starling.calibration.pattern import emitter_model, image_recovery, lattice,
 from starling.calibration.pattern.emission import RightAlignment
 from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
 from starling.calibration.pattern.lattice import Lattice
-from starling.calibration.pattern.modulation import Modulation
 from starling.calibration.pattern.pattern_fit import PatternFit
 from starling.calibration.pattern.unprojected import PatternImage
-from starling.calibration.pattern.views import PatternView
+from starling.calibration.pattern.views import Modulation, PatternView
 from starling.patterns import errors
 from starling.sim.console import progress
 from starling.sim.sensor.sensor import Sensor

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,23 @@ Rooms = Mapping[str, NormalEquations]
 Held = NDArray[np.bool_]  # (n,) mask of the fixed parameters in `EmitterModel.names`.
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+
+
+def reduce_rooms(
+    views: Sequence[Any], reduce: Callable[[Any], NormalEquations]
+) -> dict[str, NormalEquations]:
+    """Return the normal equations of each room.
+
+    Args:
+        views: views with their `room`.
+        reduce: returns the equations of a view; it runs in two threads.
+    """
+    with ThreadPoolExecutor(2) as pool:
+        equations = list(pool.map(reduce, views))
+    rooms: dict[str, list[NormalEquations]] = {}
+    for view, view_equations in zip(views, equations, strict=True):
+        rooms.setdefault(view.room, []).append(view_equations)
+    return {room: tile_equations.total(parts) for room, parts in rooms.items()}
 
 
 def gauss_newton_step(rooms: Rooms, model: EmitterModel, held: Held) -> Vector:

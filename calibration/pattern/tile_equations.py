@@ -1,24 +1,33 @@
 """Normal equations of an image's tiles for common parameters.
 
-Levels, slopes and strengths of each tile are eliminated
+For lattices (`reduce_image`), levels, slopes and strengths of each tile are eliminated
 (`starling.calibration.least_squares.variable_projection`). Pixels and whole tiles with a large
 residual, from texture or a wrong reference, are downweighted.
+
+For the emitter of a pattern image (`reduce_view`), the residual model equals that of the image
+(`starling.calibration.pattern.unprojected`): the same blur, local gain and window. With another
+model, the residual would contain model errors many times the noise, and steps and deviations would
+be too small.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.least_squares import variable_projection
-from starling.calibration.least_squares.variable_projection import Array
+from starling.calibration.pattern import unprojected
+from starling.calibration.pattern.unprojected import PlacedView
+from starling.calibration.pattern.views import Array
+from starling.sim import metrics
 
 _ROBUST = 3.0  # Scale of the Cauchy weights [standard deviations].
 _OF_NOISE = 0.8741  # Mean of c^2 log(1 + x^2 / c^2) for c = 3 and standard normal x.
 _ROUNDS = 2  # Rounds of weights and strengths.
+_LEAST_STIFF = 0.1  # Minimum curvature over the mean weight.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -68,6 +77,52 @@ def reduce_image(
     )
 
 
+def reduce_view(
+    view: PlacedView, light: Array, columns: Mapping[str, Array], *, tile_px: int
+) -> NormalEquations:
+    """Reduce a view to normal equations of its columns, in their order.
+
+    Texture and the image's grid leave residuals above the noise, so a robust deviation sets the
+    scale of the weights. The matrix is the mean curvature of the robust cost. With the weights
+    instead, steps and deviations would be too small.
+
+    Args:
+        view: view with its local gain.
+        light: (h, w) light of the pattern from `emitter_model.illuminate`.
+        columns: (h, w) derivatives of the light by parameter.
+        tile_px: side of the tiles over which scores are summed.
+
+    Source: Huber and Ronchetti, Robust Statistics (2009), sec. 7.6 (curvature).
+    """
+    assert view.gain is not None
+    gain, root = view.gain, np.sqrt(view.modulation.weight)
+
+    def weighted(image: Array) -> Array:
+        tiles = variable_projection.cut(
+            root * gain * unprojected.imaged(image, view.blur_px), tile_px
+        )
+        return tiles.astype(np.float64)
+
+    observed = variable_projection.cut(root * view.modulation.value, tile_px)
+    residual = observed - weighted(light)
+    counted = variable_projection.cut(root, tile_px) > 0
+    square = (residual / (_ROBUST * _robust_deviation(residual[counted]))) ** 2
+    weight = counted / (1 + square)
+    curvature = counted * (1 - square) / (1 + square) ** 2
+    stiffness = max(float(curvature.sum()) / max(float(weight.sum()), 1e-6), _LEAST_STIFF)
+    slope = np.stack([weighted(column) for column in columns.values()], axis=-1)
+    weighed = slope * weight[..., None]
+    scores = (residual[:, None, :] @ weighed)[:, 0]
+    return NormalEquations(
+        matrix=stiffness * np.tensordot(weighed, slope, axes=((0, 1), (0, 1))),
+        right_side=scores.sum(axis=0),
+        scores=scores,
+        misfit=misfit(residual),
+        freedom=int(counted.sum()),
+        strengths=np.ones((len(scores), 1)),
+    )
+
+
 def total(parts: Sequence[NormalEquations]) -> NormalEquations:
     """Sum the equations of several images."""
     return NormalEquations(
@@ -103,3 +158,10 @@ def _robust(residual: Array) -> Array:
     square = residual**2 / np.float32(_ROBUST**2)
     counted = np.maximum((residual != 0).sum(axis=1, keepdims=True), 1)
     return 1 / (1 + square) / (1 + square.sum(axis=1, keepdims=True) / counted)
+
+
+def _robust_deviation(residual: Array) -> float:
+    """Return the robust standard deviation of residuals (n,)."""
+    if residual.size == 0:
+        return 1.0
+    return max(metrics.MAD_TO_SIGMA * float(np.median(np.abs(residual))), 1e-6)

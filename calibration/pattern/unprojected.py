@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from starling.calibration.correlation import without_mean
 from starling.calibration.pattern import cosine_image
 from starling.calibration.pattern.cosine_image import Grid
-from starling.calibration.pattern.modulation import Modulation, high_passed
-from starling.calibration.pattern.views import Array
+from starling.calibration.pattern.views import Array, Modulation
 
 _GAIN_PX = 12.0  # Sigma of the window of a local gain.
 _GAIN_RANGE = (0.1, 3.0)
@@ -94,7 +94,7 @@ def predict(view: PlacedView, value: Array) -> Array:
 
 def imaged(light: Array, blur_px: float) -> Array:
     """Blur light as an imager does and subtract the local mean (h, w)."""
-    return high_passed(_blurred(light, blur_px))
+    return without_mean(_blurred(light, blur_px))
 
 
 def with_gain(view: PlacedView, value: Array) -> PlacedView:
@@ -129,7 +129,7 @@ def _model(view: PlacedView, value: Array) -> Array:
 
 def _transposed(view: PlacedView, residual: Array, total: Array) -> None:
     assert view.gain is not None
-    gradient = high_passed(view.gain * view.modulation.weight * residual)
+    gradient = without_mean(view.gain * view.modulation.weight * residual)
     cosine_image.add(total, view.cosines, _blurred(gradient, view.blur_px).ravel())
 
 

@@ -1,15 +1,20 @@
-"""One imager's image of a captured scene, with the surface point of each pixel."""
+"""One imager's image of a captured scene, with the surface point of each pixel.
+
+The dots on a surface scale with its reflectance. Subtracting the local mean and dividing by the
+local deviation leaves the pattern, if the surface has no texture of the size of dots.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.calibration.observation import Observation
+from starling.calibration import correlation
+from starling.calibration.observation import Observation, Side
 from starling.patterns import errors
 from starling.sim import metrics
 from starling.sim.sensor.sensor import Sensor
@@ -24,6 +29,9 @@ Mask = NDArray[np.bool_]
 _LIT = 0.5  # Minimum lit share of a pixel.
 _NEAR_SHADOW_PX = 2  # Width of the excluded margin along shadow edges (reference uncertainty).
 _BURNT_SHARE = 0.98  # Saturation threshold over the highest code.
+_LEAST_DEVIATION_DN = 0.5  # Minimum deviation; a smaller one is quantisation.
+_STEP_DN2 = 1 / 12  # Quantisation variance.
+_MOST_WEIGHT = 50.0  # Maximum weight: texture and model errors limit a strong pattern.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -32,10 +40,17 @@ class PatternView:
 
     scene: str
     room: str
-    side: Literal["left", "right"]
+    side: Side
     level_dn: Array  # (h, w), including the black level.
     points_m: Array  # (h, w, 3) in the left imager's frame; NaN where unknown.
     usable: Mask  # Known, lit and unsaturated pixels away from edges of depth and shadow.
+
+
+class Modulation(NamedTuple):
+    """A view's image, normalised by local mean and deviation."""
+
+    value: Array  # (h, w), with unit local deviation.
+    weight: Array  # (h, w), inverse noise variance; 0 for unusable pixels.
 
 
 def make_views(observation: Observation, sensor: Sensor) -> tuple[PatternView, ...]:
@@ -64,10 +79,29 @@ def make_views(observation: Observation, sensor: Sensor) -> tuple[PatternView, .
     return tuple(views)
 
 
+def modulate(view: PatternView, *, dn_per_electron: float, black_level_dn: float) -> Modulation:
+    """Normalise a view by local mean and deviation.
+
+    Args:
+        view: view with dots.
+        dn_per_electron: conversion gain, for the shot noise [DN / electron].
+        black_level_dn: black level of the image.
+    """
+    varying = correlation.without_mean(view.level_dn)
+    deviation = np.sqrt(correlation.local_square(varying))
+    above = correlation.local_mean(view.level_dn) - np.float32(black_level_dn)
+    noise = _STEP_DN2 + np.float32(dn_per_electron) * np.maximum(above, 0)
+    weight = np.minimum(deviation**2 / noise, _MOST_WEIGHT)
+    return Modulation(
+        value=varying / np.maximum(deviation, _LEAST_DEVIATION_DN),
+        weight=np.where(view.usable, weight, 0).astype(np.float32),
+    )
+
+
 def _view(
     observation: Observation,
     sensor: Sensor,
-    side: Literal["left", "right"],
+    side: Side,
     level_dn: Array,
     rendered: ViewLayers,
 ) -> PatternView:
@@ -93,9 +127,7 @@ def _view(
     )
 
 
-def _misalign(
-    points_m: Array, lit: Array, sensor: Sensor, side: Literal["left", "right"]
-) -> tuple[Array, Array]:
+def _misalign(points_m: Array, lit: Array, sensor: Sensor, side: Side) -> tuple[Array, Array]:
     """Resample points and light at the pixels of a misaligned imager."""
     from starling.sim.geometry.pinhole import Pinhole
     from starling.sim.imaging.optics import alignment

@@ -7,23 +7,20 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.calibration.observation import Side
 from starling.sim.arrays import Image, Mask
 from starling.sim.geometry import frames
-from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging.imager import electrons_per_radiance, mix_pixels
 from starling.sim.imaging.imager.exposure import Exposure
 from starling.sim.imaging.signals import signals
 from starling.sim.render.layers import ViewLayers
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Imager, Sensor
-
-Side = Literal["left", "right"]
 
 _DARKEST = 1e-3  # Quantile of the level that is an upper bound of the black level.
 _JUMP = 0.02  # Relative step of depth between neighbours at an edge.
@@ -40,8 +37,7 @@ class Levels:
     sharp_even: Image  # `even` before crosstalk and averaging.
     ambient: Image  # Ambient light of 1 W m^-2.
     other: Image  # Sun and other projectors, at their actual strength.
-    lens_log_cos: Image  # log cos of the angle off the imager's axis: d log signal / d vignetting.
-    projector_log_cos: Image  # The same for the projector's axis: d log laser / d falloff.
+    projector_log_cos: Image  # log cos of the angle off the projector's axis.
 
 
 def side_imager(sensor: Sensor, side: Side) -> Imager:
@@ -88,9 +84,6 @@ def unit_levels(
         sharp_even=sharp_even,
         ambient=mix_pixels(imager, separate.ambient * scale),
         other=mix_pixels(imager, separate.other * scale),
-        lens_log_cos=np.asarray(
-            -0.5 * np.log1p(Pinhole.from_camera(sensor).tangent_squared()), np.float32
-        ),
         projector_log_cos=_projector_log_cos(view.depth_m, sensor, side),
     )
 

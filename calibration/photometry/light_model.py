@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.calibration import detail
+from starling.calibration import correlation
 from starling.calibration.least_squares import tiles
-from starling.calibration.observation import Observation
+from starling.calibration.observation import Observation, Side
 from starling.calibration.photometry import levels
-from starling.calibration.photometry.levels import Levels, Side, side_imager
+from starling.calibration.photometry.levels import Levels, side_imager
 from starling.sim.arrays import Mask
 from starling.sim.imaging import imager
 from starling.sim.imaging.imager.exposure import Exposure
@@ -32,7 +32,6 @@ VIGNETTING = "left.lens.vignetting"
 BLUR = "left.lens.blur_px"
 LEFT_BLACK = "left.black_level_dn"
 RIGHT_BLACK = "right.black_level_dn"
-RIGHT_GAIN = "right.gain"
 
 Array = NDArray[np.float32]
 
@@ -83,9 +82,9 @@ def ambient(scene: str) -> str:
     return f"{AMBIENT}[{scene}]"
 
 
-def exposure_ratio(scene: str, *, on: bool) -> str:
-    """Return the name of the ratio of an image's unknown exposure to the sensor's."""
-    return f"exposure_ratio[{scene}, projector {'on' if on else 'off'}]"
+def exposure_ratio(scene: str) -> str:
+    """Return the name of the ratio of a scene's exposures with the projector off and on."""
+    return f"exposure_ratio[{scene}, projector off]"
 
 
 def black_name(side: Side) -> str:
@@ -103,53 +102,46 @@ def start(sensor: Sensor, strengths: Mapping[str, float]) -> dict[str, float]:
         BLUR: sensor.left.lens.blur_px,
         LEFT_BLACK: sensor.left.black_level_dn,
         RIGHT_BLACK: sensor.right.black_level_dn,
-        RIGHT_GAIN: sensor.right.gain,
     }
     for scene, strength in strengths.items():
-        values[ambient(scene)] = strength
-        for on in (True, False):
-            values[exposure_ratio(scene, on=on)] = 1.0
+        values |= {ambient(scene): strength, exposure_ratio(scene): 1.0}
     return values
 
 
 def images(
-    observations: Sequence[Observation],
-    sensor: Sensor,
-    layers: Mapping[str, Layers],
-    exposures: Mapping[str, Exposure],
+    observations: Sequence[Observation], sensor: Sensor, layers: Mapping[str, Layers]
 ) -> tuple[CapturedImage, ...]:
-    """Return the images of all observations with a surface, with their layers."""
+    """Return the images of all observations with a surface, with their layers.
+
+    A recorded exposure is that of the left imager.
+    """
     captured = []
     hazy = edits.with_values(sensor, [(HAZE, 1.0)])
+    sensor_exposure = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
+    sides: tuple[tuple[Side, bool, str], ...] = (
+        ("left", True, "left"),
+        ("right", True, "right"),
+        ("left", False, "left_off"),
+        ("right", False, "right_off"),
+    )
     for observation in observations:
         if observation.scene is None:
             continue
-        rendered = layers.get(observation.name)
-        if rendered is None:
-            rendered = direct.layers(observation.stage, sensor)
+        rendered = layers.get(observation.name) or direct.layers(observation.stage, sensor)
         spread = direct.layers(observation.stage, hazy)
-        recorded = exposures.get(observation.name)
-        sensor_exposure = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
-        known = recorded is not None or sensor.left.auto_exposure_level == 0
-        levels_by_side: tuple[tuple[Side, bool, Array | None], ...] = (
-            ("left", True, observation.left),
-            ("right", True, observation.right),
-            ("left", False, observation.left_off),
-            ("right", False, observation.right_off),
-        )
-        for side, on, level in levels_by_side:
-            view, even_view = (
-                view_layers.left if side == "left" else view_layers.right
-                for view_layers in (rendered, spread)
+        known = observation.exposure is not None or sensor.left.auto_exposure_level == 0
+        for side, on, name in sides:
+            level, view, even = (
+                getattr(*place) for place in ((observation, name), (rendered, side), (spread, side))
             )
-            if level is None or view is None or even_view is None:
+            if level is None or view is None or even is None:
                 continue
-            exposure = recorded or sensor_exposure
+            exposure = observation.exposure or sensor_exposure
             if side == "right":
                 gain = exposure.gain * sensor.right.gain / sensor.left.gain
                 exposure = dataclasses.replace(exposure, gain=gain)
-            imager_part = side_imager(sensor, side)
-            dark_e = imager_part.dark_current_e_s * exposure.exposure_s
+            part = side_imager(sensor, side)
+            dark_e = part.dark_current_e_s * exposure.exposure_s
             captured.append(
                 CapturedImage(
                     scene=observation.name,
@@ -158,12 +150,12 @@ def images(
                     level=level,
                     used=_used(level, view, sensor, side),
                     view=view,
-                    even=even_view,
+                    even=even,
                     model=observation.scene,
                     exposure=exposure,
                     exposure_known=known,
                     ambient_w_m2=observation.scene.ambient.irradiance_w_m2,
-                    dark_dn=dark_e * levels.dn_per_electron(imager_part, exposure),
+                    dark_dn=dark_e * levels.dn_per_electron(part, exposure),
                 )
             )
     return tuple(captured)
@@ -174,11 +166,10 @@ def _used(level: Array, view: ViewLayers, sensor: Sensor, side: Side) -> Mask:
 
     Excluding single saturated pixels would bias the noise.
     """
-    shape = (level.shape[0], level.shape[1])
     saturated = tiles.cut_tiles(level >= side_imager(sensor, side).saturation_dn).any(axis=1)
     away = levels.away_from_edges(view.depth_m)
     enough = tiles.cut_tiles(away).mean(axis=1) >= tiles.FEWEST
-    return away & (tiles.to_pixels(enough & ~saturated, shape) > 0)
+    return away & (tiles.to_pixels(enough & ~saturated, level.shape) > 0)
 
 
 def dots_match(images: Sequence[CapturedImage]) -> bool:
@@ -197,7 +188,7 @@ def dots_match(images: Sequence[CapturedImage]) -> bool:
 
 def _high_passed(picture: Array) -> Array:
     """Return the picture over its local mean, minus 1, independent of brightness."""
-    mean = detail.mean(picture)
+    mean = correlation.local_mean(picture)
     sharp = cv2.GaussianBlur(picture, (0, 0), 1.0)
     return np.asarray(sharp / np.maximum(mean, 1e-12) - 1, np.float32)
 
@@ -215,40 +206,34 @@ def columns(
     images of the view and for the next round.
     """
     unit_levels = _levels(image, values[BLUR], sensor, formed)
-    lens = _dimmed(unit_levels.lens_log_cos, values[VIGNETTING] - sensor.left.lens.vignetting)
-    lens *= np.float32(_scale(image, values, sensor))
-    shape = _dimmed(unit_levels.projector_log_cos, values[FALLOFF] - sensor.projector.falloff)
+    scale = np.float32(_scale(image, values))
+    exponent = np.float32(values[FALLOFF] - sensor.projector.falloff)
+    shape = np.exp(unit_levels.projector_log_cos * exponent)
     power = np.float32(values[POWER] if image.on else 0.0)
     strength = np.float32(values[ambient(image.scene)])
     start_haze, haze = sensor.projector.haze, np.float32(values[HAZE])
     dots = _dots(unit_levels.laser, unit_levels.even, start_haze)
-    optics = np.asarray(lens * shape * np.float32(image.on), np.float32)
+    optics = np.asarray(scale * shape * np.float32(image.on), np.float32)
     per_watt = np.asarray(optics * ((1 - haze) * dots + haze * unit_levels.even), np.float32)
     laser = np.asarray(power * per_watt, np.float32)
     sharp = (1 - haze) * _dots(
         unit_levels.sharp_laser, unit_levels.sharp_even, start_haze
     ) + haze * unit_levels.sharp_even
     model = np.asarray(
-        laser + lens * (strength * unit_levels.ambient + unit_levels.other), np.float32
+        laser + scale * (strength * unit_levels.ambient + unit_levels.other), np.float32
     )
     zeros = np.zeros_like(model)
 
     def derivative(name: str) -> NDArray:
-        if name == POWER:
-            return per_watt
         if name == HAZE:
             return power * optics * (unit_levels.even - dots)
         if name == FALLOFF:
             return laser * unit_levels.projector_log_cos
-        if name == VIGNETTING:
-            return model * unit_levels.lens_log_cos
         if name == black_name(image.side):
             return np.ones_like(model)
-        if name == RIGHT_GAIN and image.side == "right":
-            return model / np.float32(values[RIGHT_GAIN])
         if name == ambient(image.scene):
-            return lens * unit_levels.ambient
-        if name == exposure_ratio(image.scene, on=image.on):
+            return scale * unit_levels.ambient
+        if name == exposure_ratio(image.scene) and not image.on:
             return model / np.float32(values[name])
         if name == BLUR:
             blurred = _levels(image, values[BLUR] + _BLUR_STEP_PX, sensor, formed)
@@ -258,7 +243,7 @@ def columns(
                 * (1 - haze)
                 * (_dots(blurred.laser, blurred.even, start_haze) - dots)
             )
-            change += lens * strength * (blurred.ambient - unit_levels.ambient)
+            change += scale * strength * (blurred.ambient - unit_levels.ambient)
             return change / np.float32(_BLUR_STEP_PX)
         return zeros
 
@@ -271,20 +256,19 @@ def columns(
     )
 
 
-def above_black(image: CapturedImage, values: Mapping[str, float], sensor: Sensor) -> Array:
+def above_black(image: CapturedImage, values: Mapping[str, float]) -> Array:
     """Subtract black level and mean dark current from a captured image [DN] (h, w).
 
-    Dark current is proportional to exposure time and gain. The derivatives by these neglect this,
-    which affects the steps but not the solution.
+    Dark current is proportional to exposure. The derivative by exposure neglects this, which
+    affects the steps but not the solution.
     """
-    dark_dn = image.dark_dn * _scale(image, values, sensor)
+    dark_dn = image.dark_dn * _scale(image, values)
     return image.level - np.float32(values[black_name(image.side)] + dark_dn)
 
 
-def _scale(image: CapturedImage, values: Mapping[str, float], sensor: Sensor) -> float:
-    """Return exposure and gain relative to the values of the prediction."""
-    gain = values[RIGHT_GAIN] / sensor.right.gain if image.side == "right" else 1.0
-    return values[exposure_ratio(image.scene, on=image.on)] * gain
+def _scale(image: CapturedImage, values: Mapping[str, float]) -> float:
+    """Return the exposure relative to that of the prediction."""
+    return 1.0 if image.on else values[exposure_ratio(image.scene)]
 
 
 def _dots(laser: Array, even: Array, haze: float) -> Array:
@@ -292,10 +276,6 @@ def _dots(laser: Array, even: Array, haze: float) -> Array:
     if haze == 1:
         return laser
     return np.asarray((laser - np.float32(haze) * even) / np.float32(1 - haze), np.float32)
-
-
-def _dimmed(log_cos: Array, exponent: float) -> Array:
-    return np.asarray(np.exp(log_cos * np.float32(exponent)), np.float32)
 
 
 def _levels(image: CapturedImage, blur_px: float, sensor: Sensor, formed: LevelsCache) -> Levels:

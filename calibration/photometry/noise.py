@@ -9,13 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.observation import Observation
-from starling.calibration.photometry.blocks import BLOCK_PX, blocks, quietest, quietest_by_chance
 from starling.calibration.photometry.photometry_open import EVEN
 from starling.calibration.photometry.photon_transfer import fit_photon_transfer
 from starling.calibration.photometry.prediction import Prediction
-from starling.calibration.photometry.speckle_contrast import SPECKLE, fit_speckle, speckle_bound
+from starling.calibration.photometry.speckle_contrast import (
+    BLOCK_PX,
+    SPECKLE,
+    blocks,
+    fit_speckle,
+    quietest,
+    quietest_by_chance,
+    speckle_bound,
+)
 from starling.calibration.solution import Estimate, Solution
-from starling.sim.sensor import edits as sensor_edits
+from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 
 _PHOTON = ("left.full_well_e", "left.read_noise_e", "left.smoothing_px")
@@ -140,4 +147,4 @@ def noise_bound_dn(prediction: Prediction) -> float:
 def _with_estimates(sensor: Sensor, estimates: Sequence[Estimate]) -> Sensor:
     """Set the estimates in both imagers."""
     edits = [(estimate.name.replace("left.", "imager."), estimate.value) for estimate in estimates]
-    return sensor_edits.with_values(sensor, edits)
+    return with_values(sensor, edits)

@@ -1,13 +1,14 @@
 """Fit image levels: projector power, ambient light, black level, vignetting and falloff.
 
-level = b + d + c V^n (P F^k ((1 - h) D + h E) + I A + O)
+level = b + d + c (P F^k ((1 - h) D + h E) + I A + O)
 
-b is the black level, d the mean dark current of the sensor, c the relative reflectance. V and F
-are the off-axis cosines of lens and projector, P is the power, h the haze, I the ambient
-irradiance. The geometry gives the layers D (dots), E (uniform projector light), A and O.
+b is the black level, d the mean dark current of the sensor, c the relative reflectance of a tile. F
+is the off-axis cosine of the projector, P is the power, h the haze, I the ambient irradiance. The
+geometry gives the layers D (dots), E (uniform projector light), A and O.
 
-Power, exposure time, gain, quantum efficiency and lens transmission have the same effect. The fit
-changes only power.
+The reflectance of each tile is free. Vignetting is not separable from it, and neither is the power,
+which has the same effect as exposure time, gain, quantum efficiency and lens transmission. The fit
+keeps both.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from starling.calibration.least_squares import tiles
 from starling.calibration.observation import Observation
-from starling.calibration.photometry import levels, light_model, prediction, weights
+from starling.calibration.photometry import levels, light_model, prediction
 from starling.calibration.photometry.light_model import (
     AMBIENT,
     BLUR,
@@ -29,7 +30,6 @@ from starling.calibration.photometry.light_model import (
     LEFT_BLACK,
     POWER,
     RIGHT_BLACK,
-    RIGHT_GAIN,
     VIGNETTING,
     CapturedImage,
     LevelsCache,
@@ -40,13 +40,15 @@ from starling.calibration.photometry.photometry_open import BLACK_DN, sentences
 from starling.calibration.photometry.prediction import Prediction
 from starling.calibration.solution import Estimate, Solution
 from starling.patterns import errors
-from starling.sim.imaging.imager.exposure import Exposure
 from starling.sim.render.layers import Layers
-from starling.sim.sensor import edits as sensor_edits
+from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 
 PARAMETERS = (POWER, AMBIENT, LEFT_BLACK, HAZE, VIGNETTING, FALLOFF, BLUR)
-"""Names for `free`; the left black level also frees the right imager's black level and gain."""
+"""Names for `free`; the left black level also frees the right imager's black level."""
+EXPOSURE_LEVEL = "left.auto_exposure_level"
+_LEAST_SCENES = 2  # Minimum number of scenes for an estimate of the scatter of their levels.
+_KEPT = (POWER, VIGNETTING)  # Not separable from the free reflectance.
 _COMMON = tuple(name for name in PARAMETERS if name != AMBIENT)  # Common to all scenes.
 
 _ROUNDS = 10  # Maximum number of steps.
@@ -54,21 +56,12 @@ _ROUNDS = 10  # Maximum number of steps.
 # would correlate its weight with its noise.
 _AROUND = 2
 _STILL = 1e-3  # Step below which the fit ends [standard deviations].
-_SCATTER = 0.04  # Relative scatter of reflectance above which the given one is rejected.
-_UNITS = {
-    POWER: "W",
-    LEFT_BLACK: "DN",
-    RIGHT_BLACK: "DN",
-    BLUR: "px",
-}
+_UNITS = {POWER: "W", LEFT_BLACK: "DN", RIGHT_BLACK: "DN", BLUR: "px"}
 _LEAST = 1e-6  # Lower limit of positive parameters.
 _LIMITS = {
-    POWER: (_LEAST, 10.0),
-    VIGNETTING: (0.0, 20.0),
     HAZE: (0.0, 0.95),
     FALLOFF: (0.0, 20.0),
     BLUR: (0.0, 20.0),
-    RIGHT_GAIN: (1e-3, 1e3),
 }
 
 
@@ -88,7 +81,6 @@ class _Case:
     images: tuple[CapturedImage, ...]
     names: tuple[str, ...]  # Free parameters, in order.
     values: Mapping[str, float]  # Initial values of all parameters, free or fixed.
-    eliminate: bool  # Whether the reflectance of each tile is free.
     means: bool  # Whether only mean levels of tiles are compared.
     formed: LevelsCache  # Mutable cache.
 
@@ -98,24 +90,19 @@ def fit_photometry(
     sensor: Sensor,
     *,
     layers: Mapping[str, Layers] | None = None,
-    exposures: Mapping[str, Exposure] | None = None,
-    reflectance_known: bool = False,
     free: Sequence[str] = PARAMETERS,
 ) -> Photometry:
     """Fit levels to captures with calibrated geometry.
 
-    Both imagers share all parameters except black level and gain. Standard deviations allow for
-    correlated errors within clusters of the image (`tiles.clusters`).
+    Both imagers share all parameters except the black level. The reflectance of each tile of 16 px
+    is free. Standard deviations allow for correlated errors within clusters of the image
+    (`tiles.clusters`).
 
     Args:
-        observations: scenes with images and a surface.
+        observations: scenes with images and a surface. Without a recorded exposure and with auto
+            exposure on, the ratio of the exposures with projector off and on is free.
         sensor: sensor with geometry, projector, pattern, noise and all fixed parameters.
         layers: layers rendered with this sensor, by scene; missing ones are rendered.
-        exposures: recorded exposures, by scene. Without a recorded exposure and with auto
-            exposure on, the exposure of each image is free.
-        reflectance_known: whether the reflectances of the surfaces are absolute. Otherwise, or if
-            they are inconsistent, each tile of 16 px has a free factor. A common error of all
-            reflectances is not visible in the images and affects power and ambient irradiance.
         free: names in `PARAMETERS`.
 
     Returns:
@@ -128,7 +115,7 @@ def fit_photometry(
     for name in free:
         errors.one_of("free", name, PARAMETERS)
     _refuse_gamma(sensor)
-    images = light_model.images(observations, sensor, layers or {}, exposures or {})
+    images = light_model.images(observations, sensor, layers or {})
     if not images:
         raise errors.refuse(
             "observations",
@@ -137,20 +124,61 @@ def fit_photometry(
             "Give truth.png or scene.toml.",
         )
     means = not light_model.dots_match(images)
-    case = _case(images, sensor, free, eliminate=not reflectance_known, means=means)
+    case = _case(images, sensor, free, means=means)
     values, equations, costs = _run(case)
-    scatter = None
-    if reflectance_known:
-        scatter = _scatter(case, values)
-        if scatter > _SCATTER:
-            case = _case(images, sensor, free, eliminate=True, means=means)
-            values, equations, costs = _run(case)
     if _black_is_open(case, equations):
-        reduced = [name for name in free if name != LEFT_BLACK]
-        case = _case(images, sensor, reduced, eliminate=case.eliminate, means=means)
+        case = _case(images, sensor, [name for name in free if name != LEFT_BLACK], means=means)
         values, equations, costs = _run(case)
-    solution = _solution(case, values, equations, costs, free, scatter)
-    return Photometry(solution=solution, predictions=_predictions(case, values))
+    return Photometry(
+        solution=_solution(case, values, equations, costs, free),
+        predictions=tuple(
+            prediction.predict(image, values, sensor, case.formed, dots=not means)
+            for image in images
+        ),
+    )
+
+
+def fit_exposure_level(observations: Sequence[Observation], sensor: Sensor) -> Solution | None:
+    """Average the mean level of the left images, projector on, over scenes.
+
+    The metering of a device is unknown, so single scenes deviate from its target. Scenes that are
+    too dark for the longest exposure bias the result downwards.
+
+    Args:
+        observations: scenes with infrared images.
+        sensor: sensor in which to set the level of both imagers.
+
+    Returns:
+        The level over full scale and the standard error of its mean over scenes. None if the
+        exposure is fixed, or if there are fewer than two scenes.
+    """
+    if sensor.left.auto_exposure_level == 0:
+        return None
+    means_dn = [
+        float(observation.left.mean())
+        for observation in observations
+        if observation.left is not None
+    ]
+    if len(means_dn) < _LEAST_SCENES:
+        return None
+    shares = np.array(means_dn) / sensor.left.ceiling_dn
+    level, spread = float(shares.mean()), float(shares.std(ddof=1))
+    deviation = spread / np.sqrt(len(shares))
+    return Solution(
+        estimates=(
+            Estimate(
+                name=EXPOSURE_LEVEL,
+                value=level,
+                sd=deviation,
+                unit="1",
+                start=sensor.left.auto_exposure_level,
+            ),
+        ),
+        covariance=np.array([[deviation**2]]),
+        undetermined=(),
+        cost=(),
+        sensor=with_values(sensor, [("imager.auto_exposure_level", level)]),
+    )
 
 
 def _black_is_open(case: _Case, equations: tiles.ClusterEquations) -> bool:
@@ -174,12 +202,7 @@ def _refuse_gamma(sensor: Sensor) -> None:
 
 
 def _case(
-    images: tuple[CapturedImage, ...],
-    sensor: Sensor,
-    free: Sequence[str],
-    *,
-    eliminate: bool,
-    means: bool,
+    images: tuple[CapturedImage, ...], sensor: Sensor, free: Sequence[str], *, means: bool
 ) -> _Case:
     """Select the identifiable parameters and their initial values."""
     scenes = sorted({image.scene for image in images})
@@ -188,35 +211,20 @@ def _case(
     for image in images:  # Apart from noise, no pixel is darker than black level and dark current.
         name = light_model.black_name(image.side)
         values[name] = min(values[name], image.lowest_dn)
-    names = [name for name in _COMMON if name in free]
+    fixed = [*_KEPT, *((HAZE, BLUR) if means else ())]
+    fixed += [HAZE] if sensor.projector.haze == 1 else []  # Haze of 1 means no dots.
+    names = [name for name in _COMMON if name in free and name not in fixed]
+    if LEFT_BLACK in free and any(image.side == "right" for image in images):
+        names.append(RIGHT_BLACK)
     exposure_known = all(image.exposure_known for image in images)
-    if eliminate or not exposure_known:
-        names = [name for name in names if name != POWER]
-    if eliminate:
-        names = [name for name in names if name != VIGNETTING]
-    if means:
-        names = [name for name in names if name not in (HAZE, BLUR)]
-    if sensor.projector.haze == 1:  # Haze of 1 means no dots.
-        names = [name for name in names if name != HAZE]
-    if any(image.side == "right" for image in images):
-        names += [RIGHT_BLACK] if LEFT_BLACK in free else []
-        names += [] if eliminate else [RIGHT_GAIN]
     pairs = {(image.scene, image.on) for image in images}
     for scene in scenes:
-        has_both = {(scene, True), (scene, False)} <= pairs
-        if AMBIENT in free and ((scene, True) in pairs or not eliminate):
+        if AMBIENT in free and (scene, True) in pairs:
             names.append(ambient(scene))
-        if not exposure_known:
-            names += [exposure_ratio(scene, on=False)] if has_both else []
-            names += [] if eliminate else [exposure_ratio(scene, on=True)]
+        if not exposure_known and {(scene, True), (scene, False)} <= pairs:
+            names.append(exposure_ratio(scene))
     return _Case(
-        sensor=sensor,
-        images=images,
-        names=tuple(names),
-        values=values,
-        eliminate=eliminate,
-        means=means,
-        formed={},
+        sensor=sensor, images=images, names=tuple(names), values=values, means=means, formed={}
     )
 
 
@@ -240,7 +248,7 @@ def _limited(name: str, value: float, change: float) -> float:
     """Apply a change within the parameter's limits and the range of linearity."""
     if name == BLUR:
         change = float(np.clip(change, -0.3, 0.3))
-    if name.startswith(("exposure_ratio", "scene.ambient")) or name == POWER:
+    if name.startswith(("exposure_ratio", "scene.ambient")):
         value = max(value, _LEAST)
         change = float(np.clip(change, -value / 2, value))
     low, high = _LIMITS.get(name, (-np.inf, np.inf))
@@ -254,15 +262,14 @@ def _equations(case: _Case, values: Mapping[str, float]) -> tiles.ClusterEquatio
     light_model.evict(case.formed, values[BLUR])
     for image in case.images:
         column = light_model.columns(image, values, case.sensor, case.names, case.formed)
-        residual = light_model.above_black(image, values, case.sensor)
-        factor = weights.tile_factor(image, residual, column.model, around=_AROUND)
-        reflectance = factor if case.eliminate else None
-        weight = weights.weight(image, column, reflectance)
+        residual = light_model.above_black(image, values)
+        factor = prediction.tile_factor(image, residual, column.model, around=_AROUND)
+        weight = prediction.weight(image, column, factor)
         if not case.means:
-            misfit = weights.dots_misfit(image, residual, column, weight)
-            weight = weights.weight(image, column, reflectance, misfit=misfit)
+            misfit = prediction.dots_misfit(image, residual, column, weight)
+            weight = prediction.weight(image, column, factor, misfit=misfit)
         bases = [column.model]
-        if case.eliminate and not case.means:
+        if not case.means:
             bases += [column.model * ramp for ramp in tiles.ramps(image.level.shape)]
         gram = tiles.grams([residual, *bases, *column.derivatives], weight, means=case.means)
         pixels = (tiles.cut_tiles(weight) > 0).sum(axis=1) * (gram[:, 1, 1] > 0)
@@ -286,15 +293,9 @@ def _equations(case: _Case, values: Mapping[str, float]) -> tiles.ClusterEquatio
 def _jacobian(gram: NDArray, case: _Case, side: str) -> NDArray:
     """Convert products of level and model to those of residual and Jacobian.
 
-    The reflectance c is eliminated or 1. It does not scale the column of the black level.
+    The reflectance c is eliminated. It does not scale the column of the black level.
     """
-    if case.eliminate:
-        inner, factor = tiles.eliminate(gram, gram.shape[1] - 1 - len(case.names))
-    else:
-        change = np.eye(gram.shape[1])
-        change[1, 0] = -1.0  # Residual = level - black - model.
-        transformed = change.T @ gram @ change
-        inner, factor = np.delete(np.delete(transformed, 1, 1), 1, 2), np.ones(len(gram))
+    inner, factor = tiles.eliminate(gram, gram.shape[1] - 1 - len(case.names))
     scale = np.repeat(factor[:, None], inner.shape[1], axis=1)
     scale[:, 0] = 1.0
     for number, name in enumerate(case.names):
@@ -303,45 +304,12 @@ def _jacobian(gram: NDArray, case: _Case, side: str) -> NDArray:
     return inner * scale[:, :, None] * scale[:, None, :]
 
 
-def _scatter(case: _Case, values: Mapping[str, float]) -> float:
-    """Return the scatter of the tiles' relative reflectance, in excess of noise."""
-    logs, noises = [], []
-    for image in case.images:
-        column = light_model.columns(image, values, case.sensor, (), case.formed)
-        residual = light_model.above_black(image, values, case.sensor)
-        weight = weights.weight(image, column, None)
-        gram = tiles.grams([residual, column.model], weight, means=case.means)
-        used = gram[:, 1, 1] > 0
-        factor = gram[used, 0, 1] / gram[used, 1, 1]
-        logs.append(np.log(np.maximum(factor, 1e-3)))
-        noises.append(1 / gram[used, 1, 1])
-    log, noise = np.concatenate(logs), np.concatenate(noises)
-    robust = 1.4826 * np.median(np.abs(log - np.median(log)))
-    tail = (np.quantile(log, 0.95) - np.quantile(log, 0.05)) / 3.29
-    return float(np.sqrt(max(max(robust, tail) ** 2 - np.median(noise), 0.0)))
-
-
-def _predictions(case: _Case, values: Mapping[str, float]) -> tuple[Prediction, ...]:
-    return tuple(
-        prediction.predict(
-            image,
-            values,
-            case.sensor,
-            case.formed,
-            reflectance_free=case.eliminate,
-            dots=not case.means,
-        )
-        for image in case.images
-    )
-
-
 def _solution(
     case: _Case,
     values: Mapping[str, float],
     equations: tiles.ClusterEquations,
     costs: list[float],
     free: Sequence[str],
-    scatter: float | None,
 ) -> Solution:
     """Return the solution; a requested parameter that was not fitted has an infinite deviation."""
     names = [name for name in case.names if not name.startswith("exposure_ratio")]
@@ -364,10 +332,8 @@ def _solution(
         estimates,
         covariance,
         images=case.images,
-        values=values,
-        eliminate=case.eliminate,
+        power_w=values[POWER],
         means=case.means,
-        scatter=scatter,
     )
     return Solution(
         estimates=estimates,
@@ -391,5 +357,4 @@ def _fitted(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
     edits = {name: values[name] for name in (POWER, HAZE, FALLOFF)}
     edits |= {name.replace("left", "imager"): values[name] for name in (VIGNETTING, BLUR)}
     edits |= {name: max(values[name], 0.0) for name in (LEFT_BLACK, RIGHT_BLACK)}
-    edits[RIGHT_GAIN] = values[RIGHT_GAIN]
-    return sensor_edits.with_values(sensor, list(edits.items()))
+    return with_values(sensor, list(edits.items()))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +33,8 @@ def sentences(
     covariance: NDArray[np.float64],
     *,
     images: Sequence[CapturedImage],
-    values: Mapping[str, float],
-    eliminate: bool,
+    power_w: float,
     means: bool,
-    scatter: float | None,
 ) -> tuple[str, ...]:
     """Describe the unidentifiable parameters.
 
@@ -44,26 +42,16 @@ def sentences(
         estimates: estimates of the fit; a fixed parameter has an infinite deviation.
         covariance: (n, n) covariance of the estimates.
         images: fitted images.
-        values: value of each parameter.
-        eliminate: whether the reflectance of each tile was free.
+        power_w: power of the projector, which is kept.
         means: whether only tiles' mean levels were compared.
-        scatter: relative scatter of the tiles' reflectance about the given reflectance; None if
-            no reflectance was given.
     """
     held = {estimate.name for estimate in estimates if not np.isfinite(estimate.sd)}
     texts = []
-    if eliminate and scatter is not None:
-        texts.append(
-            f"reflectance as given does not fit (surfaces differ from it by {scatter:.0%}), so it "
-            "was fitted, and parameters that depend on it are not determined: give the measured "
-            "reflectance of the surfaces."
-        )
     if POWER in held:
-        texts.append(_power(images, values[POWER], eliminate=eliminate))
+        texts.append(_power(images, power_w))
     if VIGNETTING in held:
         texts.append(
-            f"{VIGNETTING} and reflectance cannot be separated: give reflectance, or capture an "
-            "evenly painted wall."
+            f"{VIGNETTING} and reflectance cannot be separated: the initial value was kept."
         )
     if means:
         texts.append(
@@ -76,29 +64,21 @@ def sentences(
             f"{', '.join(unseparated)} cannot be separated from reflectance: also capture with the "
             "emitter off, or calibrate the pattern, so that dots can be used."
         )
-    texts += _background(estimates, images) if eliminate else []
+    texts += _background(estimates, images)
     texts += _wide(estimates)
     texts += _black(estimates, images)
     texts += _pairs(estimates, covariance)
     return tuple(texts)
 
 
-def _power(images: Sequence[CapturedImage], power_w: float, *, eliminate: bool) -> str:
-    relative = f"ambient irradiance is relative to {POWER} = {power_w:g} W"
-    if not eliminate:
-        return (
-            f"{POWER} and exposure cannot be separated under auto exposure; {relative}: record "
-            "exposure_s and gain, or switch auto exposure off."
-        )
-    if any(not image.on for image in images):
-        return (
-            f"{POWER} and reflectance cannot be separated; {relative}: give the reflectance of one "
-            "surface (a grey card)."
-        )
-    return (
-        f"{POWER} (gain, exposure) and reflectance cannot be separated; {relative}: give "
-        "reflectance. Captures with the emitter off make the ratio independent of the dots' shape."
+def _power(images: Sequence[CapturedImage], power_w: float) -> str:
+    text = (
+        f"{POWER} (gain, exposure) and reflectance cannot be separated: {POWER} = {power_w:g} W "
+        "was kept, and ambient irradiance is relative to it."
     )
+    if all(image.on for image in images):
+        text += " Captures with the emitter off make the ratio independent of the dots' shape."
+    return text
 
 
 def _background(estimates: Sequence[Estimate], images: Sequence[CapturedImage]) -> list[str]:

@@ -18,8 +18,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.calibration.photometry import quantised_noise
-from starling.calibration.photometry.levels import Side, side_imager
 from starling.calibration.solution import Estimate, Solution
 from starling.patterns import errors
 from starling.sim.imaging.imager import converter
@@ -31,13 +29,8 @@ _BINS = 24  # Number of bins of level; a bin is at least one code wide.
 _FEWEST = 2000  # Minimum number of samples in a bin.
 _DETECTED = 2.0  # Detection limit of read noise [standard deviations].
 _WIDEST_PX = 3.0  # Maximum sigma of averaging.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Sums:
-    """Sums by block and bin: count, level, squared difference, neighbour product, pair count."""
-
-    table: NDArray[np.float64]
+_HARMONICS = np.arange(1, 33, dtype=np.float64)  # Higher ones change the variance by < 5e-4.
+_LARGEST = 1e8  # Variance above any converter's range [DN^2].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -52,50 +45,40 @@ class _Curve:
         return np.array([self.dn_per_electron, self.read_dn2, self.smoothing_px])
 
 
-def fit_photon_transfer(
-    repeats: NDArray,
-    sensor: Sensor,
-    *,
-    side: Side = "left",
-    black_level_dn: float | None = None,
-) -> Solution:
+def fit_photon_transfer(repeats: NDArray, sensor: Sensor) -> Solution:
     """Fit full well (electrons at full scale), read noise and averaging to repeats.
 
     Changes of whole rows or of the whole image between frames (row noise, flicker) are removed
     first. The standard deviations come from a jackknife over blocks of the image.
 
     Args:
-        repeats: (n, h, w) images of one imager and a static scene, n >= 2.
-        sensor: sensor with `gain`, `shot_noise` and range of codes.
-        side: side of the imager.
-        black_level_dn: fitted black level, without mean dark current. The level of a dark frame
-            includes dark current and is not suitable. None uses the imager's black level.
+        repeats: (n, h, w) left images of a static scene, n >= 2.
+        sensor: sensor with `gain`, `shot_noise`, range of codes and the fitted black level. The
+            level of a dark frame includes dark current and is no black level.
 
     Returns:
-        `SIDE.full_well_e`, `SIDE.read_noise_e`, `SIDE.smoothing_px`.
+        `left.full_well_e`, `left.read_noise_e`, `left.smoothing_px`.
 
     Raises:
         InputError: if there are fewer than two repeats, the repeats are equal, or too few pixels
             are unsaturated.
     """
-    imager = side_imager(sensor, side)
+    imager = sensor.left
     if repeats.ndim != 3 or len(repeats) < 2:
         raise errors.refuse(
             "repeats", "must be (n, h, w) with n >= 2", repeats.shape, "Capture a scene twice."
         )
-    black = imager.black_level_dn if black_level_dn is None else black_level_dn
     sums = _sums(repeats, imager)
-    blocks = len(sums.table)
-    curve = _curve(sums.table.sum(axis=0), imager, black)
-    without = sums.table.sum(axis=0) - sums.table
-    rows = np.array([_curve(table, imager, black).row() for table in without])
+    blocks = len(sums)
+    curve = _curve(sums.sum(axis=0), imager)
+    rows = np.array([_curve(table, imager).row() for table in sums.sum(axis=0) - sums])
     spread = (blocks - 1) / blocks * (rows - rows.mean(0)).T @ (rows - rows.mean(0))
-    return _solution(curve, spread, sensor, side)
+    return _solution(curve, spread, sensor)
 
 
-def _solution(curve: _Curve, spread: NDArray, sensor: Sensor, side: Side) -> Solution:
+def _solution(curve: _Curve, spread: NDArray, sensor: Sensor) -> Solution:
     """Convert the curve to parameters of the imager."""
-    imager, gain = side_imager(sensor, side), curve.dn_per_electron
+    imager, gain = sensor.left, curve.dn_per_electron
     well = imager.gain * imager.ceiling_dn / gain
     read_e2 = curve.read_dn2 / gain**2
     to_read = np.array(
@@ -115,13 +98,13 @@ def _solution(curve: _Curve, spread: NDArray, sensor: Sensor, side: Side) -> Sol
         covariance[1, 1] = np.inf
         bound = np.sqrt(max(read_e2, 0.0) + _DETECTED * sd_e2)
         open_sentences.append(
-            f"{side}.read_noise_e is below {bound:.3g} electrons, the limit set by shot noise and "
+            f"left.read_noise_e is below {bound:.3g} electrons, the limit set by shot noise and "
             "quantisation: repeat captures in the dark, or stream more bits."
         )
     names = (
-        (f"{side}.full_well_e", well, "electrons", imager.full_well_e),
-        (f"{side}.read_noise_e", read_e, "electrons", imager.read_noise_e),
-        (f"{side}.smoothing_px", curve.smoothing_px, "px", imager.smoothing_px),
+        ("left.full_well_e", well, "electrons", imager.full_well_e),
+        ("left.read_noise_e", read_e, "electrons", imager.read_noise_e),
+        ("left.smoothing_px", curve.smoothing_px, "px", imager.smoothing_px),
     )
     deviations = np.sqrt(np.diagonal(covariance))
     estimates = tuple(
@@ -138,8 +121,11 @@ def _solution(curve: _Curve, spread: NDArray, sensor: Sensor, side: Side) -> Sol
     )
 
 
-def _sums(repeats: NDArray, imager: Imager) -> _Sums:
-    """Sum squared differences of consecutive frames by level and block."""
+def _sums(repeats: NDArray, imager: Imager) -> NDArray[np.float64]:
+    """Sum the differences of consecutive frames by block and bin of level.
+
+    Returns (blocks, bins, 5): count, level, squared difference, neighbour product, pair count.
+    """
     mean = repeats.mean(axis=0, dtype=np.float32)
     level = cv2.blur(mean, (3, 3))  # Smoothed, so that noise does not change a pixel's bin.
     lowest, highest = repeats.min(axis=0), repeats.max(axis=0)
@@ -178,7 +164,7 @@ def _sums(repeats: NDArray, imager: Imager) -> _Sums:
             sums[:, 3] += np.bincount(pixel_key[pair], product[pair], size)
             sums[:, 4] += np.bincount(pixel_key[pair], minlength=size)
     table = sums.reshape(-1, len(edges), 5)
-    return _Sums(table=table[table[:, :, 0].sum(axis=1) > 0])
+    return table[table[:, :, 0].sum(axis=1) > 0]
 
 
 def _remove_global(difference: NDArray, mean: NDArray, usable: NDArray) -> NDArray:
@@ -195,7 +181,7 @@ def _remove_global(difference: NDArray, mean: NDArray, usable: NDArray) -> NDArr
     return np.where(usable, (remaining - rows) * share, 0).astype(np.float32)
 
 
-def _curve(table: NDArray[np.float64], imager: Imager, black_dn: float) -> _Curve:
+def _curve(table: NDArray[np.float64], imager: Imager) -> _Curve:
     """Fit the line to the variances of bins, and averaging to the covariance of neighbours."""
     table = table[table[:, 0] >= _FEWEST]
     if len(table) < 1:
@@ -204,13 +190,13 @@ def _curve(table: NDArray[np.float64], imager: Imager, black_dn: float) -> _Curv
         )
     count, level = table[:, 0], table[:, 1] / table[:, 0]
     # Half the mean squared difference of two frames is their temporal variance.
-    variance = quantised_noise.unquantised_variance(table[:, 2] / count / 2)
+    variance = unquantised_variance(table[:, 2] / count / 2)
     if not variance.any():
         raise errors.refuse("repeats", "must differ", "equal frames", "Give frames, not copies.")
     neighbour_covariance = table[:, 3].sum() / max(table[:, 4].sum(), 1) / 2
     sigma_px = _smoothing_px(neighbour_covariance / float((variance * count).sum() / count.sum()))
     kept_variance = converter.variance_share(sigma_px) ** 2
-    signal = level - black_dn
+    signal = level - imager.black_level_dn
     # The variance of n normal samples has the standard error variance x sqrt(2 / n).
     weight = np.sqrt(count) / np.maximum(variance + 1 / 12, 1e-6)
     columns = np.stack([signal * imager.shot_noise**2, np.ones_like(signal)], axis=1)
@@ -244,3 +230,33 @@ def _neighbours(sigma_px: float) -> float:
     point[0, 20] = 1
     kernel = converter.smooth(np.repeat(point, 41, axis=0), sigma_px)[20].astype(np.float64)
     return float((kernel[1:] * kernel[:-1]).sum() / (kernel**2).sum())
+
+
+def quantised_variance(variance_dn2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the temporal variance of quantised codes, averaged over levels within a step.
+
+    Noise of variance v and the quantisation error have the mean square v + 1/12. The part that is
+    constant in time, the error of a pixel's mean code, is not visible in the temporal variance.
+    By the Fourier series of the rounding error it is the sum of exp(-4 pi^2 k^2 v) / (2 pi^2 k^2).
+
+    Args:
+        variance_dn2: variance of normal noise before the converter [DN^2], any shape.
+
+    Source: Widrow and Kollar, Quantization Noise (2008), ch. 4 and 5 (characteristic function).
+    """
+    squared = (np.pi * _HARMONICS) ** 2
+    fixed = np.exp(-4 * squared * variance_dn2[..., None]) / (2 * squared)
+    # The full series at 0 is exactly 1/12; the truncated harmonics hold the difference.
+    truncation = 1 / 12 - (1 / (2 * squared)).sum()
+    return variance_dn2 + 1 / 12 - fixed.sum(axis=-1) - np.where(variance_dn2 == 0, truncation, 0)
+
+
+def unquantised_variance(quantised_dn2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Invert `quantised_variance` [DN^2]; the result is at least 0."""
+    target = np.asarray(quantised_dn2, np.float64)
+    low, high = np.zeros_like(target), np.minimum(np.maximum(target, 0) + 1, _LARGEST)
+    for _ in range(60):
+        middle = (low + high) / 2
+        over = quantised_variance(middle) > target
+        low, high = np.where(over, low, middle), np.where(over, middle, high)
+    return np.where(target > 0, (low + high) / 2, 0.0)

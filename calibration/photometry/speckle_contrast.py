@@ -13,10 +13,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
+from scipy import optimize, stats
 
-from starling.calibration.least_squares import tiles
-from starling.calibration.photometry.blocks import blocks, quietest, quietest_by_chance
+from starling.calibration.least_squares import tiles, variable_projection
 from starling.calibration.photometry.levels import side_imager
 from starling.calibration.photometry.photometry_open import EVEN
 from starling.calibration.photometry.prediction import Prediction
@@ -26,20 +25,20 @@ from starling.sim.imaging.optics import speckle
 from starling.sim.sensor.sensor import Sensor
 
 SPECKLE = "projector.speckle_contrast"
+BLOCK_PX = 8  # Side of a block; the blocks with the least variance show mainly noise.
 
+_QUIETEST = 0.1  # Quantile of the blocks' variance.
+_INDEPENDENT = 0.25  # Share of independent pixels in a block, after the device's averaging.
 _LAGS = 3  # Maximum lag of the speckle correlation [px].
 _BRIGHTEST = 0.3  # Share of blocks with the most laser light, where speckle dominates.
 
 
-def fit_speckle(
-    predictions: Sequence[Prediction], sensor: Sensor, *, frames: int = 1
-) -> Estimate | None:
+def fit_speckle(predictions: Sequence[Prediction], sensor: Sensor) -> Estimate | None:
     """Fit the contrast; other errors of the prediction add to it.
 
     Args:
         predictions: predictions of `fit_photometry`; only those with the projector on are used.
         sensor: fitted sensor; its smoothing, crosstalk and grain size attenuate speckle.
-        frames: number of frames averaged in each captured image.
 
     Returns:
         The estimate, which is an upper bound if geometry or pattern have errors. It is
@@ -53,7 +52,7 @@ def fit_speckle(
         for candidate in predictions
         if candidate.on and candidate.dots and candidate.sharp_laser_dn.any()
     ):
-        shape = (prediction.level_dn.shape[0], prediction.level_dn.shape[1])
+        shape = prediction.level_dn.shape
         squared = _speckle_variance(prediction, sensor)
         residual = _without_trend(prediction)
         images = (np.ones(shape), np.maximum(prediction.signal_dn, 0), squared, residual**2)
@@ -127,6 +126,26 @@ def speckle_bound(predictions: Sequence[Prediction], sensor: Sensor) -> float:
     if surplus(1.0) >= 0:
         return 1.0
     return float(optimize.root_scalar(surplus, bracket=(0.0, 1.0)).root)
+
+
+def blocks(image: NDArray) -> NDArray:
+    """Return the pixels of each block (n, 64); incomplete blocks are dropped."""
+    return variable_projection.cut(image, BLOCK_PX)
+
+
+def quietest_by_chance(pixels: float) -> float:
+    """Return the 10 % quantile of the variance of blocks of pure noise, over its mean.
+
+    Args:
+        pixels: number of noisy pixels in a block, including correlated neighbours.
+    """
+    freedom = max(_INDEPENDENT * pixels - 1, 1.0)
+    return float(stats.chi2.ppf(_QUIETEST, freedom)) / freedom
+
+
+def quietest(variance: NDArray) -> float:
+    """Return the 10 % quantile of the blocks' variance (n,)."""
+    return float(np.quantile(variance, _QUIETEST))
 
 
 def _line(table: NDArray, used: NDArray, cluster: NDArray) -> tuple[float, float]:

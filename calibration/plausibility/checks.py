@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from starling.calibration.observation import Array, Observation, truth_px
-from starling.calibration.plausibility import (
-    correspondence,
-    depth_spread,
-    preset_fit,
-    reference_scale,
-)
+from starling.calibration.plausibility import correspondence, preset_fit, reference_scale
 from starling.calibration.plausibility.correspondence import Correspondences
 from starling.calibration.plausibility.dots_seen import covered_cells, detect_dots
 from starling.calibration.plausibility.reference_scale import ReferenceScale
@@ -24,6 +20,10 @@ _DOTTED = 0.1  # Minimum share of windows with dots; captured rooms have 0.30 an
 _FEWEST = 100  # Minimum dot count; at 0.1 px each, they determine a pose to 0.01 px.
 _COVERED = 0.5  # Covered share of the projector's field below which a warning is given.
 _STEP_PX = 8  # Sampling step of depth maps.
+_FINE_STEP_PX = 4  # The same for the range of depth.
+_SEEN_PX = 0.02  # Systematic model error of an image shift, which does not average out.
+_BASELINE = 0.01  # Permitted relative error of the baseline from that shift.
+_SIGMAS = 3.29  # Distance of the 5th and 95th percentile of a normal distribution.
 
 
 def check(observations: Sequence[Observation], sensor: Sensor) -> tuple[str, ...]:
@@ -37,7 +37,7 @@ def check(observations: Sequence[Observation], sensor: Sensor) -> tuple[str, ...
     - Enough dots are visible if the projector is on.
     - Dots and geometry match the camera model (`preset_fit`).
     - Dots cover half of the projector's field (`dots_seen`).
-    - The captures span several distances (`depth_spread`).
+    - The captures span several distances (`check_depth_range`).
 
     A check is skipped if its image is missing. The device's depth replaces a missing reference.
     The checks take about 0.3 s for a scene of 1280x720 on one core.
@@ -64,7 +64,7 @@ def check(observations: Sequence[Observation], sensor: Sensor) -> tuple[str, ...
     return (
         *reference_scale.check(tuple(scale for scale in scales if scale), info.depth_unit_m),
         *_check_dots(observations, correspondences, sensor),
-        *depth_spread.check(reference for reference in references if reference is not None),
+        *check_depth_range(reference for reference in references if reference is not None),
     )
 
 
@@ -172,3 +172,35 @@ def _reference_px(item: Observation) -> Array | None:
     if item.truth_m is not None:
         return truth_px(item)
     return None if item.depth_m is None else item.info.disparity_px(item.depth_m)
+
+
+def check_depth_range(references_px: Iterable[NDArray]) -> tuple[str, ...]:
+    """Warn if the captures show a single distance.
+
+    A relative baseline error e shifts the right image by e d, and yaw of an imager shifts it by
+    about a constant. The projector's position and rotation shift its pattern in the same way.
+    Only the variation of the disparity d = f b / z separates these parameters. A systematic error
+    of 0.02 px gives a relative baseline error of 0.02 px / std(d). The limit is 1 %,
+    at a std(d) of 2 px. Here std(d) is the range from the 5th to the 95th percentile of all
+    scenes, divided by 3.29. A single captured room has 5 to 26 px.
+
+    Args:
+        references_px: (h, w) disparity of each scene [px], NaN where unknown.
+
+    Returns:
+        One warning or none.
+    """
+    sparse = [reference[::_FINE_STEP_PX, ::_FINE_STEP_PX].ravel() for reference in references_px]
+    disparity = np.concatenate([d[np.isfinite(d)] for d in sparse]) if sparse else np.empty(0)
+    if disparity.size == 0:
+        return ()
+    low, middle, high = np.percentile(disparity, (5, 50, 95))
+    spread = float(high - low) / _SIGMAS
+    if spread >= _SEEN_PX / _BASELINE:
+        return ()
+    return (
+        f"the captures show one distance only: disparities around {middle:.1f} px vary by "
+        f"{spread:.2g} px. These parameters cannot be separated: baseline and yaw of the imagers; "
+        "position, rotation and field of the projector; focal length and distance. Capture a wall "
+        "at a second distance, or a room.",
+    )

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.calibration.fit_sensor import Calibration
 from starling.calibration.heldout import SceneScore
-from starling.calibration.result import Calibration
 from starling.calibration.solution import Estimate
 
 _NAN = float("nan")
 
 
-def figures(calibration: Calibration) -> dict[str, Any]:
+def calibration_figures(calibration: Calibration) -> dict[str, Any]:
     """Convert a calibration to plain values; a missing value is NaN, and null in JSON.
 
     Returns:
@@ -77,12 +77,8 @@ def scene_parameter(name: str) -> tuple[str, str]:
 
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:
-    return {
-        "value": float(estimate.value),
-        "sd": float(estimate.sd),
-        "unit": estimate.unit,
-        "start": float(estimate.start),
-    }
+    numbers = {key: float(getattr(estimate, key)) for key in ("value", "sd", "start")}
+    return {**numbers, "unit": estimate.unit}
 
 
 def _scenes(calibration: Calibration) -> dict[str, dict[str, float]]:

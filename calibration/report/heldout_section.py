@@ -10,11 +10,17 @@ from typing import Any
 import numpy as np
 
 from starling.calibration import correlation
-from starling.calibration.heldout import SMOOTHING_PX, SceneScore, Side
-from starling.calibration.report import pictures as report_pictures
-from starling.calibration.report.pictures import ImagerPictures, Residual
-from starling.calibration.result import Calibration
-from starling.sim.report.elements import NONE, TIMES, figure, number, table
+from starling.calibration.fit_sensor import Calibration
+from starling.calibration.heldout import SMOOTHING_PX, SceneScore
+from starling.calibration.observation import Side
+from starling.calibration.report.pictures import (
+    RESIDUAL_LIMIT,
+    ImagerPictures,
+    Residual,
+    draw_imager,
+)
+from starling.sim.report.elements import NONE, TIMES, figure, grid, number, table
+from starling.sim.report.pictures import ZOOM
 
 
 def section(calibration: Calibration, scores: dict[str, Any]) -> str:
@@ -70,7 +76,7 @@ def _chosen(heldout: Iterable[SceneScore]) -> dict[str, SceneScore]:
 def _scene(scored: SceneScore, before: SceneScore | None, rank: str) -> str:
     sides: tuple[Side, ...] = ("left", "right")
     pictures_by_side = {
-        side: report_pictures.draw_imager(scored, before, side)
+        side: draw_imager(scored, before, side)
         for side in sides
         if side in scored.real and side in scored.simulated
     }
@@ -89,17 +95,17 @@ def _imager(side: str, drawn: ImagerPictures) -> str:
     )
     place = "left:{:.2%};top:{:.2%};width:{:.2%};height:{:.2%}".format(*shares)
     box = f'<span class="crop" style="{place}"></span>'
-    zoom = f"{report_pictures.ZOOM}{TIMES}"
+    zoom = f"{ZOOM}{TIMES}"
     pictures = [
-        figure(drawn.real, f"<b>Real</b>, {side}. {_levels(drawn.real_dn)}", box),
-        figure(drawn.simulated, f"<b>Simulated</b>. {_levels(drawn.simulated_dn)}", box),
+        figure(drawn.real, f"<b>Real</b>, {side}. {_levels(drawn.real_dn)}", over=box),
+        figure(drawn.simulated, f"<b>Simulated</b>. {_levels(drawn.simulated_dn)}", over=box),
         figure(
             drawn.real_zoomed,
             f"<b>Real, {zoom}</b>: the framed part of the image above. Its correlation "
             f"({number(drawn.crop_ncc, '.2f')}) is the median over the image's parts.",
-            zoomed=True,
+            sharp=True,
         ),
-        figure(drawn.simulated_zoomed, f"<b>Simulated, {zoom}</b>.", zoomed=True),
+        figure(drawn.simulated_zoomed, f"<b>Simulated, {zoom}</b>.", sharp=True),
     ]
     before = drawn.before
     residuals = [
@@ -107,15 +113,13 @@ def _imager(side: str, drawn: ImagerPictures) -> str:
         *_residual(drawn.residual, "after", zoom),
     ]
     order = (0, 2, 1, 3) if before else (0, 1)  # First row: before and after. Second row: zoomed.
-    limit = report_pictures.RESIDUAL_LIMIT
     return (
-        f"<h4>{side.capitalize()} imager</h4>"
-        f'<div class="pictures">{"".join(pictures)}</div>'
+        f"<h4>{side.capitalize()} imager</h4>{grid(pictures)}"
         '<p class="quiet">Residuals: the real image minus the simulated one, which is scaled to '
         "minimise the residual. Both are high-passed to a local standard deviation of 1. Grey "
-        f"means no difference; white means that the real image is brighter by {limit:g}, black "
-        "that it is darker.</p>"
-        f'<div class="pictures">{"".join(residuals[i] for i in order)}</div>'
+        "means no difference; white means that the real image is brighter by "
+        f"{RESIDUAL_LIMIT:g}, black that it is darker.</p>"
+        f"{grid(residuals[i] for i in order)}"
     )
 
 
@@ -123,7 +127,7 @@ def _residual(residual: Residual, when: str, zoom: str) -> tuple[str, str]:
     remaining = f"It holds {residual.unexplained:.0%} of the high-passed image's variance."
     return (
         figure(residual.whole, f"<b>Residual {when}</b>. {remaining}"),
-        figure(residual.zoomed, f"<b>Residual {when}, {zoom}</b>.", zoomed=True),
+        figure(residual.zoomed, f"<b>Residual {when}, {zoom}</b>.", sharp=True),
     )
 
 

@@ -9,35 +9,44 @@ import numpy as np
 from starling.calibration.pattern import emission, emitter_model
 from starling.calibration.pattern.lattice import Lattice
 from starling.calibration.pattern.recovery import RecoveredPattern
-from starling.calibration.report import pictures as report_pictures
-from starling.sim.report.elements import PLUS_MINUS, TIMES, bar, counted, figure, number, table
+from starling.calibration.report.pictures import UNKNOWN, draw_pattern
+from starling.sim.report.elements import (
+    PLUS_MINUS,
+    TIMES,
+    colour_bar,
+    counted,
+    figure,
+    grid,
+    number,
+    table,
+)
 
 
 def section(recovered: RecoveredPattern) -> str:
     """Show the pattern, its coverage, its standard deviation and its emitters."""
     image = recovered.image
-    drawn = report_pictures.draw_pattern(image)
+    drawn = draw_pattern(image)
     covered = image.views > 0
     half_x_deg, half_y_deg = (
         math.degrees(math.asin(min(half, 1.0))) for half in (image.grid.half_a, image.grid.half_b)
     )
     sds = image.sd[covered & np.isfinite(image.sd)]
     median_sd = float(np.median(sds)) if sds.size else math.nan
-    unknown = "rgb({}, {}, {})".format(*report_pictures.UNKNOWN)
+    unknown = "rgb({}, {}, {})".format(*UNKNOWN)
     swatch = f'<span class="swatch" style="background:{unknown}"></span> not covered by any view'
     pictures = [
         figure(drawn.value, f"<b>Recovered pattern</b>, as seen from one emitter; {swatch}."),
-        figure(drawn.zoomed, "<b>Around the axis</b>, enlarged.", zoomed=True),
+        figure(drawn.zoomed, "<b>Around the axis</b>, enlarged.", sharp=True),
         figure(
             drawn.coverage,
             "<b>Coverage</b>: number of views in each direction."
-            + bar(drawn.scale, "0", f"{drawn.most_views:.0f}"),
+            + colour_bar(drawn.scale, "0", f"{drawn.most_views:.0f}"),
         ),
         figure(
             drawn.sd,
             "<b>Uncertainty</b>: standard deviation in each direction. The pattern itself has a "
             "standard deviation of about 1."
-            + bar(drawn.scale, *(f"{limit:.2g}" for limit in drawn.sd_limits)),
+            + colour_bar(drawn.scale, *(f"{limit:.2g}" for limit in drawn.sd_limits)),
         ),
     ]
     return (
@@ -45,7 +54,7 @@ def section(recovered: RecoveredPattern) -> str:
         f"degrees horizontally and {PLUS_MINUS}{half_y_deg:.1f} degrees vertically. Views cover "
         f"{covered.mean():.1%} of the directions; the median standard deviation there is "
         f"{number(median_sd, '.2g')}.</p>"
-        f'<div class="pictures">{"".join(pictures)}</div>{_emitters(recovered)}'
+        f"{grid(pictures)}{_emitters(recovered)}"
     )
 
 

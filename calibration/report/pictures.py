@@ -10,16 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.calibration.correlation import high_passed
-from starling.calibration.heldout import SceneScore, Side
+from starling.calibration.heldout import SceneScore
+from starling.calibration.observation import Side
 from starling.calibration.pattern.unprojected import PatternImage
 from starling.sim.captures import png
+from starling.sim.report.pictures import (
+    PANEL_PX,
+    ZOOM,
+    enlarged,
+    fitting,
+    grey_codes,
+    grey_limits,
+)
 
 Array = NDArray[np.floating[Any]]
 Image = TypeVar("Image", Array, NDArray[np.uint8], NDArray[np.bool_])
 
-ZOOM = 3
 RESIDUAL_LIMIT = 2.0  # Residual drawn as white or black [local standard deviations].
-_PANEL_PX = 640  # Maximum width of a picture.
 UNKNOWN = (190, 170, 205)  # RGB of directions that no view covers; outside both colour scales.
 
 
@@ -89,8 +96,8 @@ def draw_imager(scored: SceneScore, before: SceneScore | None, side: Side) -> Im
     """
     real, simulated = scored.real[side], scored.simulated[side]
     crop, crop_ncc = _typical(high_passed(real), high_passed(simulated))
-    real_dn, simulated_dn = _limits(real), _limits(simulated)
-    real_grey, simulated_grey = _brightened(real, real_dn), _brightened(simulated, simulated_dn)
+    real_dn, simulated_dn = grey_limits(real), grey_limits(simulated)
+    real_grey, simulated_grey = grey_codes(real, real_dn), grey_codes(simulated, simulated_dn)
     initial = before.simulated.get(side) if before else None
     return ImagerPictures(
         shape=(real.shape[0], real.shape[1]),
@@ -122,7 +129,7 @@ def draw_pattern(image: PatternImage) -> PatternPictures:
     sd = _share(np.where(known, image.sd, 0), *map(float, limits))
     return PatternPictures(
         value=_in_colour(lit, known),
-        zoomed=_in_colour(_enlarged(crop.cut(lit)), _enlarged(crop.cut(known))),
+        zoomed=_in_colour(enlarged(crop.cut(lit)), enlarged(crop.cut(known))),
         coverage=_in_colour(_coloured(_share(image.views, 0.0, most)), known),
         sd=_in_colour(_coloured(sd), known),
         scale=png.encode_colour(_coloured(np.linspace(0, 1, 256)[None].repeat(8, axis=0))),
@@ -171,22 +178,11 @@ def _correlation(first: Array, second: Array) -> float:
 def _about(shape: tuple[int, int], middle: tuple[int, int]) -> Crop:
     """Return the crop around a pixel (x, y) that fills a picture when zoomed."""
     height, width = shape
-    crop_width = min(_PANEL_PX // ZOOM, width)
+    crop_width = min(PANEL_PX // ZOOM, width)
     crop_height = min(max(round(crop_width * height / width), 1), height)
     left = min(max(middle[0] - crop_width // 2, 0), width - crop_width)
     top = min(max(middle[1] - crop_height // 2, 0), height - crop_height)
     return Crop(left=left, top=top, width=crop_width, height=crop_height)
-
-
-def _limits(image: Array) -> tuple[float, float]:
-    """Return the levels [DN] drawn as black and white; highlights may saturate."""
-    low, high = np.percentile(image, (0.5, 99.7))
-    return float(low), float(high)
-
-
-def _brightened(image: Array, limits: tuple[float, float]) -> NDArray[np.uint8]:
-    """Return 8-bit grey values, brightened by a square root so that dark surfaces are visible."""
-    return _codes(np.sqrt(_share(image, *limits)))
 
 
 def _share(image: Array, low: float, high: float) -> Array:
@@ -197,25 +193,12 @@ def _codes(share: Array) -> NDArray[np.uint8]:
     return np.rint(255 * np.clip(share, 0, 1)).astype(np.uint8)
 
 
-def fitting(image: NDArray[np.uint8], interpolation: int) -> NDArray[np.uint8]:
-    """Shrink an image (h, w) or (h, w, 3) to the maximum width of a picture."""
-    height, width = image.shape[:2]
-    if width <= _PANEL_PX:
-        return image
-    size = (_PANEL_PX, max(round(height * _PANEL_PX / width), 1))
-    return cv2.resize(image, size, interpolation=interpolation).astype(np.uint8)
-
-
 def _whole(grey: NDArray[np.uint8]) -> bytes:
     return png.encode(fitting(grey, cv2.INTER_AREA))
 
 
 def _zoomed(grey: NDArray[np.uint8], crop: Crop) -> bytes:
-    return png.encode(_enlarged(crop.cut(grey)))
-
-
-def _enlarged(image: Image) -> Image:
-    return image.repeat(ZOOM, axis=0).repeat(ZOOM, axis=1)
+    return png.encode(enlarged(crop.cut(grey)))
 
 
 def _coloured(share: Array) -> NDArray[np.uint8]:

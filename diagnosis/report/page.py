@@ -5,22 +5,15 @@ from __future__ import annotations
 from html import escape
 
 from starling.diagnosis.diagnosis import Diagnosis
-from starling.diagnosis.report import (
-    howfar_section,
-    where_section,
-    which_section,
-)
-from starling.diagnosis.report import sentences as summary
-from starling.diagnosis.report.elements import prose
-from starling.diagnosis.report.style import STYLE
+from starling.diagnosis.report import howfar_section, sentences, where_section, which_section
 from starling.diagnosis.report.words import side_names
 from starling.diagnosis.which import null
 from starling.diagnosis.which.attribution import ROOMS_PER_TEST_ROOM
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.likelihood import TAU
 from starling.diagnosis.which.segment import NOISE_ALLOWANCE, NOISE_LIMIT, SHARE_OF_INITIAL
-from starling.sim.report.elements import counted, listed, number, sentences, table
-from starling.sim.report.style import STYLE as COMMON
+from starling.sim.report import elements
+from starling.sim.report.elements import counted, listed, number, prose, table
 
 _VERDICTS = {
     "effects": "Consistent with known effects",
@@ -33,39 +26,30 @@ _QUESTIONS = ("Where", "Which", "How far")
 
 def page(diagnosis: Diagnosis) -> str:
     """Write a diagnosis as an HTML page: inline style, embedded pictures, no scripts."""
-    bodies = {
-        "where": ("Where the gap lies", where_section.section(diagnosis)),
-        "which": ("Which effects it is consistent with", which_section.section(diagnosis)),
-        "howfar": ("How far the gap closes", howfar_section.section(diagnosis)),
-        "made": ("How this report was made", _method(diagnosis)),
-    }
-    links = "".join(f'<a href="#{key}">{title}</a>' for key, (title, _) in bodies.items())
-    sections = "".join(
-        f'<section id="{key}"><h2>{title}</h2>{body}</section>'
-        for key, (title, body) in bodies.items()
-    )
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>Diagnosis: {escape(_VERDICTS[diagnosis.kind])}</title>"
-        f"<style>{COMMON}{STYLE}</style>"
-        f'</head><body><main><header><p class="verdict">Diagnosis</p><h1>'
-        f"{escape(_VERDICTS[diagnosis.kind])}</h1>{_answer(diagnosis)}<nav>{links}</nav></header>"
-        f"{sections}</main></body></html>\n"
+    verdict = _VERDICTS[diagnosis.kind]
+    return elements.page(
+        f"Diagnosis: {verdict}",
+        f'<p class="verdict">Diagnosis</p><h1>{escape(verdict)}</h1>{_answer(diagnosis)}',
+        {
+            "where": ("Where the gap lies", where_section.section(diagnosis)),
+            "which": ("Which effects it is consistent with", which_section.section(diagnosis)),
+            "howfar": ("How far the gap closes", howfar_section.section(diagnosis)),
+            "made": ("How this report was made", _method(diagnosis)),
+        },
     )
 
 
 def _answer(diagnosis: Diagnosis) -> str:
     items = "".join(
         f"<li><b>{question}</b>{escape(sentence)}</li>"
-        for question, sentence in zip(_QUESTIONS, summary.answer(diagnosis), strict=True)
+        for question, sentence in zip(_QUESTIONS, sentences.answer(diagnosis), strict=True)
     )
     held_out = (
         f"Held out for evaluation: {listed(diagnosis.held_out)}."
         if diagnosis.held_out
         else "No scene is held out for evaluation."
     )
-    limits = f"<h3>Limits of these captures</h3>{sentences(diagnosis.limits, '')}"
+    limits = f"<h3>Limits of these captures</h3>{elements.sentences(diagnosis.limits, '')}"
     scenes = counted(len(diagnosis.scenes), "scene")
     return (
         f'<ul class="answer">{items}</ul>{_compared(diagnosis)}'
@@ -83,7 +67,7 @@ def _compared(diagnosis: Diagnosis) -> str:
 def _method(diagnosis: Diagnosis) -> str:
     rows = [
         [
-            escape(summary.SEGMENTS[segment.table.segment.value].capitalize()),
+            escape(sentences.SEGMENTS[segment.table.segment.value].capitalize()),
             str(len(segment.table.names)),
             number(float(segment.screening.weight.sum()), ".1f"),
             number(segment.search.threshold, ".1f"),

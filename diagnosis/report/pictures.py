@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.calibration.report.pictures import fitting
 from starling.diagnosis.scenes.strata import Image, Strata
 from starling.diagnosis.where.maps import GapMap
 from starling.sim.captures import png
+from starling.sim.report.pictures import enlarged, fitting, grey_codes
 
 Colours = NDArray[np.uint8]  # (h, w, 3) red, green, blue.
 
@@ -19,7 +19,6 @@ ERROR_LIMIT_PX = 1.0  # Disparity error drawn fully red or blue.
 UNKNOWN = (184, 188, 194)  # Grey of unknown values; it occurs in no colour scale.
 HOLE = (30, 33, 38)
 _CELL_PX = 20  # Width of a drawn cell [px].
-_ZOOM = 3  # Enlargement of a zoomed picture.
 _PART = 5  # A zoomed picture shows one fifth of the width.
 _LEAST_PX = 96  # Least width that a zoomed picture shows [px].
 _SHOWN = 98.0  # Percentile of absolute values at which a colour scale saturates.
@@ -57,12 +56,6 @@ def scale() -> bytes:
     return png.encode_colour(_diverging(np.linspace(-1, 1, 256)[None].repeat(8, axis=0)))
 
 
-def levels(images: Sequence[NDArray]) -> tuple[float, float]:
-    """Return the levels [DN] drawn black and white; highlights may saturate, so that dots show."""
-    low, high = np.percentile(np.concatenate([image.ravel() for image in images]), (0.5, 99.7))
-    return float(low), float(max(high, low + 1))
-
-
 def infrared(image: NDArray, limits: tuple[float, float], *, zoomed: bool = False) -> bytes:
     """Draw an infrared image with a square-root curve, so that dark surfaces show.
 
@@ -71,12 +64,8 @@ def infrared(image: NDArray, limits: tuple[float, float], *, zoomed: bool = Fals
         limits: levels drawn black and white.
         zoomed: draw only its middle, enlarged.
     """
-    low, high = limits
-    share = np.clip((image.astype(np.float64) - low) / (high - low), 0, 1)
-    grey = np.rint(255 * np.sqrt(share)).astype(np.uint8)
-    if zoomed:
-        return png.encode(_middle(grey).repeat(_ZOOM, axis=0).repeat(_ZOOM, axis=1))
-    return png.encode(fitting(grey, cv2.INTER_AREA))
+    grey = grey_codes(image, limits)
+    return png.encode(enlarged(_middle(grey)) if zoomed else fitting(grey, cv2.INTER_AREA))
 
 
 def errors(disparity_px: Image, strata: Strata) -> bytes:

@@ -1,16 +1,57 @@
-"""Report section with pictures of one scene: captured, simulated before and after."""
+"""An example scene in the report: captured, simulated before and after."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from starling.diagnosis.report import pictures
-from starling.diagnosis.report.elements import percent, picture, prose
-from starling.diagnosis.report.scene_images import SceneImages
 from starling.diagnosis.report.words import SideNames
 from starling.diagnosis.scenes.observation import SceneObservation
-from starling.diagnosis.scenes.strata import Image
-from starling.sim.report.elements import bar, number
+from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.scenes.strata import Image, Strata
+from starling.sim.effects.effect import Value
+from starling.sim.report.elements import colour_bar, figure, grid, number, percent, prose
+from starling.sim.report.pictures import grey_limits
+
+_SEED = 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SceneImages:
+    """Readings of one scene."""
+
+    scene: str
+    real: SceneObservation
+    # Simulated with the base, or the capture that `real` is compared with.
+    before: SceneObservation
+    after: SceneObservation | None  # Simulated with effects; None without any.
+    strata: Strata
+
+
+def scene_images(scene_model: SceneModel, settings: Mapping[str, Value]) -> SceneImages:
+    """Simulate a scene before and after with common noise.
+
+    Nothing is simulated if two captures are compared.
+
+    Args:
+        scene_model: the scene.
+        settings: value by effect; if empty, `after` is None.
+    """
+    if scene_model.against is not None:
+        before, after = scene_model.against, None
+    else:
+        before = scene_model.simulate_like_captured({}, seed=_SEED)
+        after = scene_model.simulate_like_captured(settings, seed=_SEED) if settings else None
+    return SceneImages(
+        scene=scene_model.name,
+        real=scene_model.real,
+        before=before,
+        after=after,
+        strata=scene_model.strata,
+    )
 
 
 def section(images: SceneImages, sides: SideNames, *, held_out: bool, tried: bool) -> str:
@@ -46,28 +87,35 @@ def _infrared(images: SceneImages, sides: SideNames) -> str:
     note = "" if images.real.left is not None else "No infrared images of it were captured."
     if not frames:
         return prose(note)
-    limits = pictures.levels([frame for _, frame in frames])
+    limits = grey_limits(*(frame for _, frame in frames))
     grey = f"{number(limits[0], '.0f')} to {number(limits[1], '.0f')} DN"
-    whole = "".join(
-        picture(
-            pictures.infrared(frame, limits),
-            alt=f"{name}: left infrared image, mean {frame.mean():.1f} DN.",
-            caption=f"{name}: left infrared, mean {number(float(frame.mean()), '.1f')} DN",
-        )
-        for name, frame in frames
+    whole = grid(
+        (
+            figure(
+                pictures.infrared(frame, limits),
+                f"{name}: left infrared, mean {number(float(frame.mean()), '.1f')} DN",
+                alt=f"{name}: left infrared image, mean {frame.mean():.1f} DN.",
+            )
+            for name, frame in frames
+        ),
+        columns=3,
     )
-    middle = "".join(
-        picture(
-            pictures.infrared(frame, limits, zoomed=True),
-            alt=f"{name}: middle of the left infrared image, enlarged.",
-            caption=f"{name}: its middle, enlarged",
-            sharp=True,
-        )
-        for name, frame in frames
+    middle = grid(
+        (
+            figure(
+                pictures.infrared(frame, limits, zoomed=True),
+                f"{name}: its middle, enlarged",
+                alt=f"{name}: middle of the left infrared image, enlarged.",
+                sharp=True,
+            )
+            for name, frame in frames
+        ),
+        columns=3,
     )
     return (
         (prose(note) if note else "")
-        + f'<div class="threes">{whole}</div><div class="threes">{middle}</div>'
+        + whole
+        + middle
         + prose(f"Common grey scale: black to white is {grey}, by a square root.", quiet=True)
     )
 
@@ -82,8 +130,7 @@ def _errors(images: SceneImages, sides: SideNames) -> str:
             drawn.append(_error(f"{name}, {source}", maps[0], images))
     ends = [f"{number(sign * pictures.ERROR_LIMIT_PX, '+.0f')} px" for sign in (-1, 1)]
     return (
-        f'<div class="threes">{"".join(drawn)}</div><div class="scale">'
-        f"{bar(pictures.scale(), *ends)}"
+        f'{grid(drawn, columns=3)}<div class="scale">{colour_bar(pictures.scale(), *ends)}'
         "disparity error against the reference; red: too near; dark: no depth; grey: no reference"
         "</div>"
     )
@@ -91,8 +138,8 @@ def _errors(images: SceneImages, sides: SideNames) -> str:
 
 def _error(name: str, disparity_px: Image, images: SceneImages) -> str:
     holes = percent(float(np.mean(~np.isfinite(disparity_px[images.strata.counted]))))
-    return picture(
+    return figure(
         pictures.errors(disparity_px, images.strata),
+        f"{name}: disparity error; {holes} without depth",
         alt=f"{name}: disparity error, {holes} without depth.",
-        caption=f"{name}: disparity error; {holes} without depth",
     )

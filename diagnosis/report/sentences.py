@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.howfar.reduction import GapReduction
-from starling.diagnosis.report import group_names
 from starling.diagnosis.report.words import side_names
 from starling.diagnosis.where import frames
 from starling.diagnosis.which.search import AcceptedEffect
@@ -18,6 +17,23 @@ SEGMENTS = {
     "image": "the infrared images",
     "depth": "the device's matcher and filters",
     "whole": "depth",
+}
+
+_RIGHT = "right "
+GROUPS = {
+    "level": "brightness",
+    "codes": "codes used by the converter",
+    "noise": "pixel-to-pixel noise",
+    "time": "change from frame to frame",
+    "texture": "sharpness",
+    "dots": "position and width of dots",
+    "pair": "difference of right and left image",
+    "error": "disparity error",
+    "holes": "pixels without depth",
+    "surface": "steps and flat parts of the depth map",
+    "range": "nearest and farthest depth",
+    "against": "sign of the difference between the device's depth and our matcher's",
+    "unlike": "size of the difference between the device's depth and our matcher's",
 }
 
 ESTIMATED = "reflectance and light, which were estimated"
@@ -100,9 +116,9 @@ def with_surrogates(diagnosis: Diagnosis) -> bool:
 
 def lead(segment: SegmentResult) -> str:
     """Name the feature groups that a segment leaves unexplained."""
-    texts = [", ".join(map(group_names.describe, segment.lead))] if segment.lead else []
+    texts = [", ".join(map(describe_group, segment.lead))] if segment.lead else []
     if segment.varying:
-        groups = ", ".join(map(group_names.describe, segment.varying))
+        groups = ", ".join(map(describe_group, segment.varying))
         texts.append(f"{groups}, different in each scene")
     return "; ".join(texts) or "no single group of features"
 
@@ -111,6 +127,17 @@ def fixed_frame(diagnosis: Diagnosis, segment: SegmentResult) -> str:
     """Return a clause that names the frame in which a segment's gap is fixed, or nothing."""
     frame = frames.segment_frame(diagnosis.where.maps, segment.table.segment.value)
     return "" if frame is None else f" (without any effect, its location {FRAMES[frame]})"
+
+
+def describe_group(group: str) -> str:
+    """Describe a group of features in words.
+
+    Args:
+        group: name as `starling.diagnosis.which.residuals.group` returns it.
+    """
+    kind, separator, covariate = group.removeprefix(_RIGHT).partition(" by ")
+    side = " of the right image" if group.startswith(_RIGHT) else ""
+    return f"{GROUPS[kind]}{side}{separator and ','}{separator}{covariate}"
 
 
 def _accepted(diagnosis: Diagnosis, effect: AcceptedEffect) -> str:

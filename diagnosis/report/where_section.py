@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.report import pictures, scene_section, sentences
-from starling.diagnosis.report.elements import Bar, chart, interval, percent, picture, points, prose
 from starling.diagnosis.report.words import SideNames, side_names
 from starling.diagnosis.where import frames
 from starling.diagnosis.where.covariates import BinGap
@@ -20,7 +19,20 @@ from starling.diagnosis.where.location import WRONG_PX
 from starling.diagnosis.where.maps import CAMERA, FIELD, BodyGap, GapMap
 from starling.diagnosis.where.rules import GapRule
 from starling.diagnosis.where.swap import StageFigures
-from starling.sim.report.elements import bar, number, table
+from starling.sim.report.elements import (
+    Bar,
+    Kind,
+    chart,
+    colour_bar,
+    figure,
+    grid,
+    interval,
+    number,
+    percent,
+    points,
+    prose,
+    table,
+)
 
 ROWS = 15  # Number of bins listed for pixels without depth.
 FEWER = 8  # Number of bins listed for pixels with wrong disparity.
@@ -94,36 +106,27 @@ def section(diagnosis: Diagnosis) -> str:
 
 
 def _part(name: str, part: StageFigures, sides: SideNames) -> str:
-    figure = _FIGURES[name]
+    style = _FIGURES[name]
 
     def written(value: float | None) -> str:
         if value is None:
             return "not captured"
-        return f"{number(figure.scale * value, figure.digits)} {figure.unit}".rstrip()
+        return f"{number(style.scale * value, style.digits)} {style.unit}".rstrip()
 
     def scaled(value: float | None) -> float:
-        return math.nan if value is None else figure.scale * value
+        return math.nan if value is None else style.scale * value
 
-    bars = [
-        Bar(name=sides.images[0], value=scaled(part.base), text=written(part.base)),
-        Bar(
-            name=sides.images[1],
-            value=scaled(part.rematched),
-            text=written(part.rematched),
-            kind="second",
-        ),
-        Bar(name="C device", value=scaled(part.device), text=written(part.device), kind="third"),
+    stages: list[tuple[str, float | None, Kind]] = [
+        (sides.images[0], part.base, "first"),
+        (sides.images[1], part.rematched, "second"),
+        ("C device", part.device, "third"),
     ]
     if part.base_device is not None:
-        reference = part.base_device
-        bars.append(
-            Bar(
-                name=sides.reference_depth,
-                value=scaled(reference),
-                text=written(reference),
-                kind="third",
-            )
-        )
+        stages.append((sides.reference_depth, part.base_device, "third"))
+    bars = [
+        Bar(name=title, value=scaled(value), text=written(value), kind=kind)
+        for title, value, kind in stages
+    ]
     for title, difference in (
         ("B minus A: images", part.image),
         ("C minus B: matcher and filters", part.matcher),
@@ -131,10 +134,10 @@ def _part(name: str, part: StageFigures, sides: SideNames) -> str:
         if difference is None:
             continue
         mean, low, high = map(scaled, difference)
-        ends = interval(low, high, "+" + figure.digits)
-        mean_text = f"{number(mean, '+' + figure.digits)} {ends} {figure.difference_unit}".rstrip()
+        ends = interval(low, high, "+" + style.digits)
+        mean_text = f"{number(mean, '+' + style.digits)} {ends} {style.difference_unit}".rstrip()
         bars.append(Bar(name=title, value=mean, low=low, high=high, text=mean_text, kind="part"))
-    return f"<h4>{escape(figure.title)}</h4>{chart(bars)}"
+    return f"<h4>{escape(style.title)}</h4>{chart(bars)}"
 
 
 def _maps(diagnosis: Diagnosis) -> str:
@@ -157,7 +160,7 @@ def _maps(diagnosis: Diagnosis) -> str:
             blank, title=blank.title.format(*sides.pair), red=blank.red.format(sides.more)
         )
         limit = pictures.limit(pair, least=filled.least)
-        drawn = "".join(_map(each, filled, limit, info.height / info.width) for each in pair)
+        drawn = [_map(each, filled, limit, info.height / info.width) for each in pair]
         frame = frames.common_frame(pair, quantity)
         where = (
             "Rooms do not agree on its location."
@@ -166,8 +169,8 @@ def _maps(diagnosis: Diagnosis) -> str:
         )
         ends = [f"{number(end * filled.scale, '+.3g')} {filled.unit}" for end in (-limit, limit)]
         parts.append(
-            f'<h4>{escape(filled.title)}</h4><div class="pairs">{drawn}</div>'
-            f'<div class="scale">{bar(pictures.scale(), *map(escape, ends))}'
+            f"<h4>{escape(filled.title)}</h4>{grid(drawn)}"
+            f'<div class="scale">{colour_bar(pictures.scale(), *map(escape, ends))}'
             f"red: {escape(filled.red)}</div>" + prose(where, quiet=True)
         )
     return "".join(parts)
@@ -199,10 +202,10 @@ def _map(gap_map: GapMap, quantity: _Quantity, limit: float, aspect: float) -> s
         f"strongest {number(quantity.scale * strongest, '+.3g')} {quantity.unit}".rstrip()
         + f"; above {_CLEAR:.0f} standard deviations in {clear} of {int(known.sum())} cells"
     )
-    return picture(
+    return figure(
         pictures.heat(mean, limit, aspect=aspect * column_count / row_count),
+        escape(f"{frame}; {text}"),
         alt=f"{frame}. {quantity.title}: {text}.",
-        caption=f"{frame}; {text}",
         sharp=True,
     )
 

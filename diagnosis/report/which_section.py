@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from html import escape
 
 from starling.diagnosis.diagnosis import Diagnosis
-from starling.diagnosis.report import group_names, sentences
-from starling.diagnosis.report.elements import Bar, chart, prose
+from starling.diagnosis.report import sentences
 from starling.diagnosis.which.discrimination import Discrimination
 from starling.diagnosis.which.search import AcceptedEffect
 from starling.diagnosis.which.segment import SegmentResult
 from starling.diagnosis.which.sensitivity import DetectionLimit
-from starling.sim.effects import setting as setting
-from starling.sim.report.elements import counted, number, table
+from starling.sim.effects import setting
+from starling.sim.report.elements import Bar, chart, counted, number, prose, table
 
 ALONE = 15  # Largest number of single-effect gains drawn.
 GROUPS = 10  # Largest number of feature groups listed.
@@ -137,7 +136,7 @@ def _lead(diagnosis: Diagnosis, segment: SegmentResult) -> str:
 def _groups(segment: SegmentResult) -> str:
     """List the feature groups that make up the gap, before and after."""
     rows = [
-        [escape(group_names.describe(name)), number(before, ".3f"), number(after, ".3f")]
+        [escape(sentences.describe_group(name)), number(before, ".3f"), number(after, ".3f")]
         for name, (before, after) in list(segment.by_group.items())[:GROUPS]
     ]
     text = "Contribution of each group of related features to the size of the gap."

@@ -3,13 +3,15 @@
 STYLE = """
 :root { color-scheme: light dark; --page: #fbfbfa; --card: #ffffff; --ink: #23262b;
   --quiet: #626972; --line: #dfe2e6; --accent: #1f5fa8; --warn: #9a4a00; --warn-back: #fff3e2;
-  --plus: 178, 24, 43; --minus: 33, 102, 172; }
+  --plus: 178, 24, 43; --minus: 33, 102, 172;
+  --first: #1f5fa8; --second: #2e9e6b; --third: #c2701c; --part: #8a93a0; --track: #eef0f2; }
 @media (prefers-color-scheme: dark) {
   :root { --page: #15171a; --card: #1d2024; --ink: #e4e6e9; --quiet: #9aa1aa; --line: #343941;
     --accent: #7fb4ee; --warn: #ffb868; --warn-back: #38290f;
-    --plus: 235, 96, 96; --minus: 92, 156, 225; } }
+    --plus: 235, 96, 96; --minus: 92, 156, 225;
+    --first: #6aa5e6; --second: #58c795; --third: #e8a35c; --track: #282c31; } }
 * { box-sizing: border-box; }
-body { margin: 0; background: var(--page); color: var(--ink);
+body { margin: 0; background: var(--page); color: var(--ink); overflow-wrap: break-word;
   font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
 main { max-width: 76rem; margin: 0 auto; padding: 2.5rem 1.25rem 4rem; }
 h1 { font-size: 2rem; line-height: 1.2; margin: 0 0 .6rem; letter-spacing: -.01em; }
@@ -52,13 +54,13 @@ tbody th { font-weight: 400; }
 .matrix td { text-align: center; min-width: 2.4rem; }
 .matrix thead th { text-align: center; }
 .matrix tbody th { position: sticky; left: 0; background: var(--card); }
-.pictures { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: .9rem;
-  margin: .5rem 0 1rem; }
-@media (max-width: 42rem) { .pictures { grid-template-columns: minmax(0, 1fr); } }
-figure { margin: 0; max-width: 640px; }
+.pairs, .threes { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: .9rem;
+  margin: .5rem 0 1rem; align-items: start; }
+.threes { grid-template-columns: repeat(3, minmax(0, 1fr)); }
+figure { margin: 0; }
 figure .frame { position: relative; display: block; line-height: 0; }
-figure img { width: 100%; height: auto; border-radius: 4px; background: #000; }
-.zoomed img { image-rendering: pixelated; }
+figure img { width: 100%; height: auto; border-radius: 4px; }
+.sharp img { image-rendering: pixelated; }
 figure .crop { position: absolute; border: 1.5px solid #ffd23f; border-radius: 1px;
   box-shadow: 0 0 0 1px rgba(0, 0, 0, .5); }
 figcaption { font-size: .86rem; color: var(--quiet); margin-top: .3rem; }
@@ -66,6 +68,32 @@ figcaption b { color: var(--ink); font-weight: 600; }
 .bar { display: flex; align-items: center; gap: .5rem; font-variant-numeric: tabular-nums; }
 .bar img { flex: 1; height: .7rem; min-width: 0; border-radius: 2px; }
 .swatch { display: inline-block; width: .8em; height: .8em; border-radius: 2px; }
+.verdict { color: var(--accent); font-size: 1.15rem; font-weight: 600; margin: 0 0 .4rem; }
+.answer { list-style: none; margin: 1.1rem 0 1.2rem; padding: 0; }
+.answer li { font-size: 1.2rem; line-height: 1.5; max-width: 62rem; margin: 0 0 .8rem;
+  padding-left: .9rem; border-left: 3px solid var(--line); }
+.answer b { display: block; color: var(--quiet); font-size: .82rem; font-weight: 600;
+  letter-spacing: .04em; }
+.bars { list-style: none; margin: .4rem 0 1.1rem; padding: 0; max-width: 62rem; }
+.bars li { display: grid; grid-template-columns: 16rem minmax(0, 1fr) 15rem; gap: 0 .9rem;
+  align-items: center; max-width: none; margin: .16rem 0; font-size: .92rem; line-height: 1.35; }
+.track { position: relative; height: 1rem; background: var(--track); border-radius: 2px; }
+.track i { position: absolute; top: 0; height: 100%; }
+.first { background: var(--first); } .second { background: var(--second); }
+.third { background: var(--third); } .part { background: var(--part); }
+.track .zero { width: 0; border-left: 1px solid var(--quiet); }
+.track .whisker { top: 50%; height: 2px; margin-top: -1px; background: var(--ink);
+  min-width: 2px; }
+.track .line { top: -.16rem; height: calc(100% + .32rem); border-left: 2px dashed var(--ink); }
+.value { font-variant-numeric: tabular-nums; }
+.scale { max-width: 30rem; font-size: .86rem; color: var(--quiet); margin: 0 0 1.4rem; }
+@media (max-width: 48rem) {
+  .bars li { grid-template-columns: minmax(0, 1fr) auto; margin: .5rem 0; }
+  .bars .track { grid-row: 2; grid-column: 1 / -1; height: .8rem; }
+  .bars .value { text-align: right; }
+  .track .line { top: 0; height: 100%; }
+  .answer li { font-size: 1.08rem; }
+  .pairs, .threes { grid-template-columns: minmax(0, 1fr); } }
 details { margin: .8rem 0; }
 summary { cursor: pointer; color: var(--accent); }
 @media print { .scroll { overflow: visible; } h2 { break-after: avoid; }

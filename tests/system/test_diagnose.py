@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from starling import command_line
-from starling.diagnosis.report import group_names as groups
+from starling.diagnosis.report import sentences
 from starling.diagnosis.scenes import estimated, scene_model
 from starling.diagnosis.scenes import observation as reading
 from starling.diagnosis.validation.adapters import light_sets, own_depth
@@ -89,7 +89,7 @@ def test_effect_is_identified_measured_and_corrected(place, diagnosed):
     assert features["closed_pct"] > 50 and features["after"] < features["before"]
     assert sum(result["shares"].values()) == pytest.approx(1)
     assert result["which"]["image"]["alone"][0]["name"] == effect["name"]
-    assert all(map(groups.describe, result["which"]["image"]["by_group"]))
+    assert all(map(sentences.describe_group, result["which"]["image"]["by_group"]))
     assert result["where"]["parts"]["ndp_rate"]["device"] is None
     fixed = presets.load(str(place / "bent-report" / "sensor.toml"))
     assert presets.load(str(place / "bent-report" / "base.toml")) == sensor()

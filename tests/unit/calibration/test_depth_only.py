@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.calibration.depth import depth_figures, depth_geometry, depth_only
+from starling.calibration.depth import depth_only, hole_places
 from starling.calibration.depth.depth_twin import render_twin
 from starling.calibration.depth.disparity_scale import DisparityPair
 from starling.calibration.observation import Observation
@@ -102,7 +102,7 @@ def test_depth_parameters_are_recovered(mesh: bool) -> None:
         render_twin(_observed(name, preset, TRUE, seed=200 + n, mesh=mesh), preset, seed=50 + n)
         for n, name in enumerate(UNSEEN)
     ]
-    rows = depth_figures.compare_readings(held, preset, solution.sensor)
+    rows = hole_places.compare_readings(held, preset, solution.sensor)
     row = {key: np.mean([figures[key] for figures in rows.values()]) for key in rows["clutter:3"]}
     assert row["nmad_px_after"] == pytest.approx(row["nmad_px_device"], rel=0.1)
     gap = {
@@ -218,6 +218,6 @@ def test_fit_by_simulation_recovers_offset_and_scale() -> None:
             )
 
     drawn: Any = [Drawn()]
-    fitted = depth_geometry.fit_by_simulation(drawn, sensor, ("scale", "offset")).sensor
+    fitted = depth_only.fit_by_simulation(drawn, sensor, ("scale", "offset")).sensor
     assert fitted.baseline_error == pytest.approx(0.01, abs=5e-4)
     assert fitted.right.alignment.offset_x_px == pytest.approx(0.4, abs=0.02)

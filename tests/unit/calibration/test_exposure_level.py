@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from starling.calibration.observation import Observation
-from starling.calibration.photometry.exposure_level import fit_exposure_level
+from starling.calibration.photometry.photometry_fit import fit_exposure_level
 from starling.sim.captures import writer
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from starling.calibration.photometry import light_model, weights
+from starling.calibration.photometry import light_model, prediction
 from starling.calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
 from starling.sim.render import direct
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -28,15 +28,15 @@ def misfit(sensor: Sensor, *, on: bool = True) -> float:
     """Return the dots' misfit in the left image of a sensor, predicted with the true sensor."""
     layers = {SCENE.name: direct.layers(MitsubaScene(SCENE), TRUTH, subpixels=4)}
     captured = observed(sensor=sensor, off=True, layers=direct.layers(MitsubaScene(SCENE), sensor))
-    images = light_model.images([captured], TRUTH, layers, {})
+    images = light_model.images([captured], TRUTH, layers)
     (image,) = (image for image in images if image.side == "left" and image.on == on)
     values = light_model.start(TRUTH, {SCENE.name: AMBIENT_W_M2})
     column = light_model.columns(image, values, TRUTH, (), {})
     signal = image.level - np.float32(TRUTH.left.black_level_dn)
-    factor = weights.tile_factor(image, signal, column.model)
-    weight = weights.weight(image, column, factor)
-    share = weights.dots_misfit(image, signal, column, weight)
-    reduced = weights.weight(image, column, factor, misfit=share)
+    factor = prediction.tile_factor(image, signal, column.model)
+    weight = prediction.weight(image, column, factor)
+    share = prediction.dots_misfit(image, signal, column, weight)
+    reduced = prediction.weight(image, column, factor, misfit=share)
     assert (reduced <= weight).all()
     return share
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from starling.calibration.pattern import image_equations, unprojected
-from starling.calibration.pattern.modulation import Modulation
+from starling.calibration.pattern import tile_equations, unprojected
 from starling.calibration.pattern.unprojected import PlacedView
+from starling.calibration.pattern.views import Modulation
 
 SHAPE = (96, 128)
 TILE = 32
@@ -34,7 +34,7 @@ def _placed(value: np.ndarray, weight: float = 25.0) -> PlacedView:
 
 
 def _step(value: np.ndarray) -> float:
-    normal = image_equations.reduce_view(_placed(value), _light(0.0), {"x": _slope()}, tile_px=TILE)
+    normal = tile_equations.reduce_view(_placed(value), _light(0.0), {"x": _slope()}, tile_px=TILE)
     assert normal.scores.shape == (SHAPE[0] // TILE * SHAPE[1] // TILE, 1)
     return float(normal.right_side[0] / normal.matrix[0, 0])
 
@@ -74,5 +74,5 @@ def test_texture_has_little_influence() -> None:
 
 def test_a_view_without_weight_contributes_nothing() -> None:
     empty = _placed(_moved(), weight=0.0)
-    normal = image_equations.reduce_view(empty, _light(0.0), {"x": _slope()}, tile_px=TILE)
+    normal = tile_equations.reduce_view(empty, _light(0.0), {"x": _slope()}, tile_px=TILE)
     assert not normal.matrix.any() and not normal.scores.any() and normal.freedom == 0

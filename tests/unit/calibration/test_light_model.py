@@ -43,8 +43,8 @@ def test_a_turned_projector_s_falloff_is_about_its_own_axis(side: levels.Side) -
 def test_the_right_imager_s_gain_is_over_the_left_s(recorded: Exposure | None) -> None:
     """A recorded exposure is that of the left imager."""
     sensor = edits.with_values(START, [("left.gain", 1.5), ("right.gain", 2.1)])
-    exposures = {} if recorded is None else {SCENE.name: recorded}
-    left, right = light_model.images([observed()], sensor, fitted_layers(), exposures)
+    observation = dataclasses.replace(observed(), exposure=recorded)
+    left, right = light_model.images([observation], sensor, fitted_layers())
     assert (left.side, right.side) == ("left", "right")
     assert left.exposure.gain == (1.5 if recorded is None else 3.0)
     assert right.exposure.gain == pytest.approx(left.exposure.gain * 1.4)
@@ -54,12 +54,12 @@ def test_a_tile_with_a_saturated_pixel_is_unused() -> None:
     """Excluding only the saturated pixel would bias the noise."""
     plain = observed()
     assert plain.left is not None
-    before = light_model.images([plain], START, fitted_layers(), {})[0].used
+    before = light_model.images([plain], START, fitted_layers())[0].used
     row, column = np.argwhere(before)[len(np.argwhere(before)) // 2]
     level = plain.left.copy()
     level[row, column] = START.left.saturation_dn
     burnt = dataclasses.replace(plain, left=level)
-    after = light_model.images([burnt], START, fitted_layers(), {})[0].used
+    after = light_model.images([burnt], START, fitted_layers())[0].used
     tile = np.s_[row // 16 * 16 : row // 16 * 16 + 16, column // 16 * 16 : column // 16 * 16 + 16]
     assert before[tile].any() and not after[tile].any()
     apart = before.copy()
@@ -69,7 +69,7 @@ def test_a_tile_with_a_saturated_pixel_is_unused() -> None:
 
 def test_dots_match_if_most_images_show_them() -> None:
     """If two of three images are noise, dots do not match."""
-    image = light_model.images([observed()], START, fitted_layers(), {})[0]
+    image = light_model.images([observed()], START, fitted_layers())[0]
     noise = np.random.default_rng(0).normal(60, 5, image.level.shape).astype(np.float32)
     noise_image = dataclasses.replace(image, level=noise)
     assert light_model.dots_match([image, image, noise_image])
@@ -89,7 +89,7 @@ def test_variance_of_read_noise_rounding_shot_noise_and_speckle() -> None:
             ("imager.smoothing_px", 0.0),
         ],
     )
-    image = light_model.images([observed()], sensor, fitted_layers(), {})[0]
+    image = light_model.images([observed()], sensor, fitted_layers())[0]
     values = light_model.start(sensor, {SCENE.name: AMBIENT_W_M2})
     least, per_signal, per_laser = light_model.columns(image, values, sensor, (), {}).variance
     step = 2.0 * sensor.left.ceiling_dn / sensor.left.full_well_e
@@ -106,7 +106,7 @@ def test_the_black_level_s_column_is_not_scaled_by_the_reflectance() -> None:
     ones = np.ones((16, 32))
     signal = 0.4 * model + 0.01 * rng.standard_normal((16, 32))
     gram = tiles.grams([signal, model, ones, change], ones, means=False)
-    case: Any = SimpleNamespace(eliminate=True, names=(light_model.LEFT_BLACK, light_model.POWER))
+    case: Any = SimpleNamespace(names=(light_model.LEFT_BLACK, light_model.POWER))
     products = photometry_fit._jacobian(gram, case, "left")
     inner, factor = tiles.eliminate(gram, 1)
     assert factor == pytest.approx(0.4, rel=0.01)
@@ -119,8 +119,8 @@ def test_the_black_level_s_column_is_not_scaled_by_the_reflectance() -> None:
 def test_initial_black_levels_are_limited_by_the_darkest_pixels() -> None:
     """The fitted sensor has no negative black level."""
     bright = edits.with_values(START, [("imager.black_level_dn", 30.0)])
-    images = light_model.images([observed()], bright, fitted_layers(), {})
-    case = photometry_fit._case(images, bright, (), eliminate=True, means=False)
+    images = light_model.images([observed()], bright, fitted_layers())
+    case = photometry_fit._case(images, bright, (), means=False)
     for image in images:
         start = case.values[light_model.black_name(image.side)]
         assert start == image.lowest_dn < 30.0

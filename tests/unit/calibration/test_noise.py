@@ -37,7 +37,6 @@ def test_the_noise_s_bound_is_that_at_the_median_level() -> None:
     level = np.broadcast_to(np.linspace(0, 200, 320, dtype=np.float32), (192, 320))
     noise = (0.02 * level * rng.standard_normal(level.shape)).astype(np.float32)
     prediction = Prediction(
-        scene="slope",
         side="left",
         on=True,
         level_dn=level + noise,

@@ -37,7 +37,6 @@ def test_reference_depth_becomes_a_surface(small_set: Path) -> None:
     seen = observation.load(scene, sensor)
     assert seen.scene is not None and not seen.metric
     np.testing.assert_allclose(seen.scene.bodies[0].mesh.vertices[:, 2], 1.0, rtol=1e-3)
-    assert len(observation.load_all([scene, scene], sensor)) == 2
 
 
 def test_a_posed_mesh_takes_precedence_over_reference_depth(small_set: Path) -> None:

@@ -71,7 +71,7 @@ def _seen(
         place = folder / f"scene{number}"
         small_camera.write_scene(place, layers.truth.depth_m, (pair.left, pair.right), claimed)
         (place / "room").write_text(f"room{number}\n")
-    observations = list(observation.load_all(capture.open_set(folder).scenes, claimed))
+    observations = [observation.load(scene, claimed) for scene in capture.open_set(folder).scenes]
     if kind == "metric":
         return [
             dataclasses.replace(item, scene=scene, metric=True)

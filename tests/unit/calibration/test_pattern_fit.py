@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from starling.calibration.pattern import emission, emitter_model, pattern_fit
-from starling.calibration.pattern.absorbed import AbsorbedMotion
 from starling.calibration.pattern.cosine_image import Grid
 from starling.calibration.pattern.emission import RightAlignment
-from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
+from starling.calibration.pattern.emitter_model import AbsorbedMotion, EmitterModel, PatternEmitter
 from starling.calibration.pattern.lattice import Lattice
 from starling.calibration.pattern.pattern_fit import PatternFit
 from starling.calibration.pattern.unprojected import PatternImage

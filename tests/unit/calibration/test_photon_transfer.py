@@ -78,14 +78,15 @@ def test_dark_current_does_not_change_read_noise(dark_current_e_s: float) -> Non
     assert fitted_values["full_well_e"] == pytest.approx(truth.left.full_well_e, rel=0.03)
 
 
-def test_a_fitted_black_level_is_used() -> None:
-    """Without the fitted black level of 20 DN, the read noise would be wrong."""
+def test_the_sensor_s_black_level_is_used() -> None:
+    """Without the black level of 20 DN, the read noise would be wrong."""
     truth = sensor_with(bit_depth=12, read_noise_e=12.0, black_level_dn=20.0)
-    unknowing = sensor_with(bit_depth=12, read_noise_e=3.0, black_level_dn=0.0)
+    known = sensor_with(bit_depth=12, read_noise_e=3.0, black_level_dn=20.0)
     frames = repeats(truth.left)
-    fitted_values = values(fit_photon_transfer(frames, unknowing, black_level_dn=20.0))
+    fitted_values = values(fit_photon_transfer(frames, known))
     assert fitted_values["read_noise_e"] == pytest.approx(12.0, rel=0.10)
-    wrong = values(fit_photon_transfer(frames, unknowing))
+    unknown = sensor_with(bit_depth=12, read_noise_e=3.0, black_level_dn=0.0)
+    wrong = values(fit_photon_transfer(frames, unknown))
     assert abs(wrong["read_noise_e"] - 12.0) > 1.2
 
 

@@ -17,7 +17,6 @@ from starling.calibration.observation import Observation
 from starling.calibration.plausibility import (
     checks,
     correspondence,
-    depth_spread,
     preset_fit,
     reference_scale,
 )
@@ -318,10 +317,10 @@ def test_one_wall() -> None:
 def test_spread_is_a_standard_deviation() -> None:
     """The limit is 2 px for a normal distribution; unknown disparities give no warning."""
     normal = np.random.default_rng(0).normal(30, 1, (400, 400))
-    assert depth_spread.check([30 + 2.1 * (normal - 30)]) == ()
-    (message,) = depth_spread.check([30 + 1.9 * (normal - 30)])
+    assert checks.check_depth_range([30 + 2.1 * (normal - 30)]) == ()
+    (message,) = checks.check_depth_range([30 + 1.9 * (normal - 30)])
     assert "30.0 px vary by 1.9 px" in message
-    assert depth_spread.check([np.full((8, 8), np.nan)]) == () == depth_spread.check([])
+    assert checks.check_depth_range([np.full((8, 8), np.nan)]) == () == checks.check_depth_range([])
 
 
 def test_depth_alone() -> None:

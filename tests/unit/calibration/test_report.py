@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from starling.calibration.fit_sensor import Calibration
 from starling.calibration.heldout import SceneScore
 from starling.calibration.pattern.cosine_image import Grid
 from starling.calibration.pattern.emitter_model import EmitterModel, PatternEmitter
@@ -21,10 +22,9 @@ from starling.calibration.pattern.lattice import Lattice
 from starling.calibration.pattern.pattern_fit import PatternFit
 from starling.calibration.pattern.recovery import RecoveredPattern
 from starling.calibration.pattern.unprojected import PatternImage
-from starling.calibration.report import figures, tables
+from starling.calibration.report import figures
 from starling.calibration.report import page as report_page
 from starling.calibration.report import pictures as report_pictures
-from starling.calibration.result import Calibration
 from starling.calibration.solution import Estimate, Solution
 from starling.sim.console import record
 from starling.sim.report.elements import MINUS
@@ -135,7 +135,7 @@ BARE = {"solutions": {}, "warnings": (), "heldout": (), "before": (), "recovered
 
 
 def test_figures_have_the_specified_keys() -> None:
-    values = figures.figures(calibration())
+    values = figures.calibration_figures(calibration())
     assert set(values) == {*KEYS, "seconds", "stages"}
     assert set(values["parameters"]["baseline_m"]) == {"value", "sd", "unit", "start"}
     assert set(values["derived"]["focal_baseline"]) == {"value", "sd", "unit", "start"}
@@ -152,10 +152,10 @@ def test_figures_have_the_specified_keys() -> None:
 
 def test_missing_figures_are_null_in_json() -> None:
     """Infinite deviations and missing scores become null."""
-    values = json.loads(record.dumps(figures.figures(calibration())))
+    values = json.loads(record.dumps(figures.calibration_figures(calibration())))
     assert values["parameters"]["fx_px"]["sd"] is None
     assert values["heldout"]["scenes"]["shelf <x>"]["before"]["ncc"] is None
-    bare = json.loads(record.dumps(figures.figures(calibration(**BARE))))
+    bare = json.loads(record.dumps(figures.calibration_figures(calibration(**BARE))))
     assert set(bare) == {*KEYS, "seconds", "stages"}
     assert all(bare["heldout"][name] is None for name in SCORES)
     assert bare["heldout"]["scenes"] == {} == bare["parameters"]
@@ -272,14 +272,14 @@ def test_no_more_than_three_scenes_are_pictured() -> None:
 
 
 def test_strong_correlations_are_listed() -> None:
-    text = tables.strongest(calibration().solutions["geometry"])
+    text = report_page.strongest(calibration().solutions["geometry"])
     assert "baseline_m" in text and "projector.rotation_deg.y" in text
     assert f"{MINUS}0.970" in text
     assert "fx_px" not in text  # Unidentifiable, so without correlation.
 
 
 def test_unidentifiable_parameters_have_no_deviation() -> None:
-    cells = tables.estimates(calibration().solutions["geometry"].estimates)
+    cells = report_page.estimates_table(calibration().solutions["geometry"].estimates)
     assert cells.count("unidentifiable") == 1
     assert ">0.055013<" in cells and ">0.000021<" in cells and ">+95.9 std<" in cells
 
@@ -288,7 +288,7 @@ def test_unidentifiable_parameters_have_no_deviation() -> None:
 def test_deviations_show_two_digits(sd: float, value: float) -> None:
     """Rounding to two digits changes a deviation by at most 5 %."""
     estimate = Estimate(name="n", value=value, sd=sd, unit="1", start=0.0)
-    cells = re.findall(r'<td class="number">([^<]*)</td>', tables.estimates([estimate]))
+    cells = re.findall(r'<td class="number">([^<]*)</td>', report_page.estimates_table([estimate]))
     shown_value, shown_sd = (float(cell.replace(MINUS, "-")) for cell in cells[:2])
     assert shown_sd == pytest.approx(sd, rel=0.0501)
     assert shown_value == pytest.approx(value, abs=max(0.0501 * sd, 0.5 if sd > 9.9 else 0))

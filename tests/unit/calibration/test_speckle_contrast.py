@@ -53,7 +53,6 @@ def captured(sensor: Sensor, contrast: float, *, seed: int = 0) -> Prediction:
     mean = imager.mix_pixels(part, laser + np.float32(AMBIENT_DN))
     level = codes.astype(np.float32)
     return Prediction(
-        scene="dots",
         side="left",
         on=True,
         level_dn=level,

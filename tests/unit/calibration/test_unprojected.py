@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
+from starling.calibration.correlation import without_mean
 from starling.calibration.pattern import cosine_image, unprojected
 from starling.calibration.pattern.cosine_image import Grid
-from starling.calibration.pattern.modulation import Modulation, high_passed
 from starling.calibration.pattern.unprojected import PatternImage, PlacedView
+from starling.calibration.pattern.views import Modulation
 
 GRID = Grid(half_a=0.32, half_b=0.2, step=2.5e-3)
 SHAPE = (180, 280)
@@ -45,7 +46,7 @@ def _view(value: np.ndarray, number: int, gain: float = 0.8) -> PlacedView:
     image = np.zeros(SHAPE[0] * SHAPE[1], np.float32)
     cosine_image.read(value, GRID.place(cosines), image)
     blurred = np.asarray(cv2.GaussianBlur(image.reshape(SHAPE), (0, 0), BLUR_PX), np.float32)
-    seen = gain * high_passed(blurred) + NOISE * rng.standard_normal(SHAPE)
+    seen = gain * without_mean(blurred) + NOISE * rng.standard_normal(SHAPE)
     weight = np.full(SHAPE, 1 / NOISE**2, np.float32)
     weight[:, :BLIND_PX] = 0
     weight[:MARGIN_PX], weight[-MARGIN_PX:], weight[:, -MARGIN_PX:] = 0, 0, 0
@@ -121,7 +122,7 @@ def test_the_deviation_matches_the_errors(pattern: PatternImage, truth: np.ndarr
     Errors of single pixels are larger; the reported deviation does not include them.
     """
     # The views do not determine what their high-pass filter removes.
-    error = cv2.GaussianBlur(high_passed(pattern.value - truth), (0, 0), BLUR_PX)
+    error = cv2.GaussianBlur(without_mean(pattern.value - truth), (0, 0), BLUR_PX)
     off = (error / pattern.sd)[_inside(pattern)]
     assert 0.5 < float(np.sqrt(np.mean(off**2))) < 2
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.calibration.photometry import weights
+from starling.calibration.photometry import prediction
 from starling.calibration.photometry.light_model import LightColumns
 
 SHAPE = (32, 48)  # Six tiles.
@@ -34,7 +34,7 @@ def test_variances_of_noise_speckle_model_and_misfit_add_up(factor: float, misfi
     """The variance sums read noise, shot noise, speckle, 1 % model error and dot misfit."""
     used = LASER > 5
     reflectance = np.full(SHAPE, factor, np.float32)
-    result = weights.weight(image(used), COLUMN, reflectance, misfit=misfit)
+    result = prediction.weight(image(used), COLUMN, reflectance, misfit=misfit)
     laser = factor * LASER.astype(float)
     signal = factor * COLUMN.model.astype(float)
     tiles = (laser**2).reshape(2, 16, 3, 16).mean(axis=(1, 3)).repeat(16, 0).repeat(16, 1)
@@ -44,17 +44,9 @@ def test_variances_of_noise_speckle_model_and_misfit_add_up(factor: float, misfi
     assert not result[~used].any()
 
 
-def test_a_missing_factor_is_one() -> None:
-    ones = np.ones(SHAPE, np.float32)
-    without_factor, with_ones = (
-        weights.weight(image(), COLUMN, reflectance) for reflectance in (None, ones)
-    )
-    np.testing.assert_array_equal(without_factor, with_ones)
-
-
 def test_a_negative_factor_keeps_the_imagers_noise() -> None:
     """A factor that is negative by noise leaves the noise of the imager."""
-    result = weights.weight(image(), COLUMN, np.full(SHAPE, -0.1, np.float32))
+    result = prediction.weight(image(), COLUMN, np.full(SHAPE, -0.1, np.float32))
     expected = LEAST + PER_LASER * (0.1 * LASER) ** 2 + (1e-3 * COLUMN.model) ** 2
     np.testing.assert_allclose(result, 1 / expected, rtol=1e-5)
 
@@ -67,9 +59,9 @@ def test_a_tiles_factor_is_the_ratio_of_sums() -> None:
     used[:16, :16] = False
     used[20, 20] = False
     signal[20, 20] = 1e4
-    result = weights.tile_factor(image(used), signal, COLUMN.model)
+    result = prediction.tile_factor(image(used), signal, COLUMN.model)
     expected = factors.copy()
     expected[0, 0] = 1.0
     np.testing.assert_allclose(result[::16, ::16], expected, rtol=1e-4)
-    around = weights.tile_factor(image(used), signal, COLUMN.model, around=1)
+    around = prediction.tile_factor(image(used), signal, COLUMN.model, around=1)
     assert 0.5 < around[0, 0] < 1.0  # The mean of three, each about as bright.

@@ -10,7 +10,7 @@ import numpy as np
 from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.howfar.evaluation import Evaluation
 from starling.diagnosis.howfar.reduction import GapReduction
-from starling.diagnosis.report.scene_images import SceneImages
+from starling.diagnosis.report.scene_section import SceneImages
 from starling.diagnosis.scenes.observation import SceneObservation
 from starling.diagnosis.where import covariates, maps, rules, swap
 from starling.diagnosis.where.location import GapLocation

@@ -15,7 +15,7 @@ import pytest
 from starling.diagnosis import command
 from starling.diagnosis.report import figures, sentences
 from starling.diagnosis.report.page import page
-from starling.diagnosis.report.scene_images import scene_images
+from starling.diagnosis.report.scene_section import scene_images
 from starling.diagnosis.scenes.observation import SceneObservation
 from starling.diagnosis.where import maps, rules, swap
 from starling.diagnosis.which.candidates import Segment

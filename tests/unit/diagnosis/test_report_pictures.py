@@ -8,10 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from starling.diagnosis.report import elements, pictures
-from starling.diagnosis.report.elements import Bar
+from starling.diagnosis.report import pictures
 from starling.diagnosis.where import maps
 from starling.diagnosis.where.maps import GapMap
+from starling.sim.report import elements
+from starling.sim.report.elements import Bar
+from starling.sim.report.pictures import grey_limits
 from tests.unit.diagnosis.test_features import DISPARITY, GROUND
 
 NAN = float("nan")
@@ -68,7 +70,7 @@ def test_errors_show_holes_and_unknown_pixels():
 
 def test_infrared_is_drawn_on_one_scale():
     dark, bright = (np.full((100, 900), level, np.uint8) for level in (10, 200))
-    limits = pictures.levels([dark, bright])
+    limits = grey_limits(dark, bright)
     images = [decoded(pictures.infrared(image, limits)) for image in (dark, bright)]
     assert images[0].max() == 0 and images[1].min() == 255
     assert images[0].shape[1] == 640
