@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from rooms import first_of_each
 
 from starling.diagnosis.scenes import fit_scene
+from starling.diagnosis.scenes.request import CAPTURED
 from starling.diagnosis.scenes.scene_model import load_scene_model
 from starling.diagnosis.which.attribution import screen_segment
 from starling.diagnosis.which.candidates import Segment
@@ -56,7 +57,7 @@ def main() -> None:
     with uniform, unmoved:
         scene_models = [load_scene_model(scene, sensor) for scene in first.values()]
         table, screen = screen_segment(Segment.IMAGE, scene_models, families=FAMILIES, always=True)
-    likelihood = screen.base.likelihood(table.real(), screen.weight)
+    likelihood = screen.base.likelihood(table.rows(CAPTURED), screen.weight)
     with unmoved:
         lit = gap(first, sensor, table.names)
     gaps = [likelihood.gap, lit, gap(first, sensor, table.names)]
@@ -79,9 +80,8 @@ def gap(
     table = build_feature_table(
         [load_scene_model(scene, sensor) for scene in first.values()], Segment.IMAGE
     )
-    simulated = table.simulate({})
-    assert simulated is not None
-    columns = dict(zip(table.names, (table.real() - simulated).T, strict=True))
+    simulated = table.rows(table.request({}))
+    columns = dict(zip(table.names, (table.rows(CAPTURED) - simulated).T, strict=True))
     unknown = np.full(len(first), np.nan)
     return np.stack([columns.get(name, unknown) for name in names], axis=1)
 

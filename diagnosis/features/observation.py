@@ -14,25 +14,27 @@ from starling.diagnosis.features import (
     surface,
     texture,
 )
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import (
+    DepthObservation,
+    FullObservation,
+    StereoObservation,
+)
 from starling.diagnosis.scenes.strata import Image, Strata
 
 Features = dict[str, float]
 
 
-def image_features(observation: SceneObservation, strata: Strata, *, ceiling: float) -> Features:
+def image_features(pairs: StereoObservation, strata: Strata, *, ceiling: float) -> Features:
     """Compute features of infrared images and of our matcher's disparity from them.
 
     Only features in time use all repeats; all others use the first one.
 
     Args:
-        observation: observation with infrared images.
+        pairs: infrared images.
         strata: reference and bins of the scene.
         ceiling: largest code.
     """
-    assert observation.left is not None and observation.right is not None
-    assert observation.ours_px is not None
-    left, right = (images[0].astype(np.float32) for images in (observation.left, observation.right))
+    left, right = (images[0].astype(np.float32) for images in (pairs.left, pairs.right))
     warped = shifts.warp_to_left(right, strata.disparity_px)
     features = levels.level_features(np.rint(left), strata, ceiling)
     features |= levels.code_features(left, strata.counted, ceiling)
@@ -43,33 +45,38 @@ def image_features(observation: SceneObservation, strata: Strata, *, ceiling: fl
     features |= residual.residual_features(left, strata)
     features |= shifts.pair_shift_features(left, right, strata)
     features |= shifts.dot_shift_features(left, strata)
-    features |= disparity.disparity_features(observation.ours_px[0], strata)
-    if len(observation.left) > 1:
-        features |= repeats.infrared_repeat_features(observation.left, strata)
+    features |= disparity.disparity_features(pairs.ours_px[0], strata)
+    if len(pairs.left) > 1:
+        features |= repeats.infrared_repeat_features(pairs.left, strata)
     return features
 
 
-def depth_features(
-    observation: SceneObservation, strata: Strata, *, captured_px: Image | None
-) -> Features:
-    """Compute features of device depth; with images also relative to our matcher's depth.
+def depth_features(depth: DepthObservation, strata: Strata) -> Features:
+    """Compute features of device depth.
 
     Args:
-        observation: observation with device depth.
+        depth: device depth.
         strata: reference and bins of the scene.
-        captured_px: (h, w) captured device disparity of these images; None without images.
     """
-    assert observation.device_px is not None
-    device = observation.device_px[0]
-    features = disparity.disparity_features(device, strata)
-    features |= surface.surface_features(device, strata)
-    if captured_px is not None:
-        assert observation.ours_px is not None
-        features |= rematched.bias_features(device, observation.ours_px[0], strata)
-        features |= rematched.difference_features(device, captured_px, strata)
-    if len(observation.device_px) > 1:
-        features |= repeats.depth_repeat_features(observation.device_px, strata)
+    features = disparity.disparity_features(depth.device_px[0], strata)
+    features |= surface.surface_features(depth.device_px[0], strata)
+    if len(depth.device_px) > 1:
+        features |= repeats.depth_repeat_features(depth.device_px, strata)
     return features
+
+
+def matched_depth_features(full: FullObservation, strata: Strata, captured_px: Image) -> Features:
+    """Compute features of device depth, also relative to our matcher's depth of the same images.
+
+    Args:
+        full: infrared images and device depth.
+        strata: reference and bins of the scene.
+        captured_px: (h, w) captured device disparity of these images.
+    """
+    device = full.device_px[0]
+    features = depth_features(full, strata)
+    features |= rematched.bias_features(device, full.ours_px[0], strata)
+    return features | rematched.difference_features(device, captured_px, strata)
 
 
 def _prefixed(prefix: str, features: Features) -> Features:

@@ -14,8 +14,8 @@ from starling.diagnosis.report import sentences as summary
 from starling.diagnosis.report.elements import prose
 from starling.diagnosis.report.style import STYLE
 from starling.diagnosis.report.words import side_names
+from starling.diagnosis.scenes.selection import ROOMS_PER_TEST_ROOM
 from starling.diagnosis.which import null
-from starling.diagnosis.which.attribution import ROOMS_PER_TEST_ROOM
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.likelihood import TAU
 from starling.diagnosis.which.segment import NOISE_ALLOWANCE, NOISE_LIMIT, SHARE_OF_INITIAL

@@ -38,8 +38,9 @@ def scene_images(scene_model: SceneModel, settings: Mapping[str, Value]) -> Scen
     if scene_model.against is not None:
         before, after = scene_model.against, None
     else:
-        before = scene_model.simulate_like_captured({}, seed=_SEED)
-        after = scene_model.simulate_like_captured(settings, seed=_SEED) if settings else None
+        before = scene_model.observe(scene_model.request({}, seed=_SEED))
+        effects = scene_model.request(settings, seed=_SEED)
+        after = scene_model.observe(effects) if settings else None
     return SceneImages(
         scene=scene_model.name,
         real=scene_model.real,

@@ -8,7 +8,11 @@ from starling.diagnosis.report import pictures
 from starling.diagnosis.report.elements import percent, picture, prose
 from starling.diagnosis.report.scene_images import SceneImages
 from starling.diagnosis.report.words import SideNames
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import (
+    DepthObservation,
+    SceneObservation,
+    StereoObservation,
+)
 from starling.diagnosis.scenes.strata import Image
 from starling.sim.report.elements import bar, number
 
@@ -41,9 +45,10 @@ def _infrared(images: SceneImages, sides: SideNames) -> str:
     frames = [
         (name, observation.left[0])
         for name, observation in _observations(images, sides)
-        if observation.left is not None
+        if isinstance(observation, StereoObservation)
     ]
-    note = "" if images.real.left is not None else "No infrared images of it were captured."
+    paired = isinstance(images.real, StereoObservation)
+    note = "" if paired else "No infrared images of it were captured."
     if not frames:
         return prose(note)
     limits = pictures.levels([frame for _, frame in frames])
@@ -75,11 +80,8 @@ def _infrared(images: SceneImages, sides: SideNames) -> str:
 def _errors(images: SceneImages, sides: SideNames) -> str:
     drawn = []
     for name, observation in _observations(images, sides):
-        maps, source = observation.ours_px, "our matcher"
-        if observation.device_px is not None:
-            maps, source = observation.device_px, "device depth"
-        if maps is not None:
-            drawn.append(_error(f"{name}, {source}", maps[0], images))
+        source = "device depth" if isinstance(observation, DepthObservation) else "our matcher"
+        drawn.append(_error(f"{name}, {source}", observation.depth_px[0], images))
     ends = [f"{number(sign * pictures.ERROR_LIMIT_PX, '+.0f')} px" for sign in (-1, 1)]
     return (
         f'<div class="threes">{"".join(drawn)}</div><div class="scale">'

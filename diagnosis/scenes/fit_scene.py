@@ -159,6 +159,11 @@ def common_settings(nuisances: Nuisances) -> dict[str, Value]:
     return {name: nuisance.common for name, nuisance in nuisances.items()}
 
 
+def fitted_values(nuisances: Nuisances) -> dict[str, float]:
+    """Return the values fitted to a scene, by effect."""
+    return {name: nuisance.value for name, nuisance in nuisances.items()}
+
+
 def estimate_pattern_scale(captured: CapturedScene, scene: Scene, sensor: Sensor) -> float | None:
     """Estimate the pattern scale at which simulated dots coincide with the captured ones.
 

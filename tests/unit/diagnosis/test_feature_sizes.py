@@ -16,7 +16,7 @@ from starling.diagnosis.features import (
     surface,
     texture,
 )
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import StereoObservation
 from starling.diagnosis.scenes.strata import FAR_OFF_PX
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, HEIGHT, WIDTH
 
@@ -155,9 +155,8 @@ def test_an_observation_has_features_of_both_images_and_of_depth():
     left, right = (np.full((1, HEIGHT, WIDTH), level, np.uint8) for level in (40, 80))
     noise = np.random.default_rng(0).normal(0, 0.1, (1, HEIGHT, WIDTH))
     ours = (DISPARITY + noise).astype(np.float32)
-    captured = SceneObservation(
-        left=left, right=right, ours_px=ours, device_px=ours + np.float32(0.2)
-    )
+    pair = StereoObservation(left=left, right=right, ours_px=ours)
+    captured = pair.with_depth(ours + np.float32(0.2))
     features = observation.image_features(captured, GROUND, ceiling=255.0)
     for name, level in (
         ("level.percentile 50", 40),
@@ -165,5 +164,5 @@ def test_an_observation_has_features_of_both_images_and_of_depth():
         ("right level.x.left.dots.between", 80),
     ):
         assert np.exp(features[name]) - 1 == pytest.approx(level, abs=0.6)
-    depth = observation.depth_features(captured, GROUND, captured_px=DISPARITY)
+    depth = observation.matched_depth_features(captured, GROUND, DISPARITY)
     assert depth["against.bias.all"] == pytest.approx(0.2, abs=1e-4)
