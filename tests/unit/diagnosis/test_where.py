@@ -286,7 +286,7 @@ def test_maps_of_noise_are_rarely_significant(count):
 
 def test_infrared_map_uses_scenes_with_infrared():
     pairs = [pair_of(scene, 1.0, 0.02) for scene in range(3)]
-    bare = dataclasses.replace(pairs[2], left=None, right=None)
+    bare = DepthObservation(device_px=pairs[2].depth_px)
     gap_maps = maps_of.gap_maps([*pairs[:2], bare], [*pairs[:2], bare], [GROUND] * 3, ROOMS[:3])
     assert {each.quantity for each in gap_maps} == {"infrared", "error", "holes"}
 
