@@ -10,7 +10,7 @@ learns how uncertain a few simulated draws are.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -114,7 +114,8 @@ def learn_residual(
         pairs = zip(scenes, physics, strict=True)
         examples = [_example(scene, inputs, real(scene)) for scene, inputs in pairs]
         split = len(training)
-        return _evaluate(method, examples[:split], examples[split:], track)
+        held_out_examples = zip(examples[split:], physics[split:], strict=True)
+        return _evaluate(method, examples[:split], held_out_examples, track)
 
     base = simulated({})
     with_effects = simulated(settings) if settings else base
@@ -163,16 +164,15 @@ def try_residual(
 def _evaluate(
     method: Method,
     training: Sequence[Example],
-    held_out: Sequence[Example],
+    held_out: Iterable[tuple[Example, Physics]],
     track: progress.Progress,
 ) -> _SceneFigures:
     with tempfile.TemporaryDirectory() as folder:
         predictor = method.fit(training, folder=Path(folder), seed=_SEED, track=track)
     figures = _SceneFigures([], [])
-    for example in held_out:
-        assert example.physics is not None
+    for example, physics in held_out:
         known = known_holes(example)
-        alone = physics_probability(example.physics)
+        alone = physics_probability(physics)
         figures.alone.append(hole_figures(alone, *known))
         figures.corrected.append(hole_figures(predictor.probability(example), *known))
     return figures

@@ -21,6 +21,10 @@ class Source(Enum):
     REFERENCE = "reference"  # Capture that it is compared with.
 
 
+_SIMULATED = {Source.INFRARED, Source.DEPTH, Source.BOTH}
+_CAPTURED = {Source.REEXPOSED, Source.CAPTURED, Source.REFERENCE}
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Request:
     """What to simulate or measure of a scene; equal requests give equal observations."""
@@ -30,6 +34,13 @@ class Request:
     seed: int = 0  # Seed of the noise.
     device: int = 0  # Number of another device of the same kind; 0: the captured one.
     estimate: int = 0  # Number of an alternative estimate of the scene; 0: the likely scene.
+
+    def __post_init__(self) -> None:
+        """Refuse what a source cannot have."""
+        if self.source in _CAPTURED and self.effects:
+            raise ValueError(f"{self.source} has no effects")
+        if self.source not in _SIMULATED and (self.device or self.estimate):
+            raise ValueError(f"{self.source} has no other device or estimate")
 
     @property
     def settings(self) -> dict[str, Value]:

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.features import observation as features
+from starling.diagnosis.features.depth import depth_features, matched_depth_features
+from starling.diagnosis.features.infrared import image_features
 from starling.diagnosis.scenes.observation import (
     DepthObservation,
     FullObservation,
@@ -126,7 +127,7 @@ class FeatureTable:
                 _save(path, row)
         rows = [self._rows[number, request] for number in range(len(self.scene_models))]
         if not all(row.size for row in rows):
-            rule = "must be effects that one sensor can have"
+            rule = "must be possible in one sensor"
             raise refuse("effects", rule, request.settings, "Choose other values.")
         return np.stack(rows)
 
@@ -275,12 +276,12 @@ def _features(
 ) -> dict[str, float]:
     if segment is Segment.IMAGE:
         pairs = expect(observation, StereoObservation)
-        return features.image_features(pairs, scene.strata, ceiling=ceiling)
+        return image_features(pairs, scene.strata, ceiling=ceiling)
     if segment is Segment.WHOLE:
-        return features.depth_features(expect(observation, DepthObservation), scene.strata)
+        return depth_features(expect(observation, DepthObservation), scene.strata)
     captured_px = expect(scene.real, DepthObservation).device_px[0]
     full = expect(observation, FullObservation)
-    return features.matched_depth_features(full, scene.strata, captured_px)
+    return matched_depth_features(full, scene.strata, captured_px)
 
 
 def base_features(scene: SceneModel, segment: Segment, ceiling: float) -> dict[str, float]:

@@ -119,5 +119,5 @@ def test_effects_that_no_sensor_can_have_are_refused():
     impossible = {(0, table.request(VEIL)): np.zeros(1), (1, table.request(VEIL)): np.empty(0)}
     table._rows.update(possible | impossible)
     assert table.change(VEIL) is None and table.scatter(VEIL) is None
-    with pytest.raises(InputError, match="effects must be effects that one sensor can have"):
+    with pytest.raises(InputError, match="effects must be possible in one sensor"):
         table.rows(table.request(VEIL))
