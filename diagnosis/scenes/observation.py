@@ -31,7 +31,7 @@ Maps = NDArray[np.float32]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Repeats:
-    """What is known of the repeats of a scene; arrays are (repeats, h, w)."""
+    """Notes on the repeats of a scene; arrays are (repeats, h, w)."""
 
     moved: bool = False  # Whether repeats differ by more than noise and flicker.
     exposures: tuple[Exposure, ...] = ()  # Of the first repeat; empty if the camera records none.
