@@ -110,7 +110,7 @@ def _begin(
     against: Path | None,
     fitted: Mapping[str, Nuisances],
 ) -> None:
-    from starling.diagnosis.scenes.pairs import pair_scenes
+    from starling.diagnosis.scenes.selection import pair_scenes
     from starling.sim.captures import capture
 
     begin_worker()

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from starling.diagnosis.scenes.request import CAPTURED
 from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model, with_capture
 from starling.diagnosis.validation.camera import nominal
 from starling.diagnosis.validation.camera.catalogue import ROWS, EffectRow
@@ -100,7 +101,7 @@ def recaptured(
 def compare(case: FeatureTable, base: BaseSamples, row: EffectRow, values: Sequence[float]) -> str:
     """Format the comparison of one effect as a line."""
     ones = np.ones(len(case.names))
-    likelihood = base.likelihood(case.real(), ones)
+    likelihood = base.likelihood(case.rows(CAPTURED), ones)
     predictions = [
         (factor, change)
         for factor, value in zip(_FACTORS, values, strict=True)

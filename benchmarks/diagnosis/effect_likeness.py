@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from starling.diagnosis.scenes.scene_model import load_scene_model
+from starling.diagnosis.scenes.selection import split_test_rooms
 from starling.diagnosis.validation.adapters import families
 from starling.diagnosis.which import attribution
 from starling.diagnosis.which.likelihood import change_directions
@@ -42,7 +43,7 @@ def main() -> None:
     scene_models = [
         load_scene_model(scene, sensor) for scene in capture.open_set(options.captures).scenes
     ]
-    chosen, _ = attribution.split_test_rooms(scene_models)
+    chosen, _ = split_test_rooms(scene_models)
     for segment in attribution.available_segments(scene_models, chosen):
         with progress.on_stderr() as track:
             _, screen = attribution.screen_segment(

@@ -23,6 +23,7 @@ from rooms import first_of_each
 
 from starling.diagnosis.scenes import fit_scene
 from starling.diagnosis.scenes.fit_scene import Nuisances
+from starling.diagnosis.scenes.request import CAPTURED
 from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model
 from starling.diagnosis.which.attribution import screen_segment
 from starling.diagnosis.which.candidates import Segment
@@ -58,7 +59,7 @@ def main() -> None:
     unmoved = [fit_scene.fit_pattern_scale(scene, sensor) for scene in first.values()]
     uniform = load(unmoved, even_ambient=True)
     table, screen = screen_segment(Segment.IMAGE, uniform, families=FAMILIES, always=True)
-    likelihood = screen.base.likelihood(table.real(), screen.weight)
+    likelihood = screen.base.likelihood(table.rows(CAPTURED), screen.weight)
     varying = (load(unmoved), load([None] * len(first)))
     gaps = [likelihood.gap, *(gap(models, table.names) for models in varying)]
     residuals = [values / likelihood.deviation for values in gaps]
@@ -76,9 +77,8 @@ def main() -> None:
 def gap(scene_models: Sequence[SceneModel], names: tuple[str, ...]) -> NDArray[np.float64]:
     """Return the gap, real minus simulated (scenes, features), NaN if a feature is missing."""
     table = build_feature_table(scene_models, Segment.IMAGE)
-    simulated = table.simulate({})
-    assert simulated is not None
-    columns = dict(zip(table.names, (table.real() - simulated).T, strict=True))
+    simulated = table.rows(table.request({}))
+    columns = dict(zip(table.names, (table.rows(CAPTURED) - simulated).T, strict=True))
     unknown = np.full(len(scene_models), np.nan)
     return np.stack([columns.get(name, unknown) for name in names], axis=1)
 

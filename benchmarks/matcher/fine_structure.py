@@ -21,6 +21,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import optimize
 
+from starling.diagnosis.scenes.observation import StereoObservation, expect
+from starling.diagnosis.scenes.request import Source, simulation
 from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model
 from starling.sim.captures import capture
 from starling.sim.sensor import resolve
@@ -44,8 +46,7 @@ def main() -> None:
     bounds = []
     for scene in captures.scenes:
         model = load_scene_model(scene, sensor)
-        assert model.real.left is not None
-        real = _powers(model.real.left[0]) - _ROUNDING
+        real = _powers(expect(model.real, StereoObservation).left[0]) - _ROUNDING
         most = _root(lambda px, model=model, real=real: _fall(_simulated(model, px)) - _fall(real))
         least = _root(lambda px, model=model, real=real: _noise(model, px)[1] - real[1])
         bounds.append((rooms.index(scene.room) % 2, least, most))
@@ -67,14 +68,17 @@ def main() -> None:
 
 
 def _simulated(model: SceneModel, smoothing_px: float) -> np.ndarray:
-    left = model.simulate({"smoothing": smoothing_px}, seed=1).left
-    assert left is not None
+    left = _left(model, smoothing_px)
     return _powers(left[0]) - _ROUNDING
 
 
+def _left(model: SceneModel, smoothing_px: float) -> np.ndarray:
+    request = simulation(Source.INFRARED, {"smoothing": smoothing_px}, seed=1)
+    return expect(model.observe(request), StereoObservation).left
+
+
 def _noise(model: SceneModel, smoothing_px: float) -> np.ndarray:
-    left = dataclasses.replace(model, frames=2).simulate({"smoothing": smoothing_px}, seed=1).left
-    assert left is not None
+    left = _left(dataclasses.replace(model, frames=2), smoothing_px)
     return _powers(left[0].astype(float) - left[1]) / 2 - _ROUNDING
 
 

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.howfar import holes
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import SceneObservation, StereoObservation
 from starling.diagnosis.scenes.strata import FAR_OFF_PX, Image, Mask, Strata
 from starling.learning.data.physics import drawn_probability
+from starling.learning.evaluation.metrics import brier, judge, reliability, roc
 
 _QUANTILES = np.linspace(0.005, 0.995, 199)
 _LEAST_DN = 0.3  # Least noise std [DN]: rounding alone causes 1 / sqrt(12).
@@ -31,7 +31,7 @@ def scene_distances(
 
     Returns:
         Distance by name. Holes: Brier score, 1 - AUC and ECE of the probability from all draws
-        (`howfar.holes`), and 1 - IoU of one draw. Disparity: difference of bias [px], log ratio of
+        (`hole_figures`), and 1 - IoU of one draw. Disparity: difference of bias [px], log ratio of
         NMAD, and distance of the error distributions [px]. With infrared: difference of dot
         contrast, and negative log-likelihood per pixel. With repeats: log ratio of temporal noise.
     """
@@ -39,12 +39,9 @@ def scene_distances(
     draws = np.stack([observation.depth_px[0] for observation in simulated])
     figures = _holes(~np.isfinite(target[0]), ~np.isfinite(draws), strata.counted)
     figures |= _errors(target[0], draws, strata)
-    if real.left is not None and simulated[0].left is not None:
-        figures |= _infrared(
-            real.left,
-            [observation.left for observation in simulated if observation.left is not None],
-            strata,
-        )
+    pairs = [pair for pair in simulated if isinstance(pair, StereoObservation)]
+    if isinstance(real, StereoObservation) and pairs:
+        figures |= _infrared(real.left, [pair.left for pair in pairs], strata)
     return figures
 
 
@@ -53,8 +50,31 @@ def _holes(real: Mask, draws: NDArray[np.bool_], where: Mask) -> dict[str, float
     overlap = np.count_nonzero(draws[0] & real & where)
     union = np.count_nonzero((draws[0] | real) & where)
     return {
-        **holes.hole_figures(probability, real, where),
+        **hole_figures(probability, real, where),
         "ndp_1_iou": 1 - overlap / union if union else 0.0,
+    }
+
+
+def hole_figures(probability: Image, real: Mask, counted: Mask) -> dict[str, float]:
+    """Measure the accuracy of a hole probability; less is better.
+
+    Args:
+        probability: (h, w) probability, 0 to 1, that a pixel has no depth.
+        real: (h, w) pixels without depth.
+        counted: (h, w) pixels to include.
+
+    Returns:
+        Brier score, 1 - AUC (NaN if all pixels are of one class) and ECE.
+
+    Raises:
+        InputError: if no pixel is counted, or a value is not a probability.
+    """
+    judged = judge(probability, real, counted)
+    area = roc(judged).area if 0 < judged.share < 1 else float("nan")
+    return {
+        "ndp_brier": brier(judged),
+        "ndp_1_auc": 1 - area,
+        "ndp_ece": reliability(judged).expected_calibration_error,
     }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 
 from starling.diagnosis.howfar.distances import scene_distances
 from starling.diagnosis.howfar.reduction import GapReduction, gap_reductions
+from starling.diagnosis.scenes.request import CAPTURED
 from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.which import null
 from starling.diagnosis.which.likelihood import Likelihood
@@ -79,10 +79,10 @@ def _distances(scene: SceneModel, settings: Settings) -> tuple[dict[str, float],
     if scene.against is not None:
         return {}, {}, {}
     before, after = (
-        [scene.simulate_like_captured(values, seed=seed) for seed in range(DRAWS)]
+        [scene.observe(scene.request(values, seed=seed)) for seed in range(DRAWS)]
         for values in ({}, settings)
     )
-    replacement = scene.with_device(OTHER).simulate_like_captured(settings, seed=OTHER)
+    replacement = scene.observe(scene.request(settings, seed=OTHER, device=OTHER))
     return (
         scene_distances(scene.real, before, scene.strata),
         scene_distances(scene.real, after, scene.strata),
@@ -94,12 +94,11 @@ def _likelihoods(
     segment: SegmentResult, held_out: Sequence[SceneModel]
 ) -> tuple[FeatureTable, Likelihood, Likelihood]:
     """Return the feature table, and likelihoods of real and of simulated captures."""
-    table = dataclasses.replace(segment.table, scene_models=tuple(held_out), _rows={}, _pending={})
+    table = segment.table.with_scenes(held_out)
     base, weight = null.simulate_base(table), segment.screening.weight
-    capture = null.simulate_capture(table, base, segment.settings, number=OTHER)
-    assert capture is not None  # The settings were accepted together.
-    capture_base, simulated = capture
-    return table, base.likelihood(table.real(), weight), capture_base.likelihood(simulated, weight)
+    capture_base, simulated = null.simulate_capture(table, base, segment.settings, number=OTHER)
+    real = base.likelihood(table.rows(CAPTURED), weight)
+    return table, real, capture_base.likelihood(simulated, weight)
 
 
 def _change(table: FeatureTable, settings: Settings) -> PredictedChange:

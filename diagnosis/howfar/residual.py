@@ -10,21 +10,22 @@ learns how uncertain a few simulated draws are.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from starling.diagnosis.howfar import holes
+from starling.diagnosis.howfar.distances import hole_figures
 from starling.diagnosis.howfar.evaluation import DRAWS, OTHER, Settings
 from starling.diagnosis.howfar.reduction import gap_reductions
 from starling.diagnosis.scenes.observation import SceneObservation
 from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.scenes.selection import SceneSelection
 from starling.learning.data.example import Example, Physics, known_holes
 from starling.learning.data.physics import physics_probability
 from starling.learning.method import Method
-from starling.patterns.errors import refuse
+from starling.patterns.errors import InputError, refuse
 from starling.sim.console import progress
 from starling.sim.stereo.depth import depth_from_disparity
 
@@ -53,7 +54,7 @@ class Absorption:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LearnedResidual:
-    """Figures of `howfar.holes` on held-out scenes, without and with the learned residual."""
+    """Figures of `hole_figures` on held-out scenes, without and with the learned residual."""
 
     alone: dict[str, float]  # Physics of the base alone, mean over scenes.
     bound: dict[str, float]  # Physics with the residual, mean over scenes.
@@ -112,7 +113,8 @@ def learn_residual(
         pairs = zip(scenes, physics, strict=True)
         examples = [_example(scene, inputs, real(scene)) for scene, inputs in pairs]
         split = len(training)
-        return _evaluate(method, examples[:split], examples[split:], track)
+        held_out_examples = zip(examples[split:], physics[split:], strict=True)
+        return _evaluate(method, examples[:split], held_out_examples, track)
 
     base = simulated({})
     with_effects = simulated(settings) if settings else base
@@ -120,7 +122,7 @@ def learn_residual(
     after = figures(with_effects, lambda scene: scene.real) if settings else None
     floor = figures(
         with_effects,
-        lambda scene: scene.with_device(OTHER).simulate_like_captured(settings, seed=OTHER),
+        lambda scene: scene.observe(scene.request(settings, seed=OTHER, device=OTHER)),
     )
     return LearnedResidual(
         alone=_mean(before.alone),
@@ -131,21 +133,47 @@ def learn_residual(
     )
 
 
+def try_residual(
+    method: Method | None,
+    scenes: SceneSelection,
+    settings: Settings,
+    *,
+    track: progress.Progress = progress.silent,
+) -> tuple[LearnedResidual | None, list[str]]:
+    """Learn the residual if that is requested and possible.
+
+    Args:
+        method: as `learn_residual`; None learns nothing.
+        scenes: training and held-out scenes.
+        settings: value by accepted effect.
+        track: wraps loops that take long.
+
+    Returns:
+        The residual, and the limits of the diagnosis that follow: a failure stops nothing else.
+    """
+    if method is None:
+        return None, []
+    try:
+        learned = learn_residual(method, scenes.training, scenes.held_out, settings, track=track)
+    except InputError as error:
+        return None, [f"No residual was learned: {error}"]
+    return learned, []
+
+
 def _evaluate(
     method: Method,
     training: Sequence[Example],
-    held_out: Sequence[Example],
+    held_out: Iterable[tuple[Example, Physics]],
     track: progress.Progress,
 ) -> _SceneFigures:
     with tempfile.TemporaryDirectory() as folder:
         predictor = method.fit(training, folder=Path(folder), seed=_SEED, track=track)
     figures = _SceneFigures([], [])
-    for example in held_out:
-        assert example.physics is not None
+    for example, physics in held_out:
         known = known_holes(example)
-        alone = physics_probability(example.physics)
-        figures.alone.append(holes.hole_figures(alone, *known))
-        figures.corrected.append(holes.hole_figures(predictor.probability(example), *known))
+        alone = physics_probability(physics)
+        figures.alone.append(hole_figures(alone, *known))
+        figures.corrected.append(hole_figures(predictor.probability(example), *known))
     return figures
 
 

@@ -7,8 +7,8 @@ from html import escape
 from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.report import howfar_section, sentences, where_section, which_section
 from starling.diagnosis.report.words import side_names
+from starling.diagnosis.scenes.selection import ROOMS_PER_TEST_ROOM
 from starling.diagnosis.which import null
-from starling.diagnosis.which.attribution import ROOMS_PER_TEST_ROOM
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.likelihood import TAU
 from starling.diagnosis.which.segment import NOISE_ALLOWANCE, NOISE_LIMIT, SHARE_OF_INITIAL

@@ -9,7 +9,11 @@ import numpy as np
 
 from starling.diagnosis.report import pictures
 from starling.diagnosis.report.words import SideNames
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import (
+    DepthObservation,
+    SceneObservation,
+    StereoObservation,
+)
 from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.scenes.strata import Image, Strata
 from starling.sim.effects.effect import Value
@@ -43,8 +47,9 @@ def scene_images(scene_model: SceneModel, settings: Mapping[str, Value]) -> Scen
     if scene_model.against is not None:
         before, after = scene_model.against, None
     else:
-        before = scene_model.simulate_like_captured({}, seed=_SEED)
-        after = scene_model.simulate_like_captured(settings, seed=_SEED) if settings else None
+        before = scene_model.observe(scene_model.request({}, seed=_SEED))
+        effects = scene_model.request(settings, seed=_SEED)
+        after = scene_model.observe(effects) if settings else None
     return SceneImages(
         scene=scene_model.name,
         real=scene_model.real,
@@ -82,9 +87,10 @@ def _infrared(images: SceneImages, sides: SideNames) -> str:
     frames = [
         (name, observation.left[0])
         for name, observation in _observations(images, sides)
-        if observation.left is not None
+        if isinstance(observation, StereoObservation)
     ]
-    note = "" if images.real.left is not None else "No infrared images of it were captured."
+    paired = isinstance(images.real, StereoObservation)
+    note = "" if paired else "No infrared images of it were captured."
     if not frames:
         return prose(note)
     limits = grey_limits(*(frame for _, frame in frames))
@@ -123,11 +129,8 @@ def _infrared(images: SceneImages, sides: SideNames) -> str:
 def _errors(images: SceneImages, sides: SideNames) -> str:
     drawn = []
     for name, observation in _observations(images, sides):
-        maps, source = observation.ours_px, "our matcher"
-        if observation.device_px is not None:
-            maps, source = observation.device_px, "device depth"
-        if maps is not None:
-            drawn.append(_error(f"{name}, {source}", maps[0], images))
+        source = "device depth" if isinstance(observation, DepthObservation) else "our matcher"
+        drawn.append(_error(f"{name}, {source}", observation.depth_px[0], images))
     ends = [f"{number(sign * pictures.ERROR_LIMIT_PX, '+.0f')} px" for sign in (-1, 1)]
     return (
         f'{grid(drawn, columns=3)}<div class="scale">{colour_bar(pictures.scale(), *ends)}'

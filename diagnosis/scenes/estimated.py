@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from starling.learning.data.captured import SMOOTHING_PX
 from starling.patterns.errors import refuse
@@ -93,12 +94,22 @@ def plain_surface(captured: CapturedScene) -> Scene:
     return captured_scene.scene_from_light(captured, _uniform_light(captured))
 
 
-def _uniform_light(captured: CapturedScene) -> RoomLight:
+def reference_depth(captured: CapturedScene) -> NDArray[np.float32]:
+    """Return the reference depth (h, w) of a scene [m].
+
+    Raises:
+        InputError: if there is none.
+    """
     truth_m = captured.truth_m()
     if truth_m is None or not np.isfinite(truth_m).any():
         rule = "must have a scene.toml or reference depth (truth.png)"
         raise refuse(f"scene {captured.name}", rule, "neither", "Leave it out, or add one.")
-    reflectance = np.full(truth_m.shape, _UNIFORM_REFLECTANCE, np.float32)
+    return truth_m
+
+
+def _uniform_light(captured: CapturedScene) -> RoomLight:
+    shape = reference_depth(captured).shape
+    reflectance = np.full(shape, _UNIFORM_REFLECTANCE, np.float32)
     return RoomLight(reflectance, LIT_ROOM_W_M2)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from starling.calibration import correlation, heldout
 from starling.diagnosis.scenes import estimated, pose
-from starling.diagnosis.scenes.observation import match_pairs
+from starling.diagnosis.scenes.observation import infrared_observation, match_pairs
 from starling.diagnosis.scenes.pose import PosedScene
 from starling.sim import simulate
 from starling.sim.captures.capture import CapturedScene
@@ -73,11 +73,9 @@ def fit_reference_pose(captured: CapturedScene, sensor: Sensor) -> Nuisances:
     layers = simulate.render_layers(MitsubaScene(scene), sensor, samples=1)
     seed = scene_seed(0, f"pose of {captured.name}")  # Independent noise for each scene.
     pair = simulate.infrared(layers, scene, sensor, seed=seed)
-    assert pair.right is not None
     real_px = match_pairs(frame.ir_left[None], frame.ir_right[None], sensor)[0]
-    simulated_px = match_pairs(pair.left[None], pair.right[None], sensor)[0]
-    truth_m = captured.truth_m()
-    assert truth_m is not None
+    simulated_px = infrared_observation(sensor, [pair]).ours_px[0]
+    truth_m = estimated.reference_depth(captured)
     fitted = pose.fit_pose(real_px - simulated_px, truth_m, captured.info)
     if fitted is None:
         return {}
@@ -157,6 +155,11 @@ def shift_settings(settings: Mapping[str, Value], nuisances: Nuisances) -> dict[
 def common_settings(nuisances: Nuisances) -> dict[str, Value]:
     """Return the common base values of the fitted parameters."""
     return {name: nuisance.common for name, nuisance in nuisances.items()}
+
+
+def fitted_values(nuisances: Nuisances) -> dict[str, float]:
+    """Return the values fitted to a scene, by effect."""
+    return {name: nuisance.value for name, nuisance in nuisances.items()}
 
 
 def estimate_pattern_scale(captured: CapturedScene, scene: Scene, sensor: Sensor) -> float | None:

@@ -7,8 +7,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from starling.diagnosis.scenes.fit_scene import SCALE, SHIFT, TURN
+from starling.diagnosis.scenes.observation import DepthObservation, StereoObservation
 from starling.diagnosis.scenes.scene_model import SceneModel
-from starling.diagnosis.which.attribution import FEWEST_ROOMS, ROOMS_PER_TEST_ROOM
+from starling.diagnosis.scenes.selection import (
+    FEWEST_ROOMS,
+    ROOMS_PER_TEST_ROOM,
+    SceneSelection,
+)
 from starling.diagnosis.which.candidates import LEFT_OUT, Segment
 
 _EQUAL_EXPOSURE = 0.01  # Relative difference of exposures that counts as equal.
@@ -21,37 +26,39 @@ _SEGMENT_NAMES = {
 
 def list_limits(
     device: str,
-    scene_models: Sequence[SceneModel],
-    *,
-    held_out: bool,
-    unpaired: Sequence[str],
-    incomplete: Sequence[str],
+    scenes: SceneSelection,
     families: Sequence[str] | None,
     untried: Sequence[Segment],
+    *,
+    compatible: bool,
 ) -> list[str]:
     """List the limits of a diagnosis.
 
     Args:
         device: name in the captures of the base, or of the diagnosed set if there is no base set.
-        scene_models: all scenes, at least one.
-        held_out: whether there are held-out test rooms.
-        unpaired: names of scenes that only one of two capture sets has.
-        incomplete: names of scenes that hold less than the others.
+        scenes: selected scenes; at least one is complete.
         families: families of effects that were tried; None if all were.
         untried: segments on which none of these families acts.
+        compatible: whether one sensor can have all accepted effects.
 
     Returns:
         One sentence for each limit.
     """
-    return [
-        *_selection(device, scene_models, unpaired, families, untried),
-        *_incomplete(scene_models, incomplete),
-        *_rooms(scene_models, held_out=held_out),
-        *_contents(scene_models),
-        *_light(scene_models),
+    limits = [
+        *_selection(device, scenes.complete, scenes.unpaired, families, untried),
+        *_incomplete(scenes.complete, [scene.name for scene in scenes.incomplete]),
+        *_rooms(scenes.complete, held_out=bool(scenes.held_out)),
+        *_contents(scenes.complete),
+        *_light(scenes.complete),
         "Not tried, as single static frames of one size do not show them: "
         f"{', '.join(sorted(LEFT_OUT))}.",
     ]
+    if not compatible:
+        limits.append(
+            "The effects accepted for images and for depth exclude each other in one sensor. So "
+            "the gap reduction is not evaluated, and no sensor with all of them is written."
+        )
+    return limits
 
 
 def _selection(
@@ -76,8 +83,8 @@ def _selection(
 
 def _incomplete(scene_models: Sequence[SceneModel], incomplete: Sequence[str]) -> Iterator[str]:
     if incomplete:
-        paired = all(scene.real.left is not None for scene in scene_models)
-        measured = all(scene.real.device_px is not None for scene in scene_models)
+        paired = all(isinstance(scene.real, StereoObservation) for scene in scene_models)
+        measured = all(isinstance(scene.real, DepthObservation) for scene in scene_models)
         contents = [
             *(["infrared pairs"] if paired else []),
             *(["device depth"] if measured else []),
@@ -96,7 +103,9 @@ def _rooms(scene_models: Sequence[SceneModel], *, held_out: bool) -> Iterator[st
 
 
 def _contents(scene_models: Sequence[SceneModel]) -> Iterator[str]:
-    depth_only = [scene.name for scene in scene_models if scene.real.left is None]
+    depth_only = [
+        scene.name for scene in scene_models if not isinstance(scene.real, StereoObservation)
+    ]
     if depth_only:
         yield (
             f"No infrared{_scenes(depth_only, scene_models)}: effects on the image and effects of "
@@ -106,7 +115,7 @@ def _contents(scene_models: Sequence[SceneModel]) -> Iterator[str]:
         scene.name
         for scene in scene_models
         if scene.sensor.projector.power_w == 0
-        and scene.real.left is not None
+        and isinstance(scene.real, StereoObservation)
         and not scene.real.unlit
     ]
     if lit:
@@ -114,7 +123,9 @@ def _contents(scene_models: Sequence[SceneModel]) -> Iterator[str]:
             f"The given sensor has its projector off, and no pair{_scenes(lit, scene_models)} is "
             "named as captured so (ir_left_off.png, ir_right_off.png): the ordinary pairs are used."
         )
-    pairs_alone = [scene.name for scene in scene_models if scene.real.device_px is None]
+    pairs_alone = [
+        scene.name for scene in scene_models if not isinstance(scene.real, DepthObservation)
+    ]
     if pairs_alone:
         yield (
             f"No device depth{_scenes(pairs_alone, scene_models)}: matcher and filters are not "
@@ -138,7 +149,7 @@ def _contents(scene_models: Sequence[SceneModel]) -> Iterator[str]:
 
 def _light(scene_models: Sequence[SceneModel]) -> Iterator[str]:
     estimated = [scene for scene in scene_models if scene.estimates]
-    if any(scene.real.left is not None for scene in estimated):
+    if any(isinstance(scene.real, StereoObservation) for scene in estimated):
         yield (
             "Reflectance and ambient light were estimated from these images: they partly absorb "
             "light, exposure, gain, vignetting and reflectance, which are not separable."
@@ -188,11 +199,13 @@ def _fitted(scene_models: Sequence[SceneModel]) -> Iterator[str]:
             f"Fitted to each scene separately: {', '.join(spans)}. "
             + ("Effects depart from that." if tried else "So these are not tried as effects.")
         )
-    dotted = [scene for scene in scene_models if scene.estimates and scene.real.right is not None]
     unmatched = [
         scene.name
-        for scene in dotted
-        if scene.sensor.projector.power_w > 0 and SCALE not in scene.nuisances
+        for scene in scene_models
+        if scene.estimates
+        and isinstance(scene.real, StereoObservation)
+        and scene.sensor.projector.power_w > 0
+        and SCALE not in scene.nuisances
     ]
     if unmatched:
         yield (
@@ -203,8 +216,8 @@ def _fitted(scene_models: Sequence[SceneModel]) -> Iterator[str]:
 
 def _exposures(scene_models: Sequence[SceneModel]) -> Iterator[str]:
     imager = scene_models[0].sensor.left
-    base = [scene.real if scene.against is None else scene.against for scene in scene_models]
-    recorded = [observation.exposure for observation in base if observation.exposure is not None]
+    base = [scene.against or scene.real for scene in scene_models]
+    recorded = [exposure for observation in base for exposure in observation.exposures]
     if not recorded or imager.auto_exposure_level:
         return
     amounts = [exposure.exposure_s * exposure.gain for exposure in recorded]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,47 +30,96 @@ Maps = NDArray[np.float32]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SceneObservation:
-    """Repeats of one scene; arrays are (repeats, h, w)."""
+class _Repeats:
+    """Notes on the repeats of a scene; arrays are (repeats, h, w)."""
 
-    left: Images | None  # Infrared images [DN]; None where only depth was captured.
-    right: Images | None
-    ours_px: Maps | None  # Disparity by our matcher, first repeat only; NaN where invalid.
-    device_px: Maps | None  # Disparity by the device's own matcher; NaN where invalid.
     moved: bool = False  # Whether repeats differ by more than noise and flicker.
-    exposure: Exposure | None = None  # Recorded by the camera for the first repeat.
+    exposures: tuple[Exposure, ...] = ()  # Of the first repeat; empty if the camera records none.
     unlit: bool = False  # Whether the pairs were captured with the projector off.
+
+    def first_repeats(self, count: int) -> Self:
+        """Keep the first `count` repeats."""
+        arrays = {name: part for name, part in vars(self).items() if isinstance(part, np.ndarray)}
+        return dataclasses.replace(self, **{name: part[:count] for name, part in arrays.items()})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StereoObservation(_Repeats):
+    """Infrared pairs."""
+
+    left: Images  # Infrared images [DN].
+    right: Images
+    ours_px: Maps  # Disparity by our matcher, first repeat only; NaN where invalid.
+
+    @property
+    def repeats(self) -> int:
+        """Number of repeats."""
+        return len(self.left)
 
     @property
     def depth_px(self) -> Maps:
         """Disparity by the device where it was captured, else by our matcher."""
-        maps = self.ours_px if self.device_px is None else self.device_px
-        assert maps is not None
-        return maps
+        return self.ours_px
 
     @cached_property
     def levels(self) -> tuple[Maps, Maps]:
         """Left and right images, dequantised [DN] (see `transfer.dequantise`)."""
-        assert self.left is not None and self.right is not None
         left, right = (
             np.stack([dequantise.draw_levels(image) for image in images])
             for images in (self.left, self.right)
         )
         return left, right
 
-    def first_repeats(self, count: int) -> SceneObservation:
-        """Keep the first `count` repeats."""
-        return dataclasses.replace(
-            self,
-            left=None if self.left is None else self.left[:count],
-            right=None if self.right is None else self.right[:count],
-            device_px=None if self.device_px is None else self.device_px[:count],
-        )
+    def with_depth(self, device_px: Maps) -> FullObservation:
+        """Add or replace the device's disparity."""
+        return FullObservation(**_contents(self, StereoObservation), device_px=device_px)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DepthObservation(_Repeats):
+    """Disparity maps of a device."""
+
+    device_px: Maps  # Disparity by the device's own matcher; NaN where invalid.
 
     @property
     def repeats(self) -> int:
         """Number of repeats."""
-        return min(len(maps) for maps in (self.left, self.device_px) if maps is not None)
+        return len(self.device_px)
+
+    @property
+    def depth_px(self) -> Maps:
+        """Disparity by the device."""
+        return self.device_px
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FullObservation(DepthObservation, StereoObservation):
+    """Infrared pairs with the device's disparity."""
+
+    @property
+    def repeats(self) -> int:
+        """Number of repeats."""
+        return min(len(self.left), len(self.device_px))
+
+
+SceneObservation = StereoObservation | DepthObservation  # A full one is both.
+NOT_CAPTURED = DepthObservation(device_px=np.empty((0, 0, 0), np.float32))
+Kind = TypeVar("Kind", StereoObservation, DepthObservation, FullObservation)
+
+
+def expect(observation: SceneObservation, kind: type[Kind]) -> Kind:
+    """Return an observation that holds what its caller needs.
+
+    Raises:
+        TypeError: if it does not.
+    """
+    if not isinstance(observation, kind):
+        raise TypeError(f"{kind.__name__} is needed; got {type(observation).__name__}")
+    return observation
+
+
+def _contents(observation: _Repeats, kind: type[_Repeats]) -> dict[str, Any]:
+    return {field.name: getattr(observation, field.name) for field in fields(kind)}
 
 
 def read_observation(scene: CapturedScene, sensor: Sensor) -> SceneObservation:
@@ -99,18 +148,24 @@ def read_observation(scene: CapturedScene, sensor: Sensor) -> SceneObservation:
             "neither",
             "Leave it out, or capture one of them.",
         )
-    left = np.stack([image for image, _ in pairs]) if pairs else None
-    right = np.stack([image for _, image in pairs]) if pairs else None
-    device = np.stack([scene.info.disparity_px(depth) for depth in depths]) if depths else None
-    return SceneObservation(
-        left=left,
-        right=right,
-        ours_px=None if left is None or right is None else match_pairs(left[:1], right[:1], sensor),
-        device_px=device,
-        moved=_has_moved(left, device),
-        exposure=read_exposure(frames[0].record),
-        unlit=bool(unlit),
-    )
+    exposure = read_exposure(frames[0].record)
+    notes: dict[str, Any] = {
+        "exposures": () if exposure is None else (exposure,),
+        "unlit": bool(unlit),
+    }
+    if not pairs:
+        device_px = _stack_disparity(scene, depths)
+        moved = stability.depth_moved(device_px)
+        return DepthObservation(device_px=device_px, moved=moved, **notes)
+    left, right = (np.stack(images) for images in zip(*pairs, strict=True))
+    ours_px = match_pairs(left[:1], right[:1], sensor)
+    moved = stability.images_moved(left)
+    stereo = StereoObservation(left=left, right=right, ours_px=ours_px, moved=moved, **notes)
+    return stereo.with_depth(_stack_disparity(scene, depths)) if depths else stereo
+
+
+def _stack_disparity(scene: CapturedScene, depths_m: Sequence[Maps]) -> Maps:
+    return np.stack([scene.info.disparity_px(depth_m) for depth_m in depths_m])
 
 
 def _unlit(frame: Frame) -> Frame:
@@ -138,13 +193,6 @@ def _pair(left: GreyImage | None, right: GreyImage | None) -> tuple[GreyImage, G
     return None if left is None or right is None else (left, right)
 
 
-def _has_moved(left: Images | None, device_px: Maps | None) -> bool:
-    """Detect motion between repeats, in the images where there are any, else in depth."""
-    if left is not None:
-        return stability.images_moved(left)
-    return device_px is not None and stability.depth_moved(device_px)
-
-
 def common_content(
     first: SceneObservation, second: SceneObservation
 ) -> tuple[SceneObservation, SceneObservation]:
@@ -153,40 +201,32 @@ def common_content(
     Raises:
         InputError: if they have nothing in common.
     """
-    paired = first.left is not None and second.left is not None
-    measured = first.device_px is not None and second.device_px is not None
-    if not paired and not measured:
-        raise refuse(
-            "captures against others",
-            "must both hold infrared pairs, or both depth",
-            "one of each",
-            "Capture the same of both.",
-        )
     count = min(first.repeats, second.repeats)
-    first, second = (
-        dataclasses.replace(
-            observation,
-            left=observation.left if paired else None,
-            right=observation.right if paired else None,
-            ours_px=observation.ours_px if paired else None,
-            device_px=observation.device_px if measured else None,
-        )
-        for observation in (first.first_repeats(count), second.first_repeats(count))
+    for kind in (FullObservation, StereoObservation, DepthObservation):
+        if isinstance(first, kind) and isinstance(second, kind):
+            first, second = (
+                kind(**_contents(observation, kind)).first_repeats(count)
+                for observation in (first, second)
+            )
+            return first, second
+    raise refuse(
+        "captures against others",
+        "must both hold infrared pairs, or both depth",
+        "one of each",
+        "Capture the same of both.",
     )
-    return first, second
 
 
 def add_exposure_noise(
-    observation: SceneObservation, sensor: Sensor, rng: np.random.Generator
-) -> SceneObservation:
+    observation: StereoObservation, sensor: Sensor, rng: np.random.Generator
+) -> StereoObservation:
     """Add the temporal noise of one more exposure to an observation's infrared images.
 
     Args:
-        observation: observation with infrared images.
+        observation: infrared images.
         sensor: sensor whose shot and read noise is drawn.
         rng: generator of the noise.
     """
-    assert observation.left is not None and observation.right is not None
     left = _noisier(observation.left, observation.levels[0], sensor.left, rng)
     right = _noisier(observation.right, observation.levels[1], sensor.right, rng)
     return dataclasses.replace(
@@ -264,12 +304,12 @@ def match_all_bits(
     )
 
 
-def infrared_observation(sensor: Sensor, pairs: Sequence[InfraredPair]) -> SceneObservation:
+def infrared_observation(sensor: Sensor, pairs: Sequence[InfraredPair]) -> StereoObservation:
     """Stack the output images of simulated pairs, and match them by our matcher."""
     left = np.stack([pair.left for pair in pairs])
     right = np.stack([pair.right for pair in pairs if pair.right is not None])
     ours_px = match_pairs(left[:1], right[:1], sensor)
-    return SceneObservation(left=left, right=right, ours_px=ours_px, device_px=None)
+    return StereoObservation(left=left, right=right, ours_px=ours_px)
 
 
 def device_depth(sensor: Sensor, pairs: Sequence[InfraredPair]) -> Maps:

@@ -10,14 +10,19 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.scenes import estimated, fit_scene, projector_frame
+from starling.diagnosis.scenes import estimated, fit_scene
 from starling.diagnosis.scenes.estimated import Estimates
 from starling.diagnosis.scenes.fit_scene import Nuisances
 from starling.diagnosis.scenes.observation import (
+    NOT_CAPTURED,
+    DepthObservation,
+    FullObservation,
     SceneObservation,
+    StereoObservation,
     add_exposure_noise,
     common_content,
     device_depth,
+    expect,
     infrared_observation,
     match_pairs,
     quantise_depth,
@@ -25,7 +30,8 @@ from starling.diagnosis.scenes.observation import (
     with_dropped_bits,
     without_extra_bits,
 )
-from starling.diagnosis.scenes.strata import Strata, stratify
+from starling.diagnosis.scenes.request import Request, Source, simulation
+from starling.diagnosis.scenes.strata import Strata, projector_tangents, stratify
 from starling.diagnosis.transfer import transfer
 from starling.diagnosis.transfer.transfer import Pair, SimulatedPairs, TransferBase
 from starling.learning.data.example import Physics
@@ -85,95 +91,53 @@ class SceneModel:
         default_factory=dict, repr=False
     )
 
-    def simulate(self, settings: Mapping[str, Value], *, seed: int) -> SceneObservation:
-        """Simulate infrared images with effects; equal seeds give equal noise.
-
-        If a second capture set is the reference, effects are transferred onto its images instead.
-
-        Args:
-            settings: value by effect, as `starling.sim.effects.setting.apply` takes them.
-            seed: seed of the noise.
-        """
-        if self.against is None or self.against.left is None or self.against.right is None:
-            sensor, pairs = self._infrared_pairs(settings, seed)
-            return infrared_observation(sensor, pairs)
-        return self._transferred(self.against, settings, seed)
-
-    def simulate_depth(self, settings: Mapping[str, Value], *, seed: int) -> SceneObservation:
-        """Simulate the depth of a device without infrared output; its matcher reads all bits."""
-        sensor, pairs = self._infrared_pairs(settings, seed)
-        return SceneObservation(
-            left=None, right=None, ours_px=None, device_px=device_depth(sensor, pairs)
-        )
-
-    def simulate_all(self, settings: Mapping[str, Value], *, seed: int) -> SceneObservation:
-        """Simulate both outputs of a device: infrared images and its own depth."""
-        sensor, pairs = self._infrared_pairs(settings, seed)
-        return dataclasses.replace(
-            infrared_observation(sensor, pairs), device_px=device_depth(sensor, pairs)
-        )
-
-    def simulate_like_captured(
-        self, settings: Mapping[str, Value], *, seed: int
-    ) -> SceneObservation:
-        """Simulate those outputs that were captured: infrared, device depth, or both."""
-        if self.real.left is None:
-            return self.simulate_depth(settings, seed=seed)
-        if self.real.device_px is None:
-            return self.simulate(settings, seed=seed)
-        return self.simulate_all(settings, seed=seed)
-
-    def with_estimate(self, number: int) -> SceneModel:
-        """Replace the scene by its alternative estimate `number`, counted from 0."""
-        scene = self.estimates[number]()
-        stage = MitsubaScene(scene)
-        layers = _render(stage, self.sensor)
-        return dataclasses.replace(
-            self, scene=scene, _stage=stage, _layers=layers, _last={}, _bases={}
-        )
-
-    def with_device(self, number: int) -> SceneModel:
-        """Replace the device by another of its kind, with other fixed patterns and faulty dots.
-
-        Args:
-            number: number of the device, from 1.
-        """
-        projector = self.sensor.projector
-        sensor = dataclasses.replace(
-            self.sensor,
-            unit=self.sensor.unit + number,
-            projector=dataclasses.replace(projector, faults_seed=projector.faults_seed + number),
-        )
-        layers = self._layers
-        if projector.faulty:
-            layers = _render(self._stage, sensor)
-        return dataclasses.replace(self, sensor=sensor, _layers=layers, _bases={})
-
-    def reexpose(self, *, seed: int) -> SceneObservation:
-        """Add the noise of one more exposure, drawn with `seed`, to the reference observation."""
-        assert self.against is not None
-        rng = np.random.default_rng(self._noise_seed(seed))
-        return add_exposure_noise(self.against, self.sensor, rng)
-
-    def rematch(self, settings: Mapping[str, Value]) -> SceneObservation:
-        """Match the captured images by our matcher with effects on matcher and post-processing.
+    def request(self, settings: Mapping[str, Value], *, seed: int, device: int = 0) -> Request:
+        """Request a simulation of those outputs that were captured.
 
         Args:
             settings: value by effect.
+            seed: seed of the noise.
+            device: number of another device; 0 for the captured one.
         """
-        sensor = _sensor_with(self.sensor, tuple(settings.items()))
-        pair = self.real
-        assert pair.left is not None and pair.right is not None
-        maps = match_pairs(pair.left, pair.right, sensor, memory=self._memory)
-        return dataclasses.replace(pair, device_px=quantise_depth(maps, sensor))
+        source = Source.INFRARED
+        if isinstance(self.real, DepthObservation):
+            source = Source.BOTH if isinstance(self.real, StereoObservation) else Source.DEPTH
+        return simulation(source, settings, seed=seed, device=device)
+
+    def observe(self, request: Request) -> SceneObservation:
+        """Simulate or measure what is requested.
+
+        Raises:
+            InputError: if the sensor cannot have the requested effects.
+        """
+        match request.source:
+            case Source.CAPTURED:
+                return self.real
+            case Source.REFERENCE:
+                return self.reference
+            case Source.REEXPOSED:
+                rng = np.random.default_rng(self._noise_seed(request.seed))
+                reference = expect(self.reference, StereoObservation)
+                return add_exposure_noise(reference, self.sensor, rng)
+            case Source.REMATCHED:
+                return self._rematch(request)
+            case _:
+                return self._with_estimate(request)._with_device(request)._simulate(request)
+
+    @property
+    def reference(self) -> SceneObservation:
+        """Captured reference observation; it exists only if two captures are compared."""
+        if self.against is None:
+            raise ValueError(f"scene {self.name} is compared with simulation")
+        return self.against
 
     def physics(self, settings: Mapping[str, Value], *, seeds: Sequence[int]) -> Physics:
         """Summarise simulations of several noise seeds as input features for `learning`.
 
-        Depth is that of `simulate_all` if device depth was captured, else that of `simulate`.
+        Depth is the device's if it was captured, else our matcher's.
         """
         sensor, scene, layers = self._apply(settings)
-        if self.real.device_px is None:
+        if not isinstance(self.real, DepthObservation):
             sensor = without_extra_bits(sensor)
         noise_seeds = map(self._noise_seed, seeds)
         shots = [simulate.expose(layers, scene, sensor, seed=seed) for seed in noise_seeds]
@@ -186,6 +150,55 @@ class SceneModel:
     def _noise_seed(self, seed: int) -> int:
         """Derive a noise seed of this scene that differs from those of simulated captures."""
         return scene_seed(seed, f"diagnosis of {self.name}")
+
+    def _with_estimate(self, request: Request) -> SceneModel:
+        """Replace the scene by an alternative estimate, if it has as many."""
+        if not 0 < request.estimate <= len(self.estimates):
+            return self
+        scene = self.estimates[request.estimate - 1]()
+        stage = MitsubaScene(scene)
+        layers = _render(stage, self.sensor)
+        return dataclasses.replace(
+            self, scene=scene, _stage=stage, _layers=layers, _last={}, _bases={}
+        )
+
+    def _with_device(self, request: Request) -> SceneModel:
+        """Replace the device by another of its kind, with other fixed patterns and faulty dots."""
+        if not request.device:
+            return self
+        projector = self.sensor.projector
+        sensor = dataclasses.replace(
+            self.sensor,
+            unit=self.sensor.unit + request.device,
+            projector=dataclasses.replace(
+                projector, faults_seed=projector.faults_seed + request.device
+            ),
+        )
+        layers = _render(self._stage, sensor) if projector.faulty else self._layers
+        return dataclasses.replace(self, sensor=sensor, _layers=layers, _bases={})
+
+    def _simulate(self, request: Request) -> SceneObservation:
+        if request.source is Source.INFRARED and isinstance(self.against, StereoObservation):
+            return self._transfer(self.against, request)
+        sensor, scene, layers = self._apply(request.settings)
+        seed = self._noise_seed(request.seed)
+        pairs = [
+            simulate.infrared(layers, scene, sensor, seed=seed, frame=frame)
+            for frame in range(self.frames)
+        ]
+        if request.source is Source.DEPTH:
+            return DepthObservation(device_px=device_depth(sensor, pairs))
+        infrared = infrared_observation(sensor, pairs)
+        if request.source is Source.INFRARED:
+            return infrared
+        return infrared.with_depth(device_depth(sensor, pairs))
+
+    def _rematch(self, request: Request) -> FullObservation:
+        """Match the captured images with effects on matcher and post-processing."""
+        sensor = _sensor_with(self.sensor, request.effects)
+        pairs = expect(self.real, StereoObservation)
+        maps = match_pairs(pairs.left, pairs.right, sensor, memory=self._memory)
+        return pairs.with_depth(quantise_depth(maps, sensor))
 
     def _apply(self, settings: Mapping[str, Value]) -> tuple[Sensor, Scene, Layers]:
         """Apply effects to sensor and scene, and render."""
@@ -207,32 +220,20 @@ class SceneModel:
             self._last[key] = _render(self._stage.with_scene(scene), sensor)
         return self._last[key]
 
-    def _infrared_pairs(
-        self, settings: Mapping[str, Value], seed: int
-    ) -> tuple[Sensor, list[simulate.InfraredPair]]:
-        sensor, scene, layers = self._apply(settings)
-        noise_seed = self._noise_seed(seed)
-        return sensor, [
-            simulate.infrared(layers, scene, sensor, seed=noise_seed, frame=frame)
-            for frame in range(self.frames)
-        ]
-
-    def _transferred(
-        self, captured: SceneObservation, settings: Mapping[str, Value], seed: int
-    ) -> SceneObservation:
+    def _transfer(self, captured: StereoObservation, request: Request) -> StereoObservation:
         """Transfer effects from simulated pairs onto captured pairs."""
+        seed = request.seed
         if seed not in self._bases:
             self._bases.clear()
             _, base = self._unquantised_pairs({}, seed)
             self._bases[seed] = transfer.transfer_bases(captured.levels, base)
-        sensor, changed = self._unquantised_pairs(settings, seed)
-        assert captured.left is not None
+        sensor, changed = self._unquantised_pairs(request.settings, seed)
         ceiling = max(2**sensor.left.bit_depth - 1, int(captured.left.max()))
         images = transfer.transfer_pairs(self._bases[seed], changed, ceiling=ceiling)
         dtype = np.uint8 if ceiling < 2**8 else np.uint16
         left, right = (np.stack(side).astype(dtype) for side in images)
         ours_px = match_pairs(left[:1], right[:1], sensor)
-        return SceneObservation(left=left, right=right, ours_px=ours_px, device_px=None)
+        return StereoObservation(left=left, right=right, ours_px=ours_px)
 
     def _unquantised_pairs(
         self, settings: Mapping[str, Value], seed: int
@@ -343,7 +344,7 @@ def build_scene_model(
     name: str,
     room: str,
     truth_m: NDArray[np.float32] | None,
-    real: SceneObservation,
+    real: SceneObservation = NOT_CAPTURED,
     frames: int,
     estimates: Estimates = (),
     fitted: Nuisances | None = None,
@@ -356,7 +357,7 @@ def build_scene_model(
         name: name of the scene; noise seeds are derived from it.
         room: room of the scene; scenes of one room are not independent.
         truth_m: (h, w) reference depth; None takes the rendered depth.
-        real: captured observation.
+        real: captured observation; none for a scene that is only simulated.
         frames: repeats of a simulated observation.
         estimates: alternative scenes that the captures also permit.
         fitted: nuisance parameters that scene and sensor contain; None if there are none.
@@ -381,7 +382,7 @@ def build_scene_model(
             noiseless(layers, scene, sensor)["left"],
             info,
             body=layers.left.body,
-            projector=projector_frame.tangents(truth_m, sensor),
+            projector=projector_tangents(truth_m, sensor),
         ),
         real=real,
         frames=frames,
@@ -396,5 +397,4 @@ def build_scene_model(
 
 def _pair_count(real: SceneObservation, against: SceneObservation | None) -> int:
     """Count the captured pairs whose matching costs are cached."""
-    observations = [item for item in (real, against) if item is not None]
-    return sum(len(item.left) for item in observations if item.left is not None)
+    return sum(len(item.left) for item in (real, against) if isinstance(item, StereoObservation))

@@ -12,9 +12,9 @@ from starling.diagnosis.scenes.strata import Image, Mask, Strata
 from starling.diagnosis.where import covariates, maps, rules, swap
 from starling.diagnosis.where.covariates import BinGap
 from starling.diagnosis.where.maps import BodyGap, GapMap
-from starling.diagnosis.where.materials import material_masks
 from starling.diagnosis.where.rules import GapRule
 from starling.diagnosis.where.swap import StageFigures
+from starling.sim.scene.scene import Scene
 
 WRONG_PX = 1.0  # Disparity error above which a pixel counts as wrong.
 
@@ -42,12 +42,10 @@ def locate_gap(scene_models: Sequence[SceneModel]) -> GapLocation:
     Holes are those of the device's own depth. Without it, our matcher's on the real images count.
 
     Args:
-        subjects: at least one.
+        scene_models: at least one.
     """
     base = [
-        scene_model.simulate_like_captured({}, seed=0)
-        if scene_model.against is None
-        else scene_model.against
+        scene_model.against or scene_model.observe(scene_model.request({}, seed=0))
         for scene_model in scene_models
     ]
     rooms = [scene_model.room for scene_model in scene_models]
@@ -88,3 +86,19 @@ def locate_gap(scene_models: Sequence[SceneModel]) -> GapLocation:
         error_bins=tuple(covariates.bin_gaps(wrong[0], wrong[1], scene_strata, rooms, masks)),
         rules=tuple(rules.find_rules(first, second, scene_strata, rooms)),
     )
+
+
+def material_masks(scene: Scene, strata: Strata) -> dict[str, Mask]:
+    """Return the counted pixels (h, w) by material; empty for a scene of one material.
+
+    Args:
+        scene: scene whose bodies have materials.
+        strata: pixel strata of the scene.
+    """
+    masks: dict[str, Mask] = {}
+    for number, body in enumerate(scene.bodies, 1):
+        where = strata.counted & (strata.body == number)
+        name = body.material.name
+        if where.any():
+            masks[name] = masks[name] | where if name in masks else where
+    return masks if len(masks) > 1 else {}

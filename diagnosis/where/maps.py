@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import SceneObservation, StereoObservation
 from starling.diagnosis.scenes.rooms import FEWEST, room_means
 from starling.diagnosis.scenes.strata import FAR_OFF_PX, Mask, Strata
 from starling.sim.arrays import mean_known
@@ -134,7 +134,7 @@ def _by_cell(
     """Return the gap of each quantity per cell; NaN if unknown."""
     cell = _cells(strata, frame)
     gaps = {}
-    if real.left is not None and base.left is not None:
+    if isinstance(real, StereoObservation) and isinstance(base, StereoObservation):
         level, before = (
             _means(_counted(images[0], strata.counted), cell) for images in (real.left, base.left)
         )
@@ -143,7 +143,7 @@ def _by_cell(
 
 
 def _level(base: SceneObservation, real: SceneObservation, where: Mask) -> float:
-    if real.left is None or base.left is None:
+    if not (isinstance(real, StereoObservation) and isinstance(base, StereoObservation)):
         return float("nan")
     level, before = (images[0][where].mean() for images in (real.left, base.left))
     return float(_log_ratio(level, before))

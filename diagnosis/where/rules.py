@@ -127,11 +127,8 @@ def _sampled(
     """Sample covariates (n, covariates) and the change (n,) at pixels of a scene."""
     pixels = np.flatnonzero(strata.counted)
     pixels = rng.choice(pixels, size=min(_PIXELS, pixels.size), replace=False)
-    columns = []
-    for name in names:
-        value = strata.covariates[name].value
-        assert value is not None
-        columns.append(value.ravel()[pixels])
+    values = [strata.covariates[name].value for name in names]
+    columns = [value.ravel()[pixels] for value in values if value is not None]
     change = after.ravel()[pixels].astype(np.float32) - before.ravel()[pixels]
     return np.stack(columns, axis=1), change
 

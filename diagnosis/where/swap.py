@@ -15,7 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import (
+    DepthObservation,
+    Maps,
+    SceneObservation,
+    StereoObservation,
+)
 from starling.diagnosis.scenes.rooms import FEWEST, mean_interval, resample_rooms
 from starling.diagnosis.scenes.strata import Strata
 from starling.sim import metrics
@@ -67,10 +72,10 @@ def stage_figures(
     columns = [
         [_figures(maps, strata) for maps, strata in zip(column, scene_strata, strict=True)]
         for column in (
-            [observation.ours_px for observation in base],
-            [observation.ours_px for observation in real],
-            [observation.device_px for observation in real],
-            [observation.device_px for observation in base],
+            [_ours(observation) for observation in base],
+            [_ours(observation) for observation in real],
+            [_device(observation) for observation in real],
+            [_device(observation) for observation in base],
         )
     ]
     stages = {}
@@ -86,6 +91,14 @@ def stage_figures(
             matcher=_difference(c - b - base_offset, rooms),
         )
     return stages
+
+
+def _ours(observation: SceneObservation) -> Maps | None:
+    return observation.ours_px if isinstance(observation, StereoObservation) else None
+
+
+def _device(observation: SceneObservation) -> Maps | None:
+    return observation.device_px if isinstance(observation, DepthObservation) else None
 
 
 def _figures(maps: NDArray | None, strata: Strata) -> dict[str, float]:

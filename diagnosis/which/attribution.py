@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from starling.diagnosis.howfar.evaluation import Evaluation, evaluate_reduction
-from starling.diagnosis.scenes import fit_scene, rooms
+from starling.diagnosis.scenes import fit_scene
+from starling.diagnosis.scenes.estimated import ABSORBED_FAMILIES
+from starling.diagnosis.scenes.observation import DepthObservation, StereoObservation
 from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.scenes.selection import FEWEST_ROOMS
 from starling.diagnosis.which.candidates import Candidate, Segment, candidates
 from starling.diagnosis.which.segment import (
     Screening,
@@ -19,18 +20,15 @@ from starling.diagnosis.which.segment import (
     diagnose_segment,
     screen_effects,
 )
+from starling.diagnosis.which.sensitivity import DetectionLimit, detection_limits
 from starling.diagnosis.which.table import FeatureTable, build_feature_table
 from starling.diagnosis.workers import WorkerPool
-from starling.patterns.errors import InputError
+from starling.patterns.errors import InputError, refuse
 from starling.sim.console import progress
 from starling.sim.effects import setting as setting
 from starling.sim.effects.effect import Value
 
 Kind = Literal["effects", "no gap", "none of the known", "cannot tell"]
-
-ROOMS_PER_TEST_ROOM = 4  # One room in so many is held out as a test room.
-_ROOMS_FOR_INTERVAL = 8  # Number of rooms from which test rooms suffice for an interval.
-FEWEST_ROOMS = 2  # Least number of rooms for cross-validation.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -43,25 +41,16 @@ class Attribution:
     together: bool  # Whether one sensor can have all accepted effects.
     howfar: Evaluation | None  # None without test rooms, or without applicable effects.
 
+    @property
+    def applicable(self) -> dict[str, Value]:
+        """Value by accepted effect; empty if they exclude each other."""
+        return self.settings if self.together else {}
 
-def split_test_rooms(
-    scene_models: Sequence[SceneModel],
-) -> tuple[list[SceneModel], list[SceneModel]]:
-    """Hold out test rooms at random, on which the reduction of the gap is measured.
-
-    One room in four is held out, and of eight rooms or more at least three. With fewer than four
-    rooms none is held out.
-
-    Returns:
-        Training scenes and held-out scenes.
-    """
-    names = sorted({scene.room for scene in scene_models})
-    order = np.random.default_rng(0).permutation(len(names))
-    least = rooms.FEWEST if len(names) >= _ROOMS_FOR_INTERVAL else 0
-    count = max(len(names) // ROOMS_PER_TEST_ROOM, least)
-    test_rooms = {names[number] for number in order[:count]}
-    training = [scene for scene in scene_models if scene.room not in test_rooms]
-    return training, [scene for scene in scene_models if scene.room in test_rooms]
+    @property
+    def sensitivities(self) -> tuple[DetectionLimit, ...]:
+        """Detection limits of all effects, if there is no gap."""
+        segments = self.segments if self.kind == "no gap" else ()
+        return tuple(limit for segment in segments for limit in detection_limits(segment.screening))
 
 
 def available_segments(
@@ -127,6 +116,28 @@ def segment_candidates(
     ]
 
 
+def untried_segments(
+    segments: Sequence[Segment], training: Sequence[SceneModel], families: Sequence[str] | None
+) -> list[Segment]:
+    """List segments on which no given family acts.
+
+    Args:
+        segments: available segments.
+        training: training scenes.
+        families: as `segment_candidates`.
+
+    Raises:
+        InputError: if no family acts on any segment.
+    """
+    untried = [
+        segment for segment in segments if not segment_candidates(segment, training, families)
+    ]
+    if segments and untried == segments:
+        rule = "must have an effect that acts on what these captures hold"
+        raise refuse("families", rule, " ".join(families or ()), "Name others, or none.")
+    return untried
+
+
 def attribute_effects(
     screenings: Sequence[tuple[FeatureTable, Screening]],
     held_out: Sequence[SceneModel],
@@ -155,6 +166,17 @@ def attribute_effects(
     )
 
 
+def absorbed_effects(
+    settings: Mapping[str, Value], scenes: Sequence[SceneModel]
+) -> tuple[str, ...]:
+    """List the accepted effects that estimates of reflectance and light partly absorb."""
+    if not any(scene.estimates and scene.against is None for scene in scenes):
+        return ()
+    return tuple(
+        name for name in settings if setting.parameter_of(name)[0].family in ABSORBED_FAMILIES
+    )
+
+
 def _compatible(scene: SceneModel, settings: dict[str, Value]) -> bool:
     """Whether one sensor can have all settings."""
     try:
@@ -166,8 +188,8 @@ def _compatible(scene: SceneModel, settings: dict[str, Value]) -> bool:
 
 def _has_data(segment: Segment, scene_models: Sequence[SceneModel]) -> bool:
     """Whether all scenes hold what a segment compares."""
-    paired = all(scene.real.left is not None for scene in scene_models)
-    measured = all(scene.real.device_px is not None for scene in scene_models)
+    paired = all(isinstance(scene.real, StereoObservation) for scene in scene_models)
+    measured = all(isinstance(scene.real, DepthObservation) for scene in scene_models)
     return {
         Segment.IMAGE: paired,
         Segment.DEPTH: paired and measured,

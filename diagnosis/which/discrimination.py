@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.diagnosis.scenes import scene_model
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.request import Request, Source
 from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.null import FLOOR
 from starling.diagnosis.which.residuals import feature_group
-from starling.diagnosis.which.rows import BITS
-from starling.diagnosis.which.table import build_feature_table
+from starling.diagnosis.which.segment import SegmentResult
+from starling.diagnosis.which.table import BITS, build_feature_table
+from starling.diagnosis.workers import WorkerPool
 from starling.patterns.errors import InputError
+from starling.sim.console import progress
 from starling.sim.effects import setting as setting
 from starling.sim.effects.effect import Value
 from starling.sim.scene.builtin import scenes
@@ -31,7 +33,6 @@ from starling.sim.sensor.sensor import Sensor
 
 _SEEDS = 4  # Noise seeds of a proposed capture.
 _REPEATS = 8  # Frames of a proposed capture of temporal noise.
-_NOTHING = SceneObservation(left=None, right=None, ours_px=None, device_px=None)
 _MOST = 4.0  # Upper limit of one feature's deviation: one alone must not reach `SEPARATED`.
 _FILTERS = {
     "decimation": 1.0,
@@ -144,6 +145,51 @@ MENU = (
 )
 
 
+def propose_captures(
+    segments: Sequence[SegmentResult],
+    scenes: Sequence[SceneModel],
+    pool: WorkerPool,
+    track: progress.Progress,
+) -> list[Discrimination]:
+    """Find the capture that best separates each accepted effect from its first rival.
+
+    The first capture that separates both reliably is taken; without one, that with the largest
+    difference.
+
+    Args:
+        segments: diagnosed segments.
+        scenes: training scenes.
+        pool: workers that simulate.
+        track: wraps the loop over pairs to report progress.
+    """
+    pairs: list[tuple[Mapping[str, Value], Mapping[str, Value], Segment]] = []
+    for segment in segments:
+        for effect in segment.search.accepted:
+            rest = {
+                name: value for name, value in segment.settings.items() if name != effect.fit.name
+            }
+            pairs += [
+                (
+                    rest | {effect.fit.name: effect.fit.value},
+                    rest | {rival.name: rival.value},
+                    segment.table.segment,
+                )
+                for rival in effect.rivals[:1]
+            ]
+    # Each pair uses another scene, because the next scene belongs to another worker.
+    futures = [
+        pool.submit(scenes[number % len(scenes)].name, discriminate, *pair)
+        for number, pair in enumerate(pairs)
+    ]
+    proposals = []
+    for future in track(futures, "further captures"):
+        options = future.result()
+        largest = max(options, key=lambda option: option.deviations, default=None)
+        best = next((option for option in options if option.enough), largest)
+        proposals += [] if best is None else [best]
+    return proposals
+
+
 def discriminate(
     scene: SceneModel,
     first: Mapping[str, Value],
@@ -200,7 +246,8 @@ def _squares(
     for number, setup in enumerate(proposal.setups(scene.scene, scene.sensor)):
         base = _scene_model(scene, setup, proposal, number)
         if segment is Segment.DEPTH:
-            base = dataclasses.replace(base, real=base.simulate_all({}, seed=0))
+            both = Request(source=Source.BOTH)
+            base = dataclasses.replace(base, real=base.observe(both))
         samples = []
         for setups, extra_bits in zip(known_setups, bits, strict=True):
             # Both candidates are compared in the bins of the base.
@@ -208,11 +255,12 @@ def _squares(
             model = dataclasses.replace(model, real=base.real, strata=base.strata)
             table = build_feature_table([model], segment)
             seeds = range(1 if segment is Segment.DEPTH else _SEEDS)
-            simulated = [table.simulate(extra_bits, seed=seed) for seed in seeds]
-            known = [rows for rows in simulated if rows is not None]
-            if len(known) < len(simulated):
+            requests = [table.request(extra_bits, seed=seed) for seed in seeds]
+            try:
+                simulated = [table.rows(request) for request in requests]
+            except InputError:
                 return None
-            samples.append((table.names, np.concatenate(known)))
+            samples.append((table.names, np.concatenate(simulated)))
         total += _squared_distance(*samples)
     return total
 
@@ -239,7 +287,6 @@ def _scene_model(scene: SceneModel, setup: Setup, proposal: Proposal, number: in
         name=f"{scene.name} {number}",
         room=scene.room,
         truth_m=None,
-        real=_NOTHING,
         frames=proposal.frames,
     )
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.diagnosis.scenes.request import REFERENCE, Request, Source
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.fit import Folds, fit
 from starling.diagnosis.which.likelihood import TAU, Likelihood
@@ -74,37 +75,53 @@ def simulate_base(table: FeatureTable, *, seeds: int = SEEDS) -> BaseSamples:
     chance if the device has other dots. In the depth segment the captured images are matched again,
     which has no random part except in bits that only the device's matcher reads.
     """
-    if table.segment is Segment.DEPTH:
-        rematched = table.simulate({})
-        assert rematched is not None
+    segment, compared = table.segment, table.compared
+    base = table.request({})
+    if segment is Segment.DEPTH:
+        rematched = table.rows(base)
         drawn = range(seeds if table.scene_models[0].sensor.left.dropped_bits else 0)
-        tables = [rematched + table.extra_bits(seed=number) for number in drawn] or [rematched]
-        return _samples(np.stack(tables), table.against())
-    against = table.against()
-    if against is not None and table.segment is Segment.IMAGE:
-        exposed = np.stack([table.reexposed(seed=number) for number in range(seeds)])
-        return _samples(exposed, against)
-    if against is None:  # The real device differs from all devices of the signatures.
-        further = [
-            table.simulate_device({}, number=_FIRST_DEVICE + number) for number in range(1, seeds)
-        ]
-    else:
-        further = [table.simulate({}, seed=number) for number in range(1, seeds)]
-    tables = [table.simulate({}), *further]
-    samples = _samples(np.stack([rows for rows in tables if rows is not None]), against)
+        tables = [rematched + table.rows(_extra_bits(number)) for number in drawn]
+        against = rematched + table.rows(REFERENCE) if compared else None
+        return _samples(tables or [rematched], against)
+    if compared and segment is Segment.IMAGE:
+        exposed = [table.rows(_reexposed(number)) for number in range(seeds)]
+        return _samples(exposed, table.rows(REFERENCE))
+    further = [table.request({}, seed=number) for number in range(1, seeds)]
+    if not compared:  # The real device differs from all devices of the signatures.
+        numbers = range(_FIRST_DEVICE + 1, _FIRST_DEVICE + seeds)
+        further = [table.request({}, seed=number, device=number) for number in numbers]
+    tables = [table.rows(request) for request in (base, *further)]
+    samples = _samples(tables, table.rows(REFERENCE) if compared else None)
     spotless = table.change({_SPOT: 0.0})
     errors = [] if spotless is None else [TAU * spotless]
-    if against is None:  # A captured reference shows the same scene, without error.
-        errors += table.estimate_changes()
+    if not compared:  # A captured reference shows the same scene, without error.
+        errors += estimate_changes(table)
     floor = samples.floor
     for error in errors:
         floor = np.hypot(floor, np.nan_to_num(error))
     return dataclasses.replace(samples, floor=floor)
 
 
+def estimate_changes(table: FeatureTable) -> list[Rows]:
+    """Compute the change by each alternative estimate of the scenes, with equal noise."""
+    base = table.request({})
+    count = max(len(scene.estimates) for scene in table.scene_models)
+    estimates = [dataclasses.replace(base, estimate=number + 1) for number in range(count)]
+    return [table.rows(request) - table.rows(base) for request in estimates]
+
+
+def _extra_bits(seed: int) -> Request:
+    """Request the bits that the device's matcher reads and its images lack."""
+    return Request(source=Source.BOTH, seed=seed)
+
+
+def _reexposed(seed: int) -> Request:
+    return Request(source=Source.REEXPOSED, seed=seed)
+
+
 def simulate_capture(
     table: FeatureTable, base: BaseSamples, settings: Mapping[str, Value], *, number: int
-) -> tuple[BaseSamples, Rows] | None:
+) -> tuple[BaseSamples, Rows]:
     """Simulate a capture with effects, and the base that it is compared with.
 
     The capture is of another device, because fixed-pattern noise and dead dots differ by device.
@@ -117,33 +134,27 @@ def simulate_capture(
         settings: value by effect.
         number: number of the device, and seed of the noise.
 
-    Returns:
-        None if the sensor cannot have these effects.
+    Raises:
+        InputError: if the sensor cannot have these effects.
     """
     compared, segment = base.against is not None, table.segment
-    if segment is Segment.IMAGE or (segment is Segment.WHOLE and not compared):
-        capture = table.simulate_device(settings, number=number)
-    else:
-        capture = table.simulate(settings, seed=number)
-    if capture is None:
-        return None
+    of_device = segment is Segment.IMAGE or (segment is Segment.WHOLE and not compared)
+    device = number if of_device else 0
+    capture = table.rows(table.request(settings, seed=number, device=device))
     if segment is Segment.DEPTH and len(base.tables) > 1:
-        capture = capture + table.extra_bits(seed=number)
+        capture = capture + table.rows(_extra_bits(number))
     reference = base.tables[-1]
     if segment is Segment.WHOLE and compared:
-        simulated = table.simulate({}, seed=number + _REFERENCE_SEED)
-        assert simulated is not None
-        reference = simulated
-    if segment is Segment.IMAGE and base.against is not None:
-        without = table.simulate_device({}, number=number)
-        assert without is not None
-        capture = capture - without + table.reexposed(seed=number)
-        reference = table.reexposed(seed=number + _REFERENCE_SEED)
+        reference = table.rows(table.request({}, seed=number + _REFERENCE_SEED))
+    if segment is Segment.IMAGE and compared:
+        without = table.rows(table.request({}, seed=number, device=device))
+        capture = capture - without + table.rows(_reexposed(number))
+        reference = table.rows(_reexposed(number + _REFERENCE_SEED))
     return base.with_reference(reference), capture
 
 
-def _samples(tables: NDArray[np.float64], against: Rows | None) -> BaseSamples:
-    return BaseSamples(tables, np.full(tables.shape[1:], FLOOR), against)
+def _samples(tables: Sequence[Rows], against: Rows | None) -> BaseSamples:
+    return BaseSamples(np.stack(tables), np.full(tables[0].shape, FLOOR), against)
 
 
 def leave_one_out(samples: BaseSamples) -> list[tuple[BaseSamples, Rows]]:

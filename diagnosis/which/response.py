@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.diagnosis.which.candidates import Candidate
-from starling.diagnosis.which.rows import Row
-from starling.diagnosis.which.table import FeatureTable
+from starling.diagnosis.which.table import FeatureTable, Row
 from starling.sim.effects.effect import Value
 
 

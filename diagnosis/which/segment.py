@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.diagnosis.scenes.observation import DepthObservation
+from starling.diagnosis.scenes.request import CAPTURED
 from starling.diagnosis.transfer import quantisation_step
 from starling.diagnosis.which import null, residuals
 from starling.diagnosis.which.candidates import Candidate, Segment, with_measured_node
@@ -168,8 +170,9 @@ def add_measured_values(candidates: Sequence[Candidate], table: FeatureTable) ->
 
 
 def _with_measured_step(candidate: Candidate, table: FeatureTable) -> Candidate:
-    device_px = [scene.real.device_px for scene in table.scene_models]
-    step = quantisation_step.estimate_step_px([maps for maps in device_px if maps is not None])
+    real = [scene.real for scene in table.scene_models]
+    device_px = [depth.device_px for depth in real if isinstance(depth, DepthObservation)]
+    step = quantisation_step.estimate_step_px(device_px)
     return candidate if step is None else with_measured_node(candidate, step)
 
 
@@ -196,7 +199,7 @@ def restrict_to_families(screening: Screening, families: Collection[str]) -> Scr
 
 def _no_feature_off(table: FeatureTable, base: BaseSamples) -> bool:
     """Whether no feature of any scene is off, so that nothing has to be matched again."""
-    likelihood = base.likelihood(table.real(), np.ones(len(table.names)))
+    likelihood = base.likelihood(table.rows(CAPTURED), np.ones(len(table.names)))
     residual = np.nan_to_num(likelihood.residual(likelihood.no_change))
     return bool((np.abs(residual) <= 1).all())
 
@@ -209,7 +212,7 @@ def diagnose_segment(table: FeatureTable, screening: Screening) -> SegmentResult
         screening: screening of a table with the same scenes; in the depth segment also with the
             same captures.
     """
-    likelihood = screening.base.likelihood(table.real(), screening.weight)
+    likelihood = screening.base.likelihood(table.rows(CAPTURED), screening.weight)
     alone = sorted(
         (fit(signature, likelihood, screening.folds) for signature in screening.signatures),
         key=lambda fitted: -fitted.total,

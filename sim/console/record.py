@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import hashlib
 import importlib.metadata
 import json
@@ -30,21 +29,6 @@ def versions() -> dict[str, str]:
     # A package is missing if starling runs from a source tree, or if it is optional.
     packages = {name: _version(name) or "not installed" for name in (*_PACKAGES, opencv)}
     return {"python": platform.python_version(), **packages}
-
-
-@functools.cache
-def code(*paths: Path) -> str:
-    """SHA-256 of Python sources, in hexadecimal digits; invalidates caches when code changes.
-
-    Args:
-        paths: files, and folders that are searched recursively.
-    """
-    digest = hashlib.sha256()
-    for path in paths:
-        for source in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            digest.update(f"{source.relative_to(path.parent)}\n".encode())
-            digest.update(source.read_bytes())
-    return digest.hexdigest()
 
 
 def content(value: Any) -> str:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,11 +14,15 @@ from numpy.typing import NDArray
 
 from starling.diagnosis.scenes import stability
 from starling.diagnosis.scenes.observation import (
+    FullObservation,
     SceneObservation,
+    StereoObservation,
     common_content,
+    expect,
     match_pairs,
     read_observation,
 )
+from starling.diagnosis.scenes.request import Source, simulation
 from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model
 from starling.diagnosis.validation.adapters import light_sets
 from starling.diagnosis.validation.protocol import case, shoot
@@ -39,6 +43,11 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     null_case = case.Case(number=0, kind="null", settings={}, seed=7)
     shoot.shoot(folder / "light", null_case, folder / "null", frames=2)
     return folder
+
+
+def infrared(model: SceneModel, settings: dict[str, Any], *, seed: int = 0) -> StereoObservation:
+    request = simulation(Source.INFRARED, settings, seed=seed)
+    return expect(model.observe(request), StereoObservation)
 
 
 def load(folder: Path) -> SceneModel:
@@ -74,8 +83,7 @@ def test_a_simulated_capture_and_its_simulation_have_independent_noise(place):
     captured = simulate.infrared(layers, model.scene, sensor(), seed=seed).left
     still = with_values(sensor(), [("imager.shot_noise", 0.0), ("imager.read_noise_e", 0.0)])
     mean = simulate.infrared(layers, model.scene, still).left.astype(float)
-    simulated = model.simulate({}, seed=0).left
-    assert simulated is not None
+    simulated = infrared(model, {}).left
     noise = [(image - mean).ravel() for image in (captured, simulated[0])]
     spread = [float(np.std(image)) for image in noise]
     assert min(spread) > 0.3 and spread[0] == pytest.approx(spread[1], rel=0.1)
@@ -96,9 +104,8 @@ def test_pairs_without_the_projector_are_read_for_a_sensor_with_it_off(place, tm
     scene = capture.open_set(both).scenes[0]
     off = with_values(sensor(), [("projector.power_w", 0.0)])
     on, unlit = read_observation(scene, sensor()), read_observation(scene, off)
-    assert on.device_px is not None and on.repeats == 2
-    assert unlit.device_px is None and unlit.repeats == 1
-    assert on.left is not None and unlit.left is not None
+    assert isinstance(on, FullObservation) and on.repeats == 2
+    assert type(unlit) is StereoObservation and unlit.repeats == 1
     np.testing.assert_array_equal(unlit.left[0], on.left[0] // 2)
     plain = capture.open_set(place / "null").scenes[0]
     assert read_observation(plain, off).repeats == 2
@@ -118,8 +125,8 @@ def test_time_steps_are_no_repeats(place, tmp_path):
 
 def test_motion_between_repeats_is_detected(place):
     """A shift by one pixel; not noise, nor a fifth more light."""
-    left = read_observation(capture.open_set(place / "null").scenes[0], sensor()).left
-    assert left is not None
+    read = read_observation(capture.open_set(place / "null").scenes[0], sensor())
+    left = expect(read, StereoObservation).left
     first, second = left
     brighter = np.clip(second * 1.2, 0, 255).astype(np.uint8)
     assert not stability.images_moved(left) and not stability.images_moved(
@@ -171,10 +178,12 @@ def test_learning_uses_the_holes_that_are_evaluated(place):
     finer = with_values(sensor(), [("imager.dropped_bits", 2)])
     model = load_scene_model(capture.open_set(place / "null").scenes[0], finer)
     settings = {"interreflection": 0.0, "veil": 0.02}
-    holes = [~np.isfinite(model.simulate(settings, seed=seed).ours_px[0]) for seed in (0, 1)]
+    holes = [~np.isfinite(infrared(model, settings, seed=seed).ours_px[0]) for seed in (0, 1)]
     np.testing.assert_array_equal(model.physics(settings, seeds=(0, 1)).ndp, np.mean(holes, 0))
-    model.real = dataclasses.replace(model.real, device_px=model.real.ours_px)
-    holes = [~np.isfinite(model.simulate_all(settings, seed=seed).device_px[0]) for seed in (0, 1)]
+    pair = expect(model.real, StereoObservation)
+    model.real = pair.with_depth(pair.ours_px)
+    both = [model.observe(model.request(settings, seed=seed)) for seed in (0, 1)]
+    holes = [~np.isfinite(observation.depth_px[0]) for observation in both]
     np.testing.assert_array_equal(model.physics(settings, seeds=(0, 1)).ndp, np.mean(holes, 0))
 
 
@@ -184,14 +193,13 @@ def test_effects_are_transferred_onto_a_captured_reference(place):
     alone, compared = (
         load_scene_model(scene, sensor(), against=against) for against in (None, scene)
     )
-    base, captured = compared.simulate({}, seed=0), compared.against
-    assert captured is not None
+    base, captured = infrared(compared, {}), expect(compared.reference, StereoObservation)
     assert np.abs(base.left.astype(float) - captured.left).max() < 3
     assert sharpness(base.left) == pytest.approx(sharpness(captured.left), rel=0.03)
     valid, expected = (np.isfinite(each.ours_px).mean() for each in (base, captured))
     assert valid == pytest.approx(expected, abs=0.005)
     for settings in ({"gamma": 1.3}, {"quantisation": 10}, {"read_noise": 60.0}):
-        transferred, simulated = (model.simulate(settings, seed=1) for model in (compared, alone))
+        transferred, simulated = (infrared(model, settings, seed=1) for model in (compared, alone))
         for image, expected in (
             (transferred.left, simulated.left),
             (transferred.right, simulated.right),
@@ -216,12 +224,12 @@ def test_equal_renderings_are_shared(place, monkeypatch):
         "render_layers",
         lambda *args, **options: count.append(1) or render(*args, **options),
     )
-    model.simulate({"nir_reflectance": 0.5, "veil": 0.02}, seed=0)
-    again = model.simulate({"gamma": 1.2, "nir_reflectance": 0.5}, seed=1)
+    infrared(model, {"nir_reflectance": 0.5, "veil": 0.02})
+    again = infrared(model, {"gamma": 1.2, "nir_reflectance": 0.5}, seed=1)
     assert len(count) == 1
-    alone = fresh.simulate({"nir_reflectance": 0.5, "gamma": 1.2}, seed=1)
+    alone = infrared(fresh, {"nir_reflectance": 0.5, "gamma": 1.2}, seed=1)
     np.testing.assert_array_equal(again.left, alone.left)
-    brighter = model.simulate({"nir_reflectance": 1.5}, seed=1)
+    brighter = infrared(model, {"nir_reflectance": 1.5}, seed=1)
     assert len(count) == 3 and brighter.left.mean() > again.left.mean()
 
 

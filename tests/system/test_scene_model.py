@@ -11,12 +11,14 @@ import pytest
 
 from starling.diagnosis.howfar import evaluation
 from starling.diagnosis.scenes import observation
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import FullObservation, SceneObservation, expect
+from starling.diagnosis.scenes.request import CAPTURED, Request, Source, simulation
 from starling.diagnosis.scenes.scene_model import SceneModel, build_scene_model
-from starling.diagnosis.which import null, rows
+from starling.diagnosis.which import null
+from starling.diagnosis.which import table as feature_table
 from starling.diagnosis.which.candidates import Segment, candidates
 from starling.diagnosis.which.response import PredictedChange
-from starling.diagnosis.which.table import FeatureTable, build_feature_table
+from starling.diagnosis.which.table import FeatureTable, build_feature_table, compute_row
 from starling.sim.effects.effect import Value
 from starling.sim.scene.builtin import scenes as builtin
 from starling.sim.scene.scene import Scene
@@ -24,7 +26,6 @@ from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 
-NOTHING = SceneObservation(left=None, right=None, ours_px=None, device_px=None)
 DETECTABLE = 0.02  # Change of a feature above the model error of the simulator.
 
 
@@ -36,7 +37,7 @@ def sensor(*edits: tuple[str, Any]) -> Sensor:
 
 
 def model_of(
-    camera: Sensor, scene: Scene | None = None, real: SceneObservation = NOTHING
+    camera: Sensor, scene: Scene | None = None, real: SceneObservation = observation.NOT_CAPTURED
 ) -> SceneModel:
     scene = builtin.clutter(1) if scene is None else scene
     return build_scene_model(scene, camera, name="a", room="a", truth_m=None, real=real, frames=1)
@@ -51,9 +52,7 @@ def test_rows_of_moving_sensors_do_not_depend_on_earlier_rows():
     columns = build_feature_table([model], Segment.IMAGE).columns
 
     def row(settings: dict[str, Any]) -> np.ndarray:
-        simulated = rows.simulated_row(model, columns, settings, 0)
-        assert simulated is not None
-        return simulated
+        return compute_row(model, columns, simulation(Source.INFRARED, settings))
 
     first = [row(moves), row(longer)]
     model._last.clear()
@@ -76,9 +75,19 @@ def test_cached_rows_belong_to_one_scene_including_its_parts_out_of_view(tmp_pat
         build_feature_table([model_of(sensor(), scene)], Segment.IMAGE, cache=tmp_path)
         for scene in (wall, more)
     ]
-    base_rows = [table.simulate({}) for table in tables]
+    base_rows = [table.rows(table.request({})) for table in tables]
     np.testing.assert_array_equal(*base_rows)  # The board is behind the camera.
     assert tables[0]._digests != tables[1]._digests
+
+
+def test_cached_rows_belong_to_one_version_of_the_features(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    model = model_of(sensor(), builtin.wall(1.0))
+    again = [build_feature_table([model], Segment.IMAGE, cache=tmp_path) for _ in range(3)]
+    assert again[0]._digests == again[1]._digests
+    monkeypatch.setattr(feature_table, "FEATURES_VERSION", feature_table.FEATURES_VERSION + 1)
+    assert again[0]._digests != again[2]._digests
 
 
 def test_the_expected_image_has_no_speckle_or_flicker():
@@ -94,11 +103,11 @@ def test_another_device_with_as_many_faulty_dots_is_no_gap():
     table = build_feature_table([model_of(faulty)], Segment.IMAGE)
     base = null.simulate_base(table)
     ones = np.ones(len(table.names))
-    second = table.simulate_device({}, number=50)
-    assert second is not None
+    second = table.rows(table.request({}, seed=50, device=50))
     likelihood = base.likelihood(second, ones)
     one_device = null.BaseSamples(
-        np.stack([table.simulate({}, seed=seed) for seed in range(null.SEEDS)]), base.floor
+        np.stack([table.rows(table.request({}, seed=seed)) for seed in range(null.SEEDS)]),
+        base.floor,
     )
     gap = one_device.likelihood(second, ones)
     assert likelihood.size(likelihood.no_change) < 2 * null.noise_size(base, ones)
@@ -110,13 +119,13 @@ def test_bits_that_only_the_matcher_reads_are_an_effect_on_depth():
     ten = [model_of(sensor(), scene) for scene in scenes]
     eight = sensor(("imager.dropped_bits", 0))
     scene_models = [
-        model_of(eight, scene, model.simulate_all({}, seed=5))
+        model_of(eight, scene, model.observe(Request(source=Source.BOTH, seed=5)))
         for scene, model in zip(scenes, ten, strict=True)
     ]
     table = build_feature_table(scene_models, Segment.DEPTH)
     change = table.change({"dropped_bits": 2.0})
     base = null.simulate_base(table)
-    likelihood = base.likelihood(table.real(), np.ones(len(table.names)))
+    likelihood = base.likelihood(table.rows(CAPTURED), np.ones(len(table.names)))
     assert change is not None
     gap = np.nan_to_num(likelihood.gap)
     assert np.mean(np.clip(gap / base.deviation, -10, 10) ** 2) > 1
@@ -135,10 +144,11 @@ def test_devices_share_renderings_except_for_their_faulty_dots():
     columns = build_feature_table([model], Segment.IMAGE).columns
     for name, shared in (("dot_blur", True), ("dropped_dots", False)):
         settings: dict[str, Any] = {name: 0.3, "hot_pixels": 0.01}
-        alone = rows.device_row(model_of(sensor()), columns, settings, 1)
-        assert rows.simulated_row(model, columns, settings, 0) is not None
+        device = simulation(Source.INFRARED, settings, seed=1, device=1)
+        alone = compute_row(model_of(sensor()), columns, device)
+        assert compute_row(model, columns, simulation(Source.INFRARED, settings)).size
         (layers,) = model._last.values()
-        np.testing.assert_array_equal(rows.device_row(model, columns, settings, 1), alone)
+        np.testing.assert_array_equal(compute_row(model, columns, device), alone)
         assert (next(iter(model._last.values())) is layers) is shared
 
 
@@ -146,7 +156,7 @@ def test_the_noise_floor_is_that_of_another_device():
     """Dots dropped at other places are as far from the real ones as those of the simulation."""
     model = model_of(sensor())
     settings: dict[str, Any] = {"dropped_dots": 0.3}
-    real = model.with_device(7).simulate_all(settings, seed=7)
+    real = model.observe(simulation(Source.BOTH, settings, seed=7, device=7))
     captured = dataclasses.replace(model, real=real)
     _, after, floor = evaluation._distances(captured, settings)
     assert after["ndp_1_iou"] == pytest.approx(floor["ndp_1_iou"], rel=0.15)
@@ -161,8 +171,7 @@ def test_an_effect_that_only_scatters_depth_explains_nothing():
     scenes = [builtin.clutter(number) for number in (1, 2)]
     scene_models = [model_of(sensor(("imager.dropped_bits", 0)), scene) for scene in scenes]
     for model in scene_models:
-        captured = model.simulate_all({}, seed=5)
-        assert captured.device_px is not None
+        captured = expect(model.observe(Request(source=Source.BOTH, seed=5)), FullObservation)
         scatter = 0.1 * rng.standard_normal(captured.device_px.shape).astype(np.float32)
         device_px = (captured.device_px + scatter).astype(np.float32)
         device_px = observation.quantise_depth(device_px, model.sensor)
@@ -170,12 +179,14 @@ def test_an_effect_that_only_scatters_depth_explains_nothing():
     scattered = build_feature_table(scene_models, Segment.DEPTH)
     assert _gain(scattered, {"depth_unit": 0.00101}) < 0
     for model in scene_models:
-        model.real = model.rematch({"median": 0})
+        model.real = model.observe(simulation(Source.REMATCHED, {"median": 0}))
     assert _gain(build_feature_table(scene_models, Segment.DEPTH), {"median": 0}) > 100
 
 
 def _gain(table: FeatureTable, settings: dict[str, Value]) -> float:
-    likelihood = null.simulate_base(table).likelihood(table.real(), np.ones(len(table.names)))
+    likelihood = null.simulate_base(table).likelihood(
+        table.rows(CAPTURED), np.ones(len(table.names))
+    )
     change = table.change(settings)
     assert change is not None
     changes = (likelihood.no_change, PredictedChange(change))

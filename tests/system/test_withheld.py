@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from starling.diagnosis.scenes import observation, scene_model
+from starling.diagnosis.scenes.observation import StereoObservation
+from starling.diagnosis.scenes.request import CAPTURED, Request, Source, simulation
 from starling.diagnosis.validation.adapters import light_sets
 from starling.diagnosis.validation.protocol import case, shoot
 from starling.diagnosis.which import null
@@ -74,14 +76,13 @@ def test_both_cameras_agree_without_an_effect(light, tmp_path):
     captures = shot(light, tmp_path / "null")
     for scene in captures.scenes:
         model = scene_model.load_scene_model(scene, nominal())
-        ours = model.simulate({}, seed=0)
-        assert model.real.left is not None and ours.left is not None
+        ours = model.observe(Request(source=Source.INFRARED))
         for side in ("left", "right"):
             theirs, simulated = getattr(model.real, side)[0], getattr(ours, side)[0]
             for part in np.array_split(np.arange(160), 3):
                 level = float(theirs[:, part].mean()) - 4
                 assert level == pytest.approx(float(simulated[:, part].mean()) - 4, rel=0.02)
-        assert model.real.device_px is None
+        assert type(model.real) is StereoObservation
 
 
 def test_effect_of_second_camera_is_measured(light, tmp_path):
@@ -95,7 +96,9 @@ def test_effect_of_second_camera_is_measured(light, tmp_path):
     signature = simulate_signature(candidate, table, candidate.nodes)
     assert signature is not None
     result = fit(
-        signature, base.likelihood(table.real(), np.ones(len(table.names))), room_folds(["a", "b"])
+        signature,
+        base.likelihood(table.rows(CAPTURED), np.ones(len(table.names))),
+        room_folds(["a", "b"]),
     )
     assert float(result.value) == pytest.approx(0.5, rel=0.25)
     assert result.gain.min() > null.LEAST_GAIN
@@ -109,7 +112,7 @@ def test_nothing_is_simulated_twice(light, tmp_path, monkeypatch):
     assert change is not None
     assert first.change({"veil": 0.05, "distortion": 0.1, "exposure": -1.0}) is None
     again = feature_table.build_feature_table([model], Segment.IMAGE, cache=tmp_path / "cache")
-    monkeypatch.setattr(scene_model.SceneModel, "simulate", None)
+    monkeypatch.setattr(scene_model.SceneModel, "observe", None)
     cached = again.change({"veil": 0.05})
     assert cached is not None
     np.testing.assert_array_equal(cached, change)
@@ -119,14 +122,14 @@ def test_nothing_is_simulated_twice(light, tmp_path, monkeypatch):
 def test_real_images_are_matched_again_with_other_settings(light, tmp_path):
     captures = shot(light, tmp_path / "null")
     model = scene_model.load_scene_model(captures.scenes[0], nominal())
-    rematched = model.rematch({"median": 0})
-    assert rematched.device_px is not None and model.real.ours_px is not None
-    assert not np.array_equal(rematched.device_px, model.real.ours_px, equal_nan=True)
-    same = model.rematch({})
-    assert model.real.ours_px is not None
-    whole_units = observation.quantise_depth(model.real.ours_px, nominal())
-    np.testing.assert_array_equal(same.device_px, whole_units)
-    assert observation.read_observation(captures.scenes[0], nominal()).left is not None
+    ours_px = observation.expect(model.real, StereoObservation).ours_px
+    rematched, same = (
+        model.observe(simulation(Source.REMATCHED, settings)) for settings in ({"median": 0}, {})
+    )
+    assert not np.array_equal(rematched.depth_px, ours_px, equal_nan=True)
+    np.testing.assert_array_equal(same.depth_px, observation.quantise_depth(ours_px, nominal()))
+    again = observation.read_observation(captures.scenes[0], nominal())
+    assert isinstance(again, StereoObservation)
 
 
 def test_scenes_in_different_light_are_refused(tmp_path, monkeypatch):

@@ -21,8 +21,8 @@ from typing import Any
 
 from starling.diagnosis.report import figures
 from starling.diagnosis.scenes.observation import SceneObservation, read_observation
-from starling.diagnosis.scenes.pairs import pair_scenes
 from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model, with_capture
+from starling.diagnosis.scenes.selection import pair_scenes, split_test_rooms
 from starling.diagnosis.validation.adapters import families, program
 from starling.diagnosis.which import attribution, baselines
 from starling.diagnosis.which import segment as segments
@@ -85,7 +85,7 @@ def diagnose(
         started = time.perf_counter()
         pairs = pair_scenes(capture.open_set(folder), against).pairs
         scene_models = _scene_models(folder.name, pairs, sensor, scene_models, references)
-        training, held_out = attribution.split_test_rooms(scene_models)
+        training, held_out = split_test_rooms(scene_models)
         screened = [
             _screened(segment, training, screenings, cache, track)
             for segment in attribution.available_segments(scene_models, training)

@@ -23,8 +23,8 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
-from starling.diagnosis.scenes.pairs import pair_scenes
 from starling.diagnosis.scenes.scene_model import load_scene_model
+from starling.diagnosis.scenes.selection import pair_scenes, split_test_rooms
 from starling.diagnosis.validation.adapters import program
 from starling.diagnosis.which import attribution, null, sensitivity
 from starling.diagnosis.which.candidates import Segment
@@ -32,6 +32,7 @@ from starling.diagnosis.which.response import Signature, add_node, simulate_sign
 from starling.diagnosis.which.segment import Screening
 from starling.diagnosis.which.table import FeatureTable
 from starling.diagnosis.workers import WorkerPool
+from starling.patterns.errors import InputError
 from starling.sim import effects
 from starling.sim.captures import capture
 from starling.sim.console import output, progress
@@ -80,7 +81,7 @@ def limits(
     scene_models = [
         load_scene_model(scene, sensor, against=reference) for scene, reference in pairs
     ]
-    training, _ = attribution.split_test_rooms(scene_models)
+    training, _ = split_test_rooms(scene_models)
     by_effect: dict[str, Limits] = {}
     with WorkerPool(
         captures, sensor, training, against=captures if against_itself else None
@@ -208,16 +209,15 @@ def _detected_on_devices(
     """
     if table.segment is Segment.DEPTH:
         return True
-    captures = [
-        null.simulate_capture(table, screening.base, {signature.name: value}, number=device)
-        for device in _DEVICES
-    ]
-    likelihoods = [
-        base.likelihood(observed, screening.weight) for base, observed in filter(None, captures)
-    ]
-    return len(likelihoods) == len(captures) and sensitivity.gains_enough(
-        signature, likelihoods, screening
-    )
+    try:
+        captures = [
+            null.simulate_capture(table, screening.base, {signature.name: value}, number=device)
+            for device in _DEVICES
+        ]
+    except InputError:  # The effect must be possible on every device.
+        return False
+    likelihoods = [base.likelihood(observed, screening.weight) for base, observed in captures]
+    return sensitivity.gains_enough(signature, likelihoods, screening)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.scenes import projector_frame
+from starling.diagnosis.scenes.strata import projector_tangents
 from starling.diagnosis.validation.adapters import check_camera, program
 from starling.patterns.errors import refuse
 from starling.sim import simulate
@@ -159,7 +159,7 @@ def _arrays(
         view, even, other_view = (getattr(rendered, side) for rendered in (layers, evenly, second))
         scale = electrons_per_radiance(imager, wavelength, imager.exposure_s)
         power = scale * sensor.projector.power_w
-        tangents = projector_frame.tangents(view.depth_m, sensor, right=side == "right")
+        tangents = projector_tangents(view.depth_m, sensor, right=side == "right")
         arrays |= {
             f"{side}_laser_e": view.projector_direct * np.float32(power),
             f"{side}_even_e": even.projector_direct * np.float32(power),

@@ -11,15 +11,14 @@ from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.howfar.evaluation import Evaluation
 from starling.diagnosis.howfar.reduction import GapReduction
 from starling.diagnosis.report.scene_section import SceneImages
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import DepthObservation, SceneObservation
 from starling.diagnosis.where import covariates, maps, rules, swap
 from starling.diagnosis.where.location import GapLocation
 from starling.diagnosis.which import search
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.response import Signature
-from starling.diagnosis.which.rows import Columns
 from starling.diagnosis.which.segment import NOISE_LIMIT, SHARE_OF_INITIAL, Screening, SegmentResult
-from starling.diagnosis.which.table import FeatureTable
+from starling.diagnosis.which.table import Columns, FeatureTable
 from tests.unit.diagnosis import made_gaps as made
 from tests.unit.diagnosis.test_features import GROUND
 from tests.unit.diagnosis.test_where import pair_of
@@ -33,14 +32,12 @@ Leads = tuple[tuple[str, ...], tuple[str, ...]]
 def real(*, infrared: bool = True, device: bool = True) -> list[SceneObservation]:
     observations = []
     for number in range(len(NAMES)):
-        observation = pair_of(50 + number, 1.2, 0.05)
-        if device:
-            observation = dataclasses.replace(
-                observation, device_px=pair_of(90 + number, 1.0, 0.11).ours_px
-            )
-        if not infrared:
-            observation = dataclasses.replace(observation, left=None, right=None, ours_px=None)
-        observations.append(observation)
+        pair, device_px = pair_of(50 + number, 1.2, 0.05), pair_of(90 + number, 1.0, 0.11).ours_px
+        observations.append(
+            (pair.with_depth(device_px) if device else pair)
+            if infrared
+            else DepthObservation(device_px=device_px)
+        )
     return observations
 
 
@@ -51,16 +48,10 @@ def where(captured: list[SceneObservation]) -> GapLocation:
     scene_strata, rooms = [GROUND] * len(captured), NAMES[: len(captured)]
     simulated = SIMULATED[: len(captured)]
     several = len(captured) > 1
-    depth = [
-        observation.device_px if observation.device_px is not None else observation.ours_px
-        for observation in captured
-    ]
-    before = [
-        ~np.isfinite(observation.ours_px[0])
-        for observation in simulated
-        if observation.ours_px is not None
-    ]
-    after = [~np.isfinite(observation[0]) for observation in depth if observation is not None]
+    before, after = (
+        [~np.isfinite(observation.depth_px[0]) for observation in observations]
+        for observations in (simulated, captured)
+    )
     return GapLocation(
         parts=swap.stage_figures(simulated, captured, scene_strata, rooms),
         maps=tuple(maps.gap_maps(simulated, captured, scene_strata, rooms)) if several else (),

@@ -9,6 +9,7 @@ import pytest
 
 from starling.diagnosis.validation.adapters import detection
 from starling.diagnosis.which.candidates import Segment
+from starling.patterns.errors import InputError
 from tests.unit.diagnosis.made_gaps import BASE, EFFECTS, FakeTable, noise, screening
 
 
@@ -99,8 +100,10 @@ def test_half_of_the_devices_must_detect_the_effect(
     assert ask(EFFECTS["veil"], 0.5, image, screening()) == detected
     assert ask(EFFECTS["veil"], 0.5, depth, screening())
 
-    def refused(*_: Any, number: int) -> tuple[Any, Any] | None:
-        return None if number == numbers[-1] else capture(number=numbers[0])
+    def refused(*_: Any, number: int) -> tuple[Any, Any]:
+        if number == numbers[-1]:
+            raise InputError("effects exclude each other")
+        return capture(number=numbers[0])
 
     monkeypatch.setattr(detection.null, "simulate_capture", refused)
     assert not ask(EFFECTS["veil"], 0.5, image, screening())

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.diagnosis import diagnosis
 from starling.diagnosis.which import discrimination
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.discrimination import (
@@ -96,7 +95,9 @@ def test_the_first_sufficient_capture_is_proposed_or_the_best_one(
     )
     scene_models: Any = [SimpleNamespace(name="attic")]
     pool: Any = SimpleNamespace(submit=submit)
-    proposals = diagnosis._propose_captures([segment], scene_models, pool, lambda items, _: items)
+    proposals = discrimination.propose_captures(
+        [segment], scene_models, pool, lambda items, _: items
+    )
     assert [proposal.capture for proposal in proposals] == chosen
     first, second = {"gamma": 0.1, "veil": 0.1}, {"gamma": 0.1, "gain": 0.5}
     assert jobs == [("attic", discrimination.discriminate, first, second, Segment.IMAGE)]

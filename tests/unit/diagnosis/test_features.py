@@ -8,16 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from starling.diagnosis.features import (
-    disparity,
-    levels,
-    rematched,
-    repeats,
-    residual,
-    shifts,
-    surface,
-    texture,
-)
+from starling.diagnosis.features import depth as depth_maps
+from starling.diagnosis.features import infrared
 from starling.diagnosis.scenes import observation
 from starling.diagnosis.scenes.strata import Strata, stratify
 from starling.patterns.errors import InputError
@@ -94,7 +86,7 @@ def test_percentiles_resolve_fractions_of_a_code():
     dark = rng.integers(3, 6, EXPECTED.shape).astype(np.float32)
     lifted = dark + (rng.random(dark.shape) < 0.1)
     before, after = (
-        np.exp(levels.level_features(image, GROUND, 255.0)["level.percentile 25"]) - 1
+        np.exp(infrared.level_features(image, GROUND, 255.0)["level.percentile 25"]) - 1
         for image in (dark, lifted)
     )
     assert before == pytest.approx(2.5 + 0.25 * 3, abs=0.03)
@@ -103,23 +95,23 @@ def test_percentiles_resolve_fractions_of_a_code():
 
 @given(st.floats(0.5, 2.0))
 def test_levels_follow_the_light(factor: float):
-    before = levels.level_features(EXPECTED, GROUND, 1e4)
-    after = levels.level_features(EXPECTED * np.float32(factor), GROUND, 1e4)
+    before = infrared.level_features(EXPECTED, GROUND, 1e4)
+    after = infrared.level_features(EXPECTED * np.float32(factor), GROUND, 1e4)
     name = "level.radius.ring.dots.on dots"
     assert after[name] - before[name] == pytest.approx(np.log(factor), abs=0.02)
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(0.3, 0.0), (0.0, -0.2), (-0.4, 0.3)])
 def test_a_shift_is_measured_in_pixels(dx: float, dy: float):
-    moved = shifts.warp_to_left(EXPECTED, np.zeros_like(DISPARITY), dx=-dx, dy=-dy)
-    features = shifts.dot_shift_features(moved, GROUND)
+    moved = infrared.warp_to_left(EXPECTED, np.zeros_like(DISPARITY), dx=-dx, dy=-dy)
+    features = infrared.dot_shift_features(moved, GROUND)
     assert features["dots.shift x.all"] == pytest.approx(-dx, abs=0.08)
     assert features["dots.shift y.all"] == pytest.approx(-dy, abs=0.08)
 
 
 def test_blur_reduces_sharpness():
-    sharp = texture.texture_features(EXPECTED, GROUND)
-    soft = texture.texture_features(cv2.GaussianBlur(EXPECTED, (0, 0), 1.0), GROUND)
+    sharp = infrared.texture_features(EXPECTED, GROUND)
+    soft = infrared.texture_features(cv2.GaussianBlur(EXPECTED, (0, 0), 1.0), GROUND)
     name = "texture.slope.radius.ring.dots.on dots"
     assert soft[name] < sharp[name] - 0.5
 
@@ -129,10 +121,10 @@ def test_noise_is_measured_as_a_standard_deviation(sigma: float):
     """The local fit of two parameters in 15 px windows absorbs less than 2 % of it."""
     rng = np.random.default_rng(1)
     image = EXPECTED + sigma * rng.standard_normal(EXPECTED.shape).astype(np.float32)
-    features = residual.residual_features(image, GROUND)
+    features = infrared.residual_features(image, GROUND)
     assert features["noise.expected.1/4"] == pytest.approx(np.log(sigma), abs=0.1)
     rows = image + 3 * rng.standard_normal((HEIGHT, 1)).astype(np.float32)
-    striped = residual.residual_features(rows, GROUND)
+    striped = infrared.residual_features(rows, GROUND)
     assert striped["noise.rows"] > features["noise.rows"] + 1
     assert striped["noise.columns"] < features["noise.columns"] + 0.5
 
@@ -140,7 +132,7 @@ def test_noise_is_measured_as_a_standard_deviation(sigma: float):
 def test_errors_and_holes_are_measured_by_bin():
     measured = DISPARITY + np.float32(0.1)
     measured[:, : WIDTH // 3] = np.nan
-    features = disparity.disparity_features(measured, GROUND)
+    features = depth_maps.disparity_features(measured, GROUND)
     assert features["error.bias.all"] == pytest.approx(0.1, abs=1e-5)
     assert features["holes.x.left"] == pytest.approx(np.pi / 2)
     assert features["holes.x.right"] == 0
@@ -152,11 +144,11 @@ def test_surface_features_respond_to_smoothing_and_steps():
     rough = DISPARITY + 0.1 * rng.standard_normal(DISPARITY.shape).astype(np.float32)
     smooth = cv2.blur(rough, (9, 9))
     before, after = (
-        surface.surface_features(np.asarray(image), GROUND) for image in (rough, smooth)
+        depth_maps.surface_features(np.asarray(image), GROUND) for image in (rough, smooth)
     )
     assert after["surface.alike x4"] > before["surface.alike x4"] + 0.3
     assert after["surface.rough x"] < before["surface.rough x"] - 1
-    stepped = surface.surface_features(np.round(rough * 4) / 4, GROUND)
+    stepped = depth_maps.surface_features(np.round(rough * 4) / 4, GROUND)
     assert stepped["surface.equal x"] > before["surface.equal x"] + 0.3
 
 
@@ -164,21 +156,21 @@ def test_depth_is_compared_with_our_matcher_by_sign_and_with_the_device_by_dista
     rng = np.random.default_rng(7)
     ours = DISPARITY + 0.1 * rng.standard_normal(DISPARITY.shape).astype(np.float32)
     device = np.where(np.arange(WIDTH) < 60, np.nan, ours + 0.2).astype(np.float32)
-    assert rematched.bias_features(device, ours, GROUND)["against.bias.all"] == pytest.approx(0.2)
-    assert rematched.bias_features(ours, ours, GROUND)["against.bias.all"] == 0
-    equal = rematched.difference_features(device, device, GROUND)
+    assert depth_maps.bias_features(device, ours, GROUND)["against.bias.all"] == pytest.approx(0.2)
+    assert depth_maps.bias_features(ours, ours, GROUND)["against.bias.all"] == 0
+    equal = depth_maps.difference_features(device, device, GROUND)
     assert all(np.isnan(value) or value == 0 for value in equal.values())
-    base = rematched.difference_features(ours, device, GROUND)
+    base = depth_maps.difference_features(ours, device, GROUND)
     assert base["unlike.disparity.all"] == pytest.approx(0.2)
     # Half of the device's holes is nearer to it; equally many holes elsewhere are farther from it.
     half = np.where(np.arange(WIDTH) < 33, np.nan, ours).astype(np.float32)
     elsewhere = np.where(np.arange(WIDTH) > WIDTH - 28, np.nan, ours).astype(np.float32)
     nearer, farther = (
-        rematched.difference_features(depth, device, GROUND) for depth in (half, elsewhere)
+        depth_maps.difference_features(depth, device, GROUND) for depth in (half, elsewhere)
     )
     assert nearer["unlike.holes.all"] < base["unlike.holes.all"] - 0.1
     assert farther["unlike.holes.all"] > base["unlike.holes.all"] + 0.1
-    assert np.isnan(rematched.difference_features(np.full_like(ours, np.nan), device, GROUND)[
+    assert np.isnan(depth_maps.difference_features(np.full_like(ours, np.nan), device, GROUND)[
         "unlike.disparity.all"
     ])  # fmt: skip
 
@@ -186,14 +178,14 @@ def test_depth_is_compared_with_our_matcher_by_sign_and_with_the_device_by_dista
 def test_repeats_show_temporal_noise_and_filtering():
     rng = np.random.default_rng(3)
     frames = EXPECTED + 2 * rng.standard_normal((12, HEIGHT, WIDTH))
-    features = repeats.infrared_repeat_features(frames, GROUND)
+    features = infrared.infrared_repeat_features(frames, GROUND)
     assert features["time.noise.expected.2/4"] == pytest.approx(np.log(2), abs=0.05)
     maps = DISPARITY + 0.1 * rng.standard_normal((12, HEIGHT, WIDTH))
-    independent = repeats.depth_repeat_features(maps, GROUND)
+    independent = depth_maps.depth_repeat_features(maps, GROUND)
     assert independent["time.carried on"] == pytest.approx(-0.5, abs=0.02)
     filtered = np.cumsum(maps - DISPARITY, axis=0) + DISPARITY
-    assert repeats.depth_repeat_features(filtered, GROUND)["time.carried on"] > -0.1
-    assert "time.carried on" not in repeats.depth_repeat_features(maps[:2], GROUND)
+    assert depth_maps.depth_repeat_features(filtered, GROUND)["time.carried on"] > -0.1
+    assert "time.carried on" not in depth_maps.depth_repeat_features(maps[:2], GROUND)
 
 
 def test_depth_in_whole_units_keeps_holes_and_changes_little():

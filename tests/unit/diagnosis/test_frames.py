@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import DepthObservation
 from starling.diagnosis.scenes.strata import Strata
 from starling.diagnosis.where import frames, maps
 from starling.diagnosis.where.frames import FixedFrame
@@ -24,10 +24,10 @@ def strata(scene: int, *, moved: float) -> Strata:
     return dataclasses.replace(GROUND, projector=field.astype(np.float32))
 
 
-def reading(seed: int, off_px: np.ndarray | float) -> SceneObservation:
+def reading(seed: int, off_px: np.ndarray | float) -> DepthObservation:
     noise = 0.05 * np.random.default_rng(seed).standard_normal(DISPARITY.shape)
     disparity = (DISPARITY + noise + off_px).astype(np.float32)
-    return SceneObservation(left=None, right=None, ours_px=disparity[None], device_px=None)
+    return DepthObservation(device_px=disparity[None])
 
 
 def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from starling.diagnosis.howfar.distances import scene_distances
-from starling.diagnosis.howfar.holes import hole_figures
+from starling.diagnosis.howfar.distances import hole_figures, scene_distances
 from starling.diagnosis.howfar.reduction import gap_reductions
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import DepthObservation, StereoObservation
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, strata_of
 
 ROOMS = ("hall", "attic", "porch")
@@ -17,7 +16,7 @@ ROOMS = ("hall", "attic", "porch")
 
 def reading(
     seed: int, *, noise_px: float = 0.1, bias_px: float = 0.0, level: float = 1.0, frames: int = 1
-) -> SceneObservation:
+) -> StereoObservation:
     """Return images and maps of the synthetic scene; a fixed corner has no depth."""
     rng = np.random.default_rng(seed)
     shape = (frames, *DISPARITY.shape)
@@ -25,9 +24,7 @@ def reading(
     maps[:, :40, -60:] = np.nan
     images = np.clip(level * EXPECTED + 2 * rng.standard_normal(shape), 0, 255)
     codes = np.rint(images).astype(np.uint8)
-    return SceneObservation(
-        left=codes, right=codes, ours_px=maps.astype(np.float32), device_px=None
-    )
+    return StereoObservation(left=codes, right=codes, ours_px=maps.astype(np.float32))
 
 
 BASE = [reading(seed) for seed in range(1, 5)]
@@ -65,16 +62,14 @@ def test_other_light_is_less_likely():
 
 def test_device_depth_takes_precedence():
     real = reading(9)
-    device = SceneObservation(
-        left=real.left, right=real.right, ours_px=real.ours_px, device_px=real.ours_px + 1
-    )
+    device = real.with_depth(real.ours_px + 1)
     assert scene_distances(device, BASE, GROUND)["bias_px"] == pytest.approx(1, abs=0.01)
     assert scene_distances(real, BASE, GROUND)["bias_px"] < 0.01
 
 
 def test_too_few_pixels_have_no_errors():
     nothing = np.full_like(DISPARITY, np.nan)[None]
-    real = SceneObservation(left=None, right=None, ours_px=nothing, device_px=None)
+    real = DepthObservation(device_px=nothing)
     result = scene_distances(real, BASE, GROUND)
     assert np.isnan(result["bias_px"]) and np.isnan(result["ndp_1_auc"])
     flat = strata_of(np.full_like(DISPARITY, 5.0))
@@ -155,17 +150,15 @@ def test_scenes_without_a_figure_are_left_out():
     assert gap_reductions([{"a": nan}], [{"a": 1.0}], [{"a": 0.0}], ROOMS[:1]) == {}
 
 
-def of_levels(images: np.ndarray, seed: int = 0) -> SceneObservation:
-    return SceneObservation(
-        left=images, right=images, ours_px=reading(seed).ours_px, device_px=None
-    )
+def of_levels(images: np.ndarray, seed: int = 0) -> StereoObservation:
+    return StereoObservation(left=images, right=images, ours_px=reading(seed).ours_px)
 
 
 def test_temporal_noise_is_a_log_ratio():
     rng = np.random.default_rng(0)
     shape = (4, *DISPARITY.shape)
 
-    def noisy(sigma: float) -> SceneObservation:
+    def noisy(sigma: float) -> StereoObservation:
         return of_levels(np.rint(100 + sigma * rng.standard_normal(shape)).astype(np.uint8))
 
     simulated = [noisy(4.0) for _ in range(3)]
@@ -178,7 +171,7 @@ def test_dot_contrast_is_a_difference():
     dots = GROUND.covariates["dots"]
     on, between = dots.mask("on dots"), dots.mask("between")
 
-    def lit(dot: int, rest: int) -> SceneObservation:
+    def lit(dot: int, rest: int) -> StereoObservation:
         image = np.select([on, between], [dot, rest], 50)[None].astype(np.uint8)
         return of_levels(image)
 
@@ -191,7 +184,7 @@ def test_likelihood_of_infrared_is_that_of_its_own_noise():
     rng = np.random.default_rng(0)
     ramp = np.linspace(60, 120, DISPARITY.shape[1]) * np.ones(DISPARITY.shape)
 
-    def taken(sigma: float) -> SceneObservation:
+    def taken(sigma: float) -> StereoObservation:
         image = ramp + sigma * rng.standard_normal(ramp.shape)
         return of_levels(np.rint(image)[None].astype(np.uint8))
 

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from starling.diagnosis import diagnosis as module
 from starling.diagnosis.scenes import estimated
 from starling.diagnosis.scenes.fit_scene import SCALE, SHIFT, TURN, Nuisance
 from starling.diagnosis.scenes.limits import list_limits
+from starling.diagnosis.scenes.observation import (
+    DepthObservation,
+    FullObservation,
+    StereoObservation,
+)
+from starling.diagnosis.scenes.selection import SceneSelection
 from starling.diagnosis.validation.adapters import families
+from starling.diagnosis.which import attribution
 from starling.diagnosis.which.candidates import Segment
 from starling.sim.imaging.imager.exposure import Exposure
 from starling.sim.sensor import presets
@@ -22,21 +29,28 @@ from starling.sim.sensor.sensor import Sensor
 SENSOR = presets.load("d435")
 
 
-def scene(name: str = "a", *, room: str = "", sensor: Sensor = SENSOR, **real: Any) -> Any:
-    image = np.zeros((2, 3, 3))
-    contents = {
-        "left": image,
-        "right": image,
-        "device_px": image,
-        "moved": False,
-        "exposure": None,
-        "unlit": False,
-    } | real
+IMAGE, MAPS = np.zeros((2, 3, 3), np.uint8), np.zeros((2, 3, 3), np.float32)
+
+
+def observation(kind: type[Any], **notes: Any) -> Any:
+    contents = {"left": IMAGE, "right": IMAGE, "ours_px": MAPS, "device_px": MAPS}
+    names = {field.name for field in dataclasses.fields(kind)} & contents.keys()
+    return kind(**{name: contents[name] for name in names}, **notes)
+
+
+def scene(
+    name: str = "a",
+    *,
+    room: str = "",
+    sensor: Sensor = SENSOR,
+    kind: type[Any] = FullObservation,
+    **notes: Any,
+) -> Any:
     return SimpleNamespace(
         name=name,
         room=room or name,
         sensor=sensor,
-        real=SimpleNamespace(**contents),
+        real=observation(kind, **notes),
         frames=2,
         estimates=(),
         against=None,
@@ -45,9 +59,24 @@ def scene(name: str = "a", *, room: str = "", sensor: Sensor = SENSOR, **real: A
     )
 
 
-def limits(*scenes: Any, device: str = SENSOR.name, held_out: bool = True, **options: Any) -> str:
-    arguments = {"unpaired": (), "incomplete": (), "families": None, "untried": ()} | options
-    return " ".join(list_limits(device, scenes, held_out=held_out, **arguments))
+def limits(
+    *scenes: Any,
+    device: str = SENSOR.name,
+    held_out: bool = True,
+    unpaired: tuple[str, ...] = (),
+    incomplete: tuple[str, ...] = (),
+    families: list[str] | None = None,
+    untried: tuple[Segment, ...] = (),
+    compatible: bool = True,
+) -> str:
+    selection = SceneSelection(
+        complete=[*scenes],
+        incomplete=[scene(name) for name in incomplete],
+        training=[*scenes],
+        held_out=[*scenes[:1]] if held_out else [],
+        unpaired=unpaired,
+    )
+    return " ".join(list_limits(device, selection, families, untried, compatible=compatible))
 
 
 def test_the_package_offers_its_function_and_nothing_else():
@@ -70,16 +99,18 @@ def test_each_limit_has_its_sentence():
     )
     assert "Only one room" in limits(scene("a", room="k"), scene("b", room="k"), held_out=False)
     assert "Fewer than 4 rooms" in limits(scene(), scene("b"), held_out=False)
-    assert "No infrared of b:" in limits(scene(), scene("b", left=None))
-    assert "No infrared:" in limits(scene(left=None), scene("b", left=None))
-    assert "No device depth of a:" in limits(scene(device_px=None), scene("b"))
+    assert "No infrared of b:" in limits(scene(), scene("b", kind=DepthObservation))
+    assert "No infrared:" in limits(scene(kind=DepthObservation), scene("b", kind=DepthObservation))
+    assert "No device depth of a:" in limits(scene(kind=StereoObservation), scene("b"))
     assert "Repeats of b differ" in limits(scene(), scene("b", moved=True))
-    assert "ignored: c." in limits(scene(), scene("b"), unpaired=["c"])
-    assert "scenes that hold infrared pairs and device depth" in limits(scene(), incomplete=["c"])
-    assert "hold infrared pairs; these" in limits(scene(), scene(device_px=None), incomplete=["c"])
-    assert "hold device depth; these" in limits(scene(left=None), incomplete=["c"])
+    assert "ignored: c." in limits(scene(), scene("b"), unpaired=("c",))
+    assert "scenes that hold infrared pairs and device depth" in limits(scene(), incomplete=("c",))
+    assert "hold infrared pairs; these" in limits(
+        scene(), scene(kind=StereoObservation), incomplete=("c",)
+    )
+    assert "hold device depth; these" in limits(scene(kind=DepthObservation), incomplete=("c",))
     assert "families were tried: gain, veil." in limits(scene(), families=["veil", "gain"])
-    text = limits(scene(), families=["veil"], untried=[Segment.DEPTH])
+    text = limits(scene(), families=["veil"], untried=(Segment.DEPTH,))
     assert "veil. None of them acts on matcher and filters:" in text
     lit = scene("b")
     lit.scene.ambient, lit.frames = 3.0, 1
@@ -88,7 +119,7 @@ def test_each_limit_has_its_sentence():
     lit.estimates = (1,)
     text = limits(scene(), lit)
     assert "were estimated from these images" in text and "differ in ambient" not in text
-    lit.real.left = None
+    lit.real = observation(DepthObservation)
     text = limits(lit, scene())
     assert "one value of each was assumed" in text and "these images" not in text
 
@@ -100,14 +131,14 @@ def test_fitted_parameters_and_unmatched_dots_are_reported():
     text = limits(first, second)
     assert "separately: ambient 0.1 to 0.25, pattern_scale 0.9985. So these are" in text
     assert "Dots" not in text
-    second.against = SimpleNamespace(exposure=None, moved=False)
+    second.against = observation(FullObservation)
     assert "Effects depart from that." in limits(first, second)
     first.estimates = second.estimates = (1,)
     assert "Dots of b do not match this sensor's pattern" in limits(first, second)
     second.sensor = with_values(SENSOR, [("projector.power_w", 0.0)])
     text = limits(first, second)
     assert "Dots" not in text and "no pair of b is named as captured so" in text
-    second.real.unlit = True
+    second.real = observation(FullObservation, unlit=True)
     assert "captured so" not in limits(first, second)
 
 
@@ -121,7 +152,7 @@ def test_recorded_exposures_are_compared_with_the_sensor(times, says):
     for camera in (fixed, with_values(SENSOR, [("imager.auto_exposure_level", 0.3)])):
         shots = [Exposure(exposure_s=k * imager.exposure_s, gain=imager.gain) for k in times]
         scenes = [
-            scene(n, sensor=camera, exposure=shot) for n, shot in zip("ab", shots, strict=True)
+            scene(n, sensor=camera, exposures=(shot,)) for n, shot in zip("ab", shots, strict=True)
         ]
         text = limits(*scenes)
         assert ("expos" in text or "frame.json" in text) == bool(says and camera is fixed)
@@ -135,8 +166,8 @@ def test_of_two_sets_the_sensor_is_compared_with_the_reference_set():
     long = Exposure(exposure_s=2 * fixed.left.exposure_s, gain=fixed.left.gain)
 
     def pair(real: Exposure, reference: Exposure, *, moved: bool = False) -> Any:
-        model = scene("b", sensor=fixed, exposure=real)
-        model.against = SimpleNamespace(exposure=reference, moved=moved)
+        model = scene("b", sensor=fixed, exposures=(real,))
+        model.against = observation(FullObservation, exposures=(reference,), moved=moved)
         return model
 
     assert "frame.json" not in limits(pair(long, equal))
@@ -170,5 +201,5 @@ def test_estimates_absorb_light_and_similar_effects():
     guessed: Any = SimpleNamespace(estimates=(1,), against=None)
     known: Any = SimpleNamespace(estimates=(), against=None)
     compared: Any = SimpleNamespace(estimates=(1,), against=object())
-    assert module._absorbed(settings, [known, guessed]) == ("gain", "vignetting")
-    assert module._absorbed(settings, [known, compared]) == ()
+    assert attribution.absorbed_effects(settings, [known, guessed]) == ("gain", "vignetting")
+    assert attribution.absorbed_effects(settings, [known, compared]) == ()

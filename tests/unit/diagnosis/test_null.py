@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from starling.diagnosis.scenes.request import Request, Source, simulation
 from starling.diagnosis.which import null
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.null import BaseSamples
@@ -58,21 +60,19 @@ def test_model_error_includes_the_lens_spot_and_alternative_estimates():
     class Table:
         segment = Segment.IMAGE
 
-        def against(self) -> None:
-            return None
+        scene_models = (SimpleNamespace(estimates=("darker",)),)
+        compared = False
 
-        def simulate(self, settings: dict[str, float], *, seed: int = 0) -> np.ndarray:
-            return np.zeros((2, 3))
+        def request(self, settings: dict[str, float], **numbers: int) -> Request:
+            return simulation(Source.INFRARED, settings, **numbers)
 
-        def simulate_device(self, settings: dict[str, float], *, number: int) -> np.ndarray:
-            return self.simulate(settings)
+        def rows(self, request: Request) -> np.ndarray:
+            darker = np.array([[0.0, 0.0, 0.3], [np.nan, 0.0, 0.0]])
+            return darker if request.estimate else np.zeros((2, 3))
 
         def change(self, settings: dict[str, float]) -> np.ndarray:
             assert settings == {"lens_blur": 0.0}
             return np.array([[0.0, 1.0, np.nan], [0.0, -2.0, 0.0]])
-
-        def estimate_changes(self) -> list[np.ndarray]:
-            return [np.array([[0.0, 0.0, 0.3], [np.nan, 0.0, 0.0]])]
 
     floor = null.simulate_base(Table(), seeds=2).floor  # type: ignore[arg-type]
     least = null.FLOOR

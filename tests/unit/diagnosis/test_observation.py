@@ -8,6 +8,11 @@ import numpy as np
 import pytest
 
 from starling.diagnosis.scenes import observation
+from starling.diagnosis.scenes.observation import (
+    DepthObservation,
+    FullObservation,
+    StereoObservation,
+)
 from starling.patterns.errors import InputError
 from starling.sim.captures.capture import Frame
 from starling.sim.imaging.imager import converter
@@ -64,19 +69,20 @@ def test_pair_and_depth_are_of_the_same_repeat():
     )
     blind = Frame(number=2, ir_left=image(70), ir_right=image(80))
     read_back = read(bare, whole, blind)
-    assert read_back.repeats == 1 and read_back.left is not None and read_back.device_px is not None
+    assert isinstance(read_back, FullObservation) and read_back.repeats == 1
     np.testing.assert_array_equal(read_back.left[0], whole.ir_left)
     assert (read_back.device_px == 0.5).all()
-    assert read_back.exposure is not None and read_back.exposure.exposure_s == 2.0
+    (exposure,) = read_back.exposures
+    assert exposure.exposure_s == 2.0
 
 
 def test_without_complete_repeats_pairs_take_priority_over_depth():
     bare = Frame(number=0, depth_m=depth(1.0))
     pair = Frame(number=1, ir_left=image(50), ir_right=image(60))
     read_back = read(bare, pair)
-    assert read_back.left is not None and read_back.device_px is None
+    assert type(read_back) is StereoObservation
     alone = read(bare, Frame(number=1, ir_left=image(50)))  # One image is no pair.
-    assert alone.left is None and alone.device_px is not None and alone.repeats == 1
+    assert type(alone) is DepthObservation and alone.repeats == 1
     with pytest.raises(InputError, match="scene attic must hold infrared pairs or depth"):
         read(Frame(number=0, ir_left=image(50)))
 
@@ -91,8 +97,8 @@ def test_without_projector_the_unlit_pairs_are_read():
         depth_m=depth(1.0),
     )
     lit, off = read(frame), read(frame, sensor=DARK)
-    assert lit.left is not None and not lit.unlit and lit.device_px is not None
-    assert off.left is not None and off.unlit and off.device_px is None
+    assert type(lit) is FullObservation and not lit.unlit
+    assert type(off) is StereoObservation and off.unlit
     np.testing.assert_array_equal(off.left[0], frame.ir_left_off)
     plain = Frame(number=0, ir_left=image(50), ir_right=image(60))
     assert not read(plain, sensor=DARK).unlit
@@ -101,14 +107,14 @@ def test_without_projector_the_unlit_pairs_are_read():
 def added_noise(level: int, sensor: Any) -> list[np.ndarray]:
     """Return the noise of one more exposure in uniform images, left and right."""
     flat = np.full((1, 400, 400), level, np.uint8)
-    still = observation.SceneObservation(left=flat, right=flat, ours_px=None, device_px=None)
+    still = StereoObservation(left=flat, right=flat, ours_px=flat.astype(np.float32))
     first, second = (
         observation.add_exposure_noise(still, sensor, np.random.default_rng(seed))
         for seed in (3, 4)
     )
     noise = []
     for a, b in ((first.left, second.left), (first.right, second.right)):
-        assert a is not None and b is not None and a.dtype == np.uint8
+        assert a.dtype == np.uint8
         noise.append((a[0].astype(float) - b[0]) / np.sqrt(2))
     return noise
 
@@ -137,9 +143,8 @@ def test_noise_below_half_a_code_changes_the_right_share_of_codes():
         [("imager.shot_noise", 0.0), ("imager.read_noise_e", 0.1 / SENSOR.left.dn_per_electron)],
     )
     flat = np.full((1, 400, 400), 80, np.uint8)
-    still = observation.SceneObservation(left=flat, right=flat, ours_px=None, device_px=None)
+    still = StereoObservation(left=flat, right=flat, ours_px=flat.astype(np.float32))
     exposed = observation.add_exposure_noise(still, quiet, np.random.default_rng(3)).left
-    assert exposed is not None
     share = float(np.sqrt(2 / np.pi)) * 0.1
     assert (exposed != 80).mean() == pytest.approx(share, rel=0.25)
 

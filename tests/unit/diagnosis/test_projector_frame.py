@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from starling.diagnosis.scenes import projector_frame
+from starling.diagnosis.scenes.strata import projector_tangents
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 
@@ -25,8 +25,8 @@ def test_both_imagers_give_the_same_position(error: float) -> None:
     sensor = replace(SENSOR, baseline_error=error)
     depth_m = sensor.fx_px * sensor.baseline_m * (1 + error) / OFF_PX
     wall = np.full((sensor.height, sensor.width), depth_m)
-    left = projector_frame.tangents(wall, sensor)
-    right = projector_frame.tangents(wall, sensor, right=True)
+    left = projector_tangents(wall, sensor)
+    right = projector_tangents(wall, sensor, right=True)
     np.testing.assert_allclose(right[:, :-OFF_PX], left[:, OFF_PX:], atol=1e-6)
 
 
@@ -47,12 +47,12 @@ def test_the_position_follows_its_definition(pixel: tuple[int, int]):
     offset = np.array([x, y, 1.3]) - (0.03, 0.01, -0.005)
     axes = cv2.Rodrigues(np.radians([3.0, -5.0, 0.0]))[0].T  # In the camera's frame.
     along = [float(axis @ offset) for axis in axes]
-    position = projector_frame.tangents(depth_m, turned)[row, column]
+    position = projector_tangents(depth_m, turned)[row, column]
     assert position == pytest.approx([along[0] / along[2], along[1] / along[2]], abs=1e-6)
 
 
 def test_unknown_depth_has_no_position():
     hole = np.full((SENSOR.height, SENSOR.width), 1.0)
     hole[3, 4] = np.nan
-    position = projector_frame.tangents(hole, SENSOR)
+    position = projector_tangents(hole, SENSOR)
     assert np.isnan(position[3, 4]).all() and np.isfinite(position).sum() == position.size - 2

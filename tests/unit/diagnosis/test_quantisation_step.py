@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from starling.diagnosis.scenes.observation import DepthObservation, StereoObservation
 from starling.diagnosis.transfer import quantisation_step
 from starling.diagnosis.which.attribution import segment_candidates
 from starling.diagnosis.which.candidates import Segment
@@ -79,11 +80,13 @@ def test_a_real_d415_has_steps_of_a_thirty_second_of_a_pixel(captures):
 @pytest.mark.parametrize("step_px, has_step", [(0.2371, True), (0.0, False)])
 def test_the_estimated_step_is_a_node(step_px: float, has_step: bool):
     """In the depth segment only, because it is estimated from device depth."""
-    real = SimpleNamespace(device_px=np.stack(maps(step_px)))
+    real = DepthObservation(device_px=np.stack(maps(step_px)))
     scene: Any = SimpleNamespace(
         sensor=presets.load("d435"), scene=scenes.clutter(1), nuisances={}, against=None, real=real
     )
-    without: Any = SimpleNamespace(**{**vars(scene), "real": SimpleNamespace(device_px=None)})
+    dark = np.zeros((1, 2, 2), np.uint8)
+    pair = StereoObservation(left=dark, right=dark, ours_px=np.zeros((1, 2, 2), np.float32))
+    without: Any = SimpleNamespace(**{**vars(scene), "real": pair})
     table: Any = SimpleNamespace(segment=Segment.DEPTH, scene_models=[scene, without])
     listed = segment_candidates(Segment.DEPTH, table.scene_models)
     tried = {candidate.name: candidate for candidate in add_measured_values(listed, table)}

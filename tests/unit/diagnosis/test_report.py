@@ -16,7 +16,9 @@ from starling.diagnosis import command
 from starling.diagnosis.report import figures, sentences
 from starling.diagnosis.report.page import page
 from starling.diagnosis.report.scene_section import scene_images
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import StereoObservation, expect
+from starling.diagnosis.scenes.request import Request
+from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.where import maps, rules, swap
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.discrimination import Discrimination
@@ -384,16 +386,17 @@ class FakeSubject:
     """A scene model whose images are brighter with effects."""
 
     name, real, strata, against = "attic", real()[0], GROUND, None
+    request = SceneModel.request
 
-    def simulate_like_captured(self, settings: dict[str, float], *, seed: int) -> SceneObservation:
-        return pair_of(seed, 1.0 + len(settings), 0.02)
+    def observe(self, request: Request) -> StereoObservation:
+        return pair_of(request.seed, 1.0 + len(request.effects), 0.02)
 
 
 def test_example_scene_has_common_noise_before_and_after():
     scene: Any = FakeSubject()
     each = scene_images(scene, {"a": 1.0})
     assert each.scene == "attic" and each.after is not None
-    assert each.before.left is not None and each.after.left is not None
-    assert each.after.left.mean() > 1.5 * each.before.left.mean()
-    np.testing.assert_array_equal(each.before.ours_px, each.after.ours_px)
+    before, after = (expect(item, StereoObservation) for item in (each.before, each.after))
+    assert after.left.mean() > 1.5 * before.left.mean()
+    np.testing.assert_array_equal(before.ours_px, after.ours_px)
     assert scene_images(scene, {}).after is None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,9 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.diagnosis.howfar import holes, residual
+from starling.diagnosis.howfar import residual
+from starling.diagnosis.howfar.distances import hole_figures
 from starling.diagnosis.howfar.evaluation import DRAWS, OTHER
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import StereoObservation
+from starling.diagnosis.scenes.request import Request
+from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.learning.data.example import Example, Image, Physics
 from starling.learning.data.physics import physics_probability
 from starling.patterns.errors import InputError
@@ -49,26 +51,28 @@ def maps(ndp: np.ndarray) -> np.ndarray:
     return np.where(ndp, np.nan, DISPARITY)[None].astype(np.float32)
 
 
+def observation(ndp: np.ndarray) -> StereoObservation:
+    dark = np.zeros((1, *DISPARITY.shape), np.uint8)
+    return StereoObservation(left=dark, right=dark, ours_px=maps(ndp))
+
+
 class FakeScene:
     """A scene of whose holes the base simulates half."""
 
     def __init__(self, number: int, *, device: bool = True) -> None:
         self.name, self.room, self.strata = f"scene{number}", f"room{number}", GROUND
-        self.real = SceneObservation(left=None, right=None, ours_px=maps(HOLES), device_px=None)
+        self.device = device
+        self.real = observation(HOLES)
         if device:
-            self.real = dataclasses.replace(self.real, ours_px=maps(~HOLES), device_px=maps(HOLES))
+            self.real = observation(~HOLES).with_depth(maps(HOLES))
 
-    def with_device(self, number: int) -> FakeScene:
-        assert number == OTHER
-        return self
+    request = SceneModel.request
 
-    def simulate_like_captured(
-        self, settings: Mapping[str, float], *, seed: int
-    ) -> SceneObservation:
-        assert seed == OTHER
-        result = maps(simulated(settings))
-        device = None if self.real.device_px is None else result
-        return SceneObservation(left=None, right=None, ours_px=result, device_px=device)
+    def observe(self, request: Request) -> StereoObservation:
+        assert request.seed == request.device == OTHER
+        holes = simulated(request.settings)
+        pair = observation(holes)
+        return pair.with_depth(maps(holes)) if self.device else pair
 
     def physics(self, settings: Mapping[str, float], *, seeds: Sequence[int]) -> Physics:
         assert len(seeds) == DRAWS
@@ -107,24 +111,24 @@ def method() -> Knowing:
 
 def test_hole_figures_match_their_definitions():
     probability = np.where(HOLES, 0.5, 0.25).astype(np.float32)
-    result = holes.hole_figures(probability, HOLES, np.ones_like(HOLES))
+    result = hole_figures(probability, HOLES, np.ones_like(HOLES))
     share = HOLES.mean()
     assert result["ndp_brier"] == pytest.approx(share * 0.25 + (1 - share) / 16)
     assert result["ndp_ece"] == pytest.approx(share * 0.5 + (1 - share) * 0.25)
     assert result["ndp_1_auc"] == 0
-    assert np.isnan(holes.hole_figures(probability, HOLES, HOLES)["ndp_1_auc"])
+    assert np.isnan(hole_figures(probability, HOLES, HOLES)["ndp_1_auc"])
     with pytest.raises(InputError, match="counted must hold a pixel"):
-        holes.hole_figures(probability, HOLES, np.zeros_like(HOLES))
+        hole_figures(probability, HOLES, np.zeros_like(HOLES))
 
 
 def test_without_effects_only_the_bound_is_reported(method):
     result = learn(method, {})
     probability = physics_probability(made_physics(BASE_HOLES))
-    assert result.alone == holes.hole_figures(probability, HOLES, GROUND.counted)
+    assert result.alone == hole_figures(probability, HOLES, GROUND.counted)
     assert result.bound["ndp_brier"] == pytest.approx(LEARNT**2 * result.alone["ndp_brier"])
     gain = result.absorption
     assert gain.closable and gain.gain_after is gain.share is gain.interval is None
-    right = holes.hole_figures(probability, BASE_HOLES, GROUND.counted)["ndp_brier"]
+    right = hole_figures(probability, BASE_HOLES, GROUND.counted)["ndp_brier"]
     assert gain.gain_floor == pytest.approx((1 - LEARNT**2) * right)
     assert method.seen == [["scene0", "scene1", "scene2"]] * 2
 

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 
 from starling.diagnosis.scenes import rooms
-from starling.diagnosis.which import attribution
 
 ROOMS = ["hall", "attic", "hall", "porch"]
 
@@ -44,15 +40,3 @@ def test_two_rooms_have_no_interval():
     resampled = np.zeros((9, 2))
     low, high = rooms.interval(resampled, np.zeros(2), np.array([2, 3]))
     assert np.isnan(low[0]) and np.isnan(high[0]) and low[1] == high[1] == 0
-
-
-def test_three_of_eight_rooms_are_held_out_and_none_of_three():
-    def split(count: int) -> tuple[int, int]:
-        scene_models: Any = [SimpleNamespace(room=str(number)) for number in range(count)]
-        training, held_out = attribution.split_test_rooms(scene_models)
-        assert not {scene.room for scene in training} & {scene.room for scene in held_out}
-        return len(training), len(held_out)
-
-    sizes = {3: 0, 4: 1, 7: 1, 8: 3, 12: 3, 16: 4}
-    assert {count: split(count)[1] for count in sizes} == sizes
-    assert all(sum(split(count)) == count for count in sizes)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from starling.diagnosis.scenes.request import CAPTURED, Request
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.segment import (
     SegmentResult,
@@ -35,7 +36,8 @@ class Captured(FakeTable):
         self.segment = segment
         self._real = real
 
-    def real(self) -> np.ndarray:
+    def rows(self, request: Request) -> np.ndarray:
+        assert request == CAPTURED
         return self._real
 
 

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from starling.diagnosis.scenes.observation import DepthObservation
 from starling.diagnosis.where import swap
 from tests.unit.diagnosis.test_features import DISPARITY, GROUND, strata_of
 from tests.unit.diagnosis.test_where import ROOMS, SCENES, readings
@@ -33,7 +34,7 @@ def test_missing_depth_or_infrared_leaves_a_contribution_out():
         readings(0, 0.02, None), readings(100, 0.05, None), scene_strata, ROOMS
     )["ndp_rate"]
     assert figures.device is None and figures.matcher is None and figures.image_share is None
-    depth_only = [dataclasses.replace(each, ours_px=None) for each in readings(9, 0.05, 0.1)]
+    depth_only = [DepthObservation(device_px=each.depth_px) for each in readings(9, 0.05, 0.1)]
     figures = swap.stage_figures(readings(0, 0.02, None), depth_only, scene_strata, ROOMS)[
         "ndp_rate"
     ]
@@ -86,7 +87,6 @@ def test_opposite_contributions_are_shared_by_size():
 def test_holes_count_where_pixels_are_counted():
     """The left band, which the right imager does not see, does not count as holes."""
     full = readings(0, 0.0, None)[0]
-    assert full.ours_px is not None
     blind = np.where(GROUND.counted, full.ours_px, np.float32(np.nan))
     figures = swap.stage_figures(
         [dataclasses.replace(full, ours_px=blind)], [full], [GROUND], ["hall"]
@@ -106,10 +106,8 @@ def test_rooms_without_depth_do_not_count_for_the_device():
     """Three of four rooms with depth suffice for an interval; two of three do not."""
 
     def rate_of(rooms: list[str], without: int) -> swap.StageFigures:
-        real = readings(100, 0.05, 0.11)[: len(rooms)]
-        real = [dataclasses.replace(each, device_px=None) for each in real[:without]] + real[
-            without:
-        ]
+        pairs, full = (readings(100, 0.05, device)[: len(rooms)] for device in (None, 0.11))
+        real = [*pairs[:without], *full[without:]]
         base = readings(0, 0.02, None)[: len(rooms)]
         return swap.stage_figures(base, real, [GROUND] * len(rooms), rooms)["ndp_rate"]
 

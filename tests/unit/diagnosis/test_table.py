@@ -2,44 +2,39 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Mapping
 from concurrent.futures import Future
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from starling.diagnosis.scenes.request import CAPTURED, Request
 from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.which import table as module
 from starling.diagnosis.which.candidates import Segment
-from starling.diagnosis.which.rows import Columns, Row
-from starling.diagnosis.which.table import FeatureTable
+from starling.diagnosis.which.table import Columns, FeatureTable, Row
 from starling.diagnosis.workers import WorkerPool
-from starling.sim.effects.effect import Value
+from starling.patterns.errors import InputError
 from tests.unit.diagnosis.made_gaps import FEATURES, SCENES, FakeTable, noise
 
 NAMED_SCENES = cast(
     tuple[SceneModel, ...], (SimpleNamespace(name="attic"), SimpleNamespace(name="hall"))
 )
 FLICKER, VEIL = {"flicker": 0.1}, {"veil": 0.04}  # An effect with a random part, and one without.
-ROOT = Path(module.__file__).parents[2]
 
 
 class ImmediatePool:
     """A pool that computes at once: a row is the sum of strengths and seed."""
 
     def __init__(self) -> None:
-        self.jobs: list[tuple[str, str, str, int]] = []
+        self.jobs: list[tuple[str, Request]] = []
 
-    def submit(
-        self, scene: str, work: Any, _: Columns, settings: dict[str, float], seed: int
-    ) -> Future[Row]:
-        self.jobs.append((scene, work.__name__, repr(settings), seed))
+    def submit(self, scene: str, work: Any, _: Columns, request: Request) -> Future[Row]:
+        assert work is module.compute_row
+        self.jobs.append((scene, request))
         done: Future[Row] = Future()
-        done.set_result(np.full(3, seed + sum(settings.values())))
+        done.set_result(np.full(3, request.seed + sum(map(float, request.settings.values()))))
         return done
 
 
@@ -61,11 +56,11 @@ def test_prefetched_rows_are_computed_once_and_equal(segment: Segment):
         assert expected is not None and result is not None
         np.testing.assert_array_equal(result, expected)
     assert len(set(ahead_pool.jobs)) == len(ahead_pool.jobs)
-    assert sorted(ahead_pool.jobs) == sorted(plain_pool.jobs)
-    base = {job for job in ahead_pool.jobs if job[1:] == ("simulated_row", "{}", 0)}
-    assert set(ahead_pool.jobs) - set(prefetched) == base  # The base is known before any effect.
-    devices = {seed for _, work, _, seed in prefetched if work == "device_row"}
-    assert devices == ({1, 2, 3} if segment is Segment.IMAGE else set())
+    assert sorted(ahead_pool.jobs, key=repr) == sorted(plain_pool.jobs, key=repr)
+    assert prefetched == ahead_pool.jobs
+    devices = {(request.device, request.seed) for _, request in prefetched}
+    further = {(1, 1), (2, 2), (3, 3)} if segment is Segment.IMAGE else set()
+    assert devices == {(0, 0), *further}
 
 
 def test_prefetch_without_workers_simulates_nothing():
@@ -75,11 +70,8 @@ def test_prefetch_without_workers_simulates_nothing():
 class RandomEffects(FeatureTable):
     """A base of noise, and effects that add 1 in the first device and 1 + 0.4 k in device k."""
 
-    def simulate(self, settings: Mapping[str, Value], *, seed: int = 0) -> np.ndarray:
-        return noise(seed) + bool(settings)
-
-    def simulate_device(self, settings: Mapping[str, Value], *, number: int) -> np.ndarray:
-        return noise(number) + bool(settings) * (1 + 0.4 * number)
+    def rows(self, request: Request) -> np.ndarray:
+        return noise(request.seed) + bool(request.effects) * (1 + 0.4 * request.device)
 
 
 def random_effects(segment: Segment) -> RandomEffects:
@@ -103,37 +95,29 @@ def test_a_random_change_is_a_mean_over_devices_with_its_scatter():
 def test_a_feature_that_becomes_unknown_does_not_change():
     """An effect does not explain a feature that it makes unknown."""
     columns = Columns(segment=Segment.IMAGE, names=("a", "b"), ceiling=255)
-    rows = {(0, "[]", 0): np.array([1.0, 2.0]), (0, "[('veil', 0.5)]", 0): np.array([np.nan, 5.0])}
-    table = FeatureTable(FakeTable.scene_models[:1], columns, _rows={**rows})
+    table = FeatureTable(FakeTable.scene_models[:1], columns)
+    rows = {(0, table.request({})): [1.0, 2.0], (0, table.request({"veil": 0.5})): [np.nan, 5.0]}
+    table._rows.update({key: np.array(row) for key, row in rows.items()})
     change = table.change({"veil": 0.5})
     assert change is not None and change.tolist() == [[0.0, 3.0]]
 
 
-def imported_by(module_name: str) -> set[str]:
-    """List the modules of `diagnosis` that a module imports, directly or indirectly, and itself."""
-    modules: set[str] = set()
-    pending = [module_name]
-    while pending:
-        name = pending.pop()
-        path = ROOT.joinpath(*name.split(".")[1:]).with_suffix(".py")
-        if name in modules or not path.is_file():
-            continue
-        modules.add(name)
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-            if isinstance(node, ast.ImportFrom) and node.module is not None:
-                members = (f"{node.module}.{alias.name}" for alias in node.names)
-                pending += [
-                    candidate
-                    for candidate in (node.module, *members)
-                    if candidate.startswith("starling.diagnosis.")
-                ]
-    return modules
+def test_rows_of_captures_are_computed_again():
+    """Captures of a table may be replaced, and its simulated rows are kept."""
+    pool = ImmediatePool()
+    table = table_with(pool)
+    requests = (CAPTURED, table.request(VEIL))
+    for current in (table, table.with_captures(NAMED_SCENES)):
+        for request in requests:
+            current.rows(request)
+    assert [request for _, request in pool.jobs[::2]] == [*requests, CAPTURED]
 
 
-def test_the_cache_depends_on_all_code_of_observations_and_features():
-    sources = {str(path.relative_to(ROOT)) for path in module._SOURCES}
-    for name in imported_by("starling.diagnosis.scenes.scene_model") | imported_by(
-        "starling.diagnosis.features.observation"
-    ):
-        path = Path(*name.split(".")[1:]).with_suffix(".py")
-        assert any(str(parent) in sources for parent in (path, *path.parents)), name
+def test_effects_that_no_sensor_can_have_are_refused():
+    table = FeatureTable(NAMED_SCENES, Columns(segment=Segment.IMAGE, names=("a",), ceiling=255))
+    possible = {(number, table.request({})): np.zeros(1) for number in (0, 1)}
+    impossible = {(0, table.request(VEIL)): np.zeros(1), (1, table.request(VEIL)): np.empty(0)}
+    table._rows.update(possible | impossible)
+    assert table.change(VEIL) is None and table.scatter(VEIL) is None
+    with pytest.raises(InputError, match="effects must be possible in one sensor"):
+        table.rows(table.request(VEIL))

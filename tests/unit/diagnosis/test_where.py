@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.diagnosis.scenes.observation import SceneObservation
+from starling.diagnosis.scenes.observation import DepthObservation, StereoObservation
 from starling.diagnosis.where import covariates, rules, swap
 from starling.diagnosis.where import maps as maps_of
-from starling.diagnosis.where.location import locate_gap
-from starling.diagnosis.where.materials import material_masks
+from starling.diagnosis.where.location import locate_gap, material_masks
 from starling.sim.scene.builtin import scenes
 from starling.sim.scene.scene import Material
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND
@@ -33,15 +32,16 @@ def maps(seed: int, *, holes: float, noise_px: float = 0.1) -> np.ndarray:
     return disparity_px.astype(np.float32)[None]
 
 
-def readings(seed: int, ours: float, device: float | None) -> list[SceneObservation]:
-    return [
-        SceneObservation(
-            left=None,
-            right=None,
-            ours_px=maps(seed + scene, holes=ours),
-            device_px=None if device is None else maps(seed + 50 + scene, holes=device),
-        )
+def readings(seed: int, ours: float, device: float | None) -> list[StereoObservation]:
+    dark = np.zeros((1, *DISPARITY.shape), np.uint8)
+    pairs = [
+        StereoObservation(left=dark, right=dark, ours_px=maps(seed + scene, holes=ours))
         for scene in range(SCENES)
+    ]
+    if device is None:
+        return pairs
+    return [
+        pair.with_depth(maps(seed + 50 + scene, holes=device)) for scene, pair in enumerate(pairs)
     ]
 
 
@@ -134,11 +134,9 @@ def images(seed: int, gain: np.ndarray | float) -> np.ndarray:
     return np.rint(gain * EXPECTED + rng.standard_normal(EXPECTED.shape) + 5).astype(np.uint8)[None]
 
 
-def pair_of(seed: int, gain: np.ndarray | float, holes: float) -> SceneObservation:
+def pair_of(seed: int, gain: np.ndarray | float, holes: float) -> StereoObservation:
     image = images(seed, gain)
-    return SceneObservation(
-        left=image, right=image, ours_px=maps(seed, holes=holes), device_px=None
-    )
+    return StereoObservation(left=image, right=image, ours_px=maps(seed, holes=holes))
 
 
 def test_maps_show_a_gap_in_its_frame():
@@ -191,7 +189,7 @@ def test_more_contrast_is_not_darker():
 
 
 def test_maps_need_no_infrared():
-    bare = [dataclasses.replace(pair_of(n, 1.0, 0.02), left=None, right=None) for n in range(2)]
+    bare = [DepthObservation(device_px=pair_of(n, 1.0, 0.02).depth_px) for n in range(2)]
     gap_maps = maps_of.gap_maps(bare, bare, [GROUND] * 2, ROOMS[:2])
     assert {each.quantity for each in gap_maps} == {"error", "holes"}
     assert np.isnan(maps_of.body_gaps([("a", SCENE)], bare[:1], bare[:1], [GROUND])[0].infrared)
@@ -288,7 +286,7 @@ def test_maps_of_noise_are_rarely_significant(count):
 
 def test_infrared_map_uses_scenes_with_infrared():
     pairs = [pair_of(scene, 1.0, 0.02) for scene in range(3)]
-    bare = dataclasses.replace(pairs[2], left=None, right=None)
+    bare = DepthObservation(device_px=pairs[2].depth_px)
     gap_maps = maps_of.gap_maps([*pairs[:2], bare], [*pairs[:2], bare], [GROUND] * 3, ROOMS[:3])
     assert {each.quantity for each in gap_maps} == {"infrared", "error", "holes"}
 
@@ -301,8 +299,7 @@ def test_maps_have_the_sign_of_the_gap_and_the_axes_of_the_field():
     assert (np.abs(more.projector) < 1).all()
     step = (0.2 * (more.projector[..., 0] > 0.25)).astype(np.float32)
 
-    def off(each: SceneObservation, shift_px: np.ndarray | float) -> SceneObservation:
-        assert each.ours_px is not None
+    def off(each: StereoObservation, shift_px: np.ndarray | float) -> StereoObservation:
         return dataclasses.replace(each, ours_px=each.ours_px + np.float32(shift_px))
 
     plain = [pair_of(scene, 1.0, 0.0) for scene in range(SCENES)]
@@ -353,10 +350,7 @@ def test_wrong_depth_is_separate_from_holes():
     off = true + np.float32(1.5) * left
 
     def subject(number: int) -> Any:
-        plain, real = (
-            SceneObservation(left=None, right=None, ours_px=each, device_px=None)
-            for each in (true, off)
-        )
+        plain, real = (DepthObservation(device_px=each) for each in (true, off))
         return SimpleNamespace(
             name=f"scene {number}",
             room=f"room {number}",
