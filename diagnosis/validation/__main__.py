@@ -67,11 +67,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             power=options.power,
             jobs=options.jobs,
             set_limit=options.sets,
+            singles=options.cases,
         )
-        cases = check.prepare(options.cases)
+        cases = check.prepare()
         print((check.folder / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)
-        check.diagnose(cases, options.cases)
-        scores = check.score(cases, options.cases)
+        check.diagnose(cases)
+        scores = check.score(cases)
     except Exception as error:
         if options.debug:
             raise

@@ -1,29 +1,21 @@
-r"""Diagnose many capture sets of the same scenes, without any knowledge of their effects.
-
-    python -m starling.diagnosis.validation.adapters.batch CASES OUT --sensor FILE \
-        [--against SET] [--cache FOLDER] [--without FILE]
-
-CASES holds capture sets in subfolders. OUT gets a verdict FOLDER.json for each. With --without, it
-gets two verdicts, in `without family` and `without twins`. Existing verdicts are kept, so a stopped
-run continues where it stopped. The effects on the scenes are simulated once for all sets. For one
-capture set, `starling diagnose` reports more.
-"""
+"""Diagnosis of many capture sets of the same scenes, without any knowledge of their effects."""
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tyro.conf import Positional
+
 from starling.diagnosis.report import figures
 from starling.diagnosis.scenes.observation import SceneObservation, read_observation
 from starling.diagnosis.scenes.pairs import pair_scenes
 from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model, with_capture
-from starling.diagnosis.validation.adapters import families, program
+from starling.diagnosis.validation.adapters import families
+from starling.diagnosis.validation.adapters.own_depth import capture_sets
 from starling.diagnosis.which import attribution, baselines
 from starling.diagnosis.which import segment as segments
 from starling.diagnosis.which.attribution import Attribution
@@ -41,6 +33,43 @@ from starling.sim.sensor import resolve
 from starling.sim.sensor.sensor import Sensor
 
 Screenings = dict[Segment, tuple[FeatureTable, Screening]]
+
+
+def batch(
+    cases: Positional[Path],
+    out: Positional[Path],
+    *,
+    sensor: str,
+    against: Path | None = None,
+    cache: Path | None = None,
+    without: Path | None = None,
+) -> None:
+    """Diagnose many capture sets of the same scenes.
+
+    OUT gets a verdict FOLDER.json for each. With --without, it gets two verdicts, in `without
+    family` and `without twins`. Existing verdicts are kept, so a stopped run continues where it
+    stopped. The effects on the scenes are simulated once for all sets. For one capture set,
+    `starling diagnose` reports more.
+
+    Args:
+        cases: folder of capture sets.
+        out: folder for the verdicts.
+        sensor: preset or sensor file of all capture sets.
+        against: capture set to compare each with.
+        cache: folder that caches simulations.
+        without: JSON file: effect to leave out, by capture set; other sets are skipped.
+    """
+    single_threaded()
+    with progress.on_stderr() as track:
+        diagnose(
+            cases,
+            out,
+            resolve.load(sensor, captures=str(capture_sets(cases)[0])),
+            against=None if against is None else capture.open_set(against),
+            cache=cache,
+            without=None if without is None else _left_out(without),
+            track=track,
+        )
 
 
 def diagnose(
@@ -70,7 +99,7 @@ def diagnose(
         InputError: if a capture set is missing or damaged, or shows other scenes than the first.
             Also if scenes are neither known nor compared with others, or an effect is unknown.
     """
-    folders = program.capture_sets(cases)
+    folders = capture_sets(cases)
     if without is not None:
         folders = [folder for folder in folders if folder.name in without]
     todo = [folder for folder in folders if _missing(out, folder.name, without)]
@@ -208,38 +237,3 @@ def _left_out(path: Path) -> dict[str, str]:
         rule = "must be a JSON object"
         raise refuse("without", rule, left_out, "Give an effect by capture set.")
     return left_out
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return 1 if the input is refused."""
-    parser = argparse.ArgumentParser(
-        prog="python -m starling.diagnosis.validation.adapters.batch",
-        description="Diagnose many capture sets of the same scenes.",
-    )
-    parser.add_argument("cases", type=Path, help="folder of capture sets")
-    parser.add_argument("out", type=Path, help="folder for the verdicts")
-    parser.add_argument("--sensor", required=True, help="preset or sensor file of all capture sets")
-    parser.add_argument("--against", type=Path, help="capture set to compare each with")
-    parser.add_argument("--cache", type=Path, help="folder that caches simulations")
-    parser.add_argument(
-        "--without",
-        type=Path,
-        help="JSON file: effect to leave out, by capture set; other sets are skipped",
-    )
-    options = parser.parse_args(arguments)
-    single_threaded()
-    return program.run(
-        lambda track: diagnose(
-            options.cases,
-            options.out,
-            resolve.load(options.sensor, captures=str(program.capture_sets(options.cases)[0])),
-            against=None if options.against is None else capture.open_set(options.against),
-            cache=options.cache,
-            without=None if options.without is None else _left_out(options.without),
-            track=track,
-        )
-    )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.validation.camera import disparity_filters
+from starling.diagnosis.validation.camera import depth_filters
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
 
@@ -60,12 +60,12 @@ def match(ir_left: Infrared, ir_right: Infrared) -> Map:
         raise refusal("images", f"must be wider than {_SEARCH // 2} px", ir_left.shape, "Widen.")
     total = _aggregate(_costs(ir_left, ir_right))
     best, least = _winner(total)
-    disparity_px = disparity_filters.median(best + _parabola(total, best), _MEDIAN_PX)
+    disparity_px = depth_filters.median(best + _parabola(total, best), _MEDIAN_PX)
     rejected = _ambiguous(total, best, least)
     rejected |= _disagrees(disparity_px, _right_winner(total))
     rejected |= (best == 0) | (best == len(total) - 1)
     disparity_px = np.where(rejected, np.nan, disparity_px)
-    return disparity_filters.without_islands(disparity_px, _SPECKLE_COUNT, _SPECKLE_STEP_PX)
+    return depth_filters.without_islands(disparity_px, _SPECKLE_COUNT, _SPECKLE_STEP_PX)
 
 
 def _census(image: Infrared) -> NDArray[np.uint64]:

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from starling.diagnosis.validation.protocol.goals import REAL_TIER
+from starling.diagnosis.validation.protocol.tier import TIERS
 
 _WIDTH = 120  # Longest line [characters].
 _LABELS = {
@@ -113,7 +113,7 @@ def _goals(scores: Mapping[str, Any]) -> list[str]:
 
 
 def _real(tier: int) -> list[str]:
-    if tier != REAL_TIER:
+    if TIERS[tier].source != "real":
         return []
     return _wrapped(
         "Null cases differ from their reference only by noise of the law that the diagnosis "

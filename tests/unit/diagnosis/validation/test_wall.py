@@ -15,7 +15,7 @@ SCRIPT = ROOT / "diagnosis" / "validation" / "camera" / "cycles" / "render_with_
 BLENDER = {"bpy", "bpy_extras", "mathutils"}
 SCRIPT_MODULES = {*BLENDER, "tempfile"}
 # Adapters that transfer light between both sides; they name no effect.
-CARRIERS = {"cycles_job.py", "cycles_light.py"}
+CARRIERS = {"__main__.py", "cycles_light.py"}
 VALIDATION = ROOT / "diagnosis" / "validation"
 WALLED = tuple(f"starling.diagnosis.validation.{part}" for part in ("camera", "protocol"))
 ADAPTERS = {*(VALIDATION / "adapters").glob("*.py")}
@@ -30,6 +30,7 @@ STANDARD = {
     "fcntl",
     "functools",
     "hashlib",
+    "importlib",
     "itertools",
     "json",
     "math",
