@@ -46,7 +46,8 @@ def main() -> None:
         advice = "Give --out, or omit --effects."
         parser.error(str(refusal("out", rule, options.out, advice)))
     limits_table = measure(options.work, options.effects)
-    options.out.write_text(json.dumps(limits_table, indent=1) + "\n", encoding="utf-8")
+    lines = [f"{json.dumps(name)}: {json.dumps(limit)}" for name, limit in limits_table.items()]
+    options.out.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 
 
 def measure(work: Path, effects: list[str]) -> dict[str, Any]:

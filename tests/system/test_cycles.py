@@ -21,7 +21,7 @@ from scipy import ndimage
 
 from starling.diagnosis.validation.adapters import cycles_light, light_sets
 from starling.patterns.errors import InputError
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.scene import sources
 from starling.sim.scene.builtin import scenes as builtin
 from starling.sim.sensor import presets

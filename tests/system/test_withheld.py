@@ -20,7 +20,7 @@ from starling.diagnosis.which.response import simulate_signature
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture
 from starling.sim.captures.capture import CaptureSet
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.scene.builtin import scenes
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor import presets

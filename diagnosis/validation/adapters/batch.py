@@ -17,10 +17,9 @@ from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model, 
 from starling.diagnosis.validation.adapters import families
 from starling.diagnosis.validation.adapters.own_depth import capture_sets
 from starling.diagnosis.which import attribution, baselines
-from starling.diagnosis.which import segment as segments
 from starling.diagnosis.which.attribution import Attribution
 from starling.diagnosis.which.candidates import Segment
-from starling.diagnosis.which.segment import Screening, SegmentResult
+from starling.diagnosis.which.segment import Screening, SegmentResult, restrict_to_families
 from starling.diagnosis.which.table import FeatureTable
 from starling.patterns.errors import refuse
 from starling.sim import effects
@@ -121,8 +120,7 @@ def diagnose(
         ]
         for path, tried in _missing(out, folder.name, without).items():
             restricted = [
-                (table, segments.restrict_to_families(screening, tried))
-                for table, screening in screened
+                (table, restrict_to_families(screening, tried)) for table, screening in screened
             ]
             result = attribution.attribute_effects(restricted, held_out)
             verdict = _verdict(result, seed=scene_seed(0, folder.name))

@@ -202,8 +202,7 @@ def build_job(folder: Path, camera: Nominal) -> job.Job:
     Raises:
         InputError: if a file is refused, or the preset's projector is not that of `nominal.json`.
             Also if the scene's geometry is unknown, or holds shapes or textures.
-        WithheldError: if a material kind is not supported, or `nominal.json` lacks the imager's
-            light.
+        WithheldError: if a material kind is not supported.
     """
     scene_folder = captured(folder)
     sensor = scene_folder.info.geometry_into(presets.load(scene_folder.info.sensor))
@@ -267,7 +266,7 @@ def _refuse_changed_preset(sensor: Sensor, camera: Nominal) -> None:
         ("wavelength_nm", sensor.projector.wavelength_nm, camera.wavelength_nm),
         ("f_number", sensor.left.lens.f_number, camera.f_number),
     ):
-        if rendered is None or abs(ours - rendered) > _SAME:
+        if abs(ours - rendered) > _SAME:
             raise refuse(
                 f"{name} of nominal.json",
                 f"must be {ours:g} as in the preset {sensor.name}",

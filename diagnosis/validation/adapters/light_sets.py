@@ -19,8 +19,7 @@ from starling.diagnosis.scenes import projector_frame
 from starling.diagnosis.validation.adapters import cameras
 from starling.patterns.errors import refuse
 from starling.sim import simulate
-from starling.sim.captures import info as capture_info
-from starling.sim.captures import png, writer
+from starling.sim.captures import info, png, writer
 from starling.sim.console import progress
 from starling.sim.console.output import OutputFolder
 from starling.sim.effects import setting
@@ -77,10 +76,10 @@ def write(
     if len(set(names)) < len(names) or not names:
         count = f"{len(names)}, {len(set(names))} of them different"
         raise refuse("scenes", "must be at least one, each once", count, "Correct the list.")
-    info = writer.info_of(sensor, source="check", licence="Apache-2.0", notes="simulated")
+    captured = writer.info_of(sensor, source="check", licence="Apache-2.0", notes="simulated")
     with OutputFolder(out, force=False) as folder, tempfile.TemporaryDirectory() as temporary:
         even = _even(sensor, Path(temporary))
-        folder.write(capture_info.FILE, capture_info.dumps(info).encode())
+        folder.write(info.FILE, info.dumps(captured).encode())
         loaded = {name: sources.load(name, sensor) for name in names}
         ambient = {
             (scene.ambient.irradiance_w_m2, scene.ambient.gradient) for scene in loaded.values()

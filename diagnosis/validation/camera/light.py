@@ -84,53 +84,30 @@ def read(path: Path, shape: tuple[int, int]) -> SceneLight:
             loaded = {name: arrays[name] for name in arrays.files}
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise refusal(FILE, "must be a readable archive of arrays", path, f"{error}.") from error
-    views = {side: _view(loaded, side, shape) for side in SIDES}
-    return SceneLight(left=views["left"], right=views["right"])
+    left, right = (_view(loaded, side, shape) for side in SIDES)
+    return SceneLight(left=left, right=right)
 
 
 def _view(loaded: dict[str, np.ndarray], side: str, shape: tuple[int, int]) -> LightView:
-    def image(name: str) -> np.ndarray:
+    arrays = {}
+    for name in (field.name for field in dataclasses.fields(LightView)):
         key = f"{side}_{name}"
         if key not in loaded:
             raise refusal(FILE, f"must hold {key}", sorted(loaded), "Make the light again.")
-        if loaded[key].shape != shape:
-            raise refusal(
-                key,
-                f"must be of shape {shape}",
-                loaded[key].shape,
-                "Make the light for this nominal.json.",
-            )
-        return loaded[key]
-
-    def light(name: str) -> Image:
-        values = image(name).astype(np.float64)
-        if not (np.isfinite(values).all() and (values >= 0).all()):
-            raise refusal(
-                f"{side}_{name}", "must be finite and >= 0", np.min(values), "Make it again."
-            )
-        return values
-
-    return LightView(
-        laser_e=light("laser_e"),
-        even_e=light("even_e"),
-        ambient_e=light("ambient_e"),
-        other_e=light("other_e"),
-        depth_m=image("depth_m").astype(np.float64),
-        body=image("body").astype(np.uint32),
-        px=image("px").astype(np.float64),
-        py=image("py").astype(np.float64),
-        up=_unit(loaded, f"{side}_up"),
-    )
-
-
-def _unit(loaded: dict[str, np.ndarray], key: str) -> NDArray[np.float64]:
-    if key not in loaded:
-        raise refusal(FILE, f"must hold {key}", sorted(loaded), "Make the light again.")
-    up = loaded[key].astype(np.float64)
-    length = float(np.sqrt((up**2).sum()))
-    if up.shape != (3,) or not np.isfinite(length) or length == 0.0:
-        raise refusal(key, "must be three numbers with a length", up, "Give a direction.")
-    return up / length
+        values = loaded[key].astype(np.uint32 if name == "body" else np.float64)
+        if name == "up":
+            length = float(np.sqrt((values**2).sum()))
+            if values.shape != (3,) or not np.isfinite(length) or length == 0.0:
+                rule = "must be three numbers with a length"
+                raise refusal(key, rule, values, "Give a direction.")
+            values = values / length
+        elif values.shape != shape:
+            advice = "Make the light for this nominal.json."
+            raise refusal(key, f"must be of shape {shape}", values.shape, advice)
+        elif name.endswith("_e") and not (np.isfinite(values).all() and (values >= 0).all()):
+            raise refusal(key, "must be finite and >= 0", np.min(values), "Make it again.")
+        arrays[name] = values
+    return LightView(**arrays)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

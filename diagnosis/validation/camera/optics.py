@@ -180,7 +180,7 @@ def speckle(
 
     The field is log-normal, where the simulator uses a gamma law. It has mean 1 and, as the
     glossary defines contrast, standard deviation `contrast` per pixel. Pixels are correlated as
-    area averages of speckle. They are independent if wavelength, aperture or pitch is unknown.
+    area averages of speckle.
 
     Args:
         shape: (h, w).
@@ -205,12 +205,7 @@ def _correlation(nominal: Nominal) -> Image:
     u = pi r / (lambda F) (Goodman, Speckle Phenomena in Optics, 2007, sec. 4.4). A pixel averages
     over its area, which weights an offset x by 1 - |x| along each axis.
     """
-    out = np.zeros((_LAGS + 1, _LAGS + 1))
-    out[0, 0] = 1.0
-    wavelength_nm, f_number = nominal.wavelength_nm, nominal.f_number
-    if wavelength_nm is None or f_number is None or nominal.pixel_pitch_m is None:
-        return out
-    width_px = wavelength_nm * 1e-9 * f_number / nominal.pixel_pitch_m
+    width_px = nominal.wavelength_nm * 1e-9 * nominal.f_number / nominal.pixel_pitch_m
     offset_px = (np.arange(-(_LAGS + 1) * _FINE, (_LAGS + 1) * _FINE) + 0.5) / _FINE
     u = math.pi * np.hypot(offset_px[:, None], offset_px[None, :]) / width_px
     intensity = (2.0 * j1(u) / u) ** 2

@@ -20,19 +20,21 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 SENSOR = "sensor.toml"
 
 
-def run(program: str, out: Path, *words: object, flags: Mapping[str, object] | None = None) -> None:
+def run(
+    program: str, path: Path, *words: object, flags: Mapping[str, object] | None = None
+) -> None:
     """Run a program and report its progress on standard error.
 
     Args:
         program: Name of a module of `adapters`.
-        out: First argument. Its parent names the progress.
-        words: Other positional arguments.
+        path: First positional argument. Its parent names the progress.
+        words: Further positional arguments.
         flags: Values by flag. A tuple gives a flag several values, `None` omits it.
 
     Raises:
         WithheldError: if the program fails.
     """
-    arguments = [str(word) for word in (out, *words)]
+    arguments = [str(word) for word in (path, *words)]
     for flag, value in (flags or {}).items():
         if value is not None:
             arguments += [flag, *map(str, value if isinstance(value, tuple) else (value,))]
@@ -62,16 +64,16 @@ def diagnose(
     Raises:
         WithheldError: if the program fails.
     """
-    flags = {"--sensor": sensor, "--cache": cache, "--against": against}
-    without_file = out / ".without"
-    if without is not None:
+    without_file = None if without is None else out / ".without"
+    flags = {"--sensor": sensor, "--cache": cache, "--against": against, "--without": without_file}
+    if without_file is not None:
         out.mkdir(parents=True, exist_ok=True)
-        without_file.write_text(json.dumps(dict(without)), encoding="utf-8")
-        flags["--without"] = without_file
+        without_file.write_text(json.dumps(without), encoding="utf-8")
     try:
         run("batch", cases, out, flags=flags)
     finally:
-        without_file.unlink(missing_ok=True)  # The file reveals the true effects.
+        if without_file is not None:
+            without_file.unlink()  # The file reveals the true effects.
 
 
 def _run(program: str, arguments: list[str]) -> None:

@@ -43,6 +43,7 @@ class RealPairs:
     """Scenes of one set, drawn with a seed of its number: a source of captures of cases."""
 
     upwards: ClassVar[frozenset[str]] = inject.INCREASE_ONLY  # These cannot be removed.
+
     folder: Path
     number: int  # Number of the scene set.
     scenes: int  # Number of scenes.
@@ -122,8 +123,10 @@ class RealPairs:
             if not path.exists():
                 self.prepare()
                 known = sorted(name for name in self.effects if ROWS[name].kind != "outside")
-                flags = {"--sensor": self.sensor, "--cache": self.cache, "--out": path}
-                flags |= {"--against-itself": (), "--effects": tuple(known)}
+                flags = {
+                    **{"--sensor": self.sensor, "--cache": self.cache, "--out": path},
+                    **{"--against-itself": (), "--effects": tuple(known)},
+                }
                 programs.run("detection", self.against, flags=flags)
         return limits.read(path, required=self.effects)
 

@@ -89,9 +89,8 @@ def verify(public_files: Mapping[str, bytes], hidden: Path, public: Path) -> tup
     except OSError as error:
         raise refusal("seal", "must have a truth", hidden, f"{error}.") from error
     if digest(text) != sealed.get(TRUTH):
-        raise refusal(
-            "truth", "must be the one sealed", hidden / TRUTH, "Put it back, or give a new folder."
-        )
+        advice = "Put it back, or give a new folder."
+        raise refusal("truth", "must be the one sealed", hidden / TRUTH, advice)
     for name, content in public_files.items():
         if digest(content) != sealed.get(name):
             rule = f"must be what {public / name} has"
@@ -186,9 +185,9 @@ def path_digest(path: Path) -> str:
     """Return the SHA-256 of a file or of all files of a folder, or the name if neither exists."""
     if path.is_file():
         return digest(path.read_bytes())
-    files = sorted(file for file in path.rglob("*") if file.is_file())
-    lines = [f"{digest(file.read_bytes())}  {file.relative_to(path)}\n" for file in files]
-    return digest("".join(lines).encode()) if files else path.name
+    inside = sorted(file for file in path.rglob("*") if file.is_file())
+    lines = [f"{digest(file.read_bytes())}  {file.relative_to(path)}\n" for file in inside]
+    return digest("".join(lines).encode()) if lines else path.name
 
 
 def sensor_digest(sensor: Path) -> str:

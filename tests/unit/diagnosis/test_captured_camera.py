@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from starling.diagnosis.validation.adapters import cameras
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import presets
 

@@ -18,7 +18,7 @@ from starling.diagnosis.validation.camera.errors import WithheldError
 from starling.patterns.errors import InputError
 from starling.sim.captures import info as capture_info
 from starling.sim.captures import writer
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.geometry import frames
 from starling.sim.scene import scene_file
 from starling.sim.scene.builtin import scenes

@@ -137,19 +137,11 @@ def electrons_per_radiance(camera: Nominal, transmission: float) -> float:
     Args:
         camera: Nominal camera.
         transmission: Transmission T of lens and filter, in (0, 1].
-
-    Raises:
-        WithheldError: if nominal.json lacks a needed value.
     """
-    names = ("f_number", "pixel_pitch_m", "quantum_efficiency", "wavelength_nm")
-    f_number, pitch_m, efficiency, wavelength_nm = (getattr(camera, name) for name in names)
-    if missing := [name for name in names if getattr(camera, name) is None]:
-        rule = "must hold the optical data of the imager"
-        raise refusal("nominal.json", rule, f"no {', '.join(missing)}", "Add it.")
-    irradiance = math.pi * transmission / (4 * f_number ** 2)
-    energy_j = irradiance * pitch_m ** 2 * camera.exposure_s
-    photons = energy_j * wavelength_nm * 1e-9 / (_PLANCK_J_S * _LIGHT_M_S)
-    return photons * efficiency
+    irradiance = math.pi * transmission / (4 * camera.f_number**2)
+    energy_j = irradiance * camera.pixel_pitch_m**2 * camera.exposure_s
+    photons = energy_j * camera.wavelength_nm * 1e-9 / (_PLANCK_J_S * _LIGHT_M_S)
+    return photons * camera.quantum_efficiency
 
 
 def intensity_w_sr(

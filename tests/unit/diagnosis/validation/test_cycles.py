@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 from pathlib import Path
@@ -167,9 +166,3 @@ def test_electrons_by_hand(camera: Nominal):
     assert job.electrons_per_radiance(camera, 1.0) == pytest.approx(by_hand, rel=1e-3)
     half = job.electrons_per_radiance(camera, 0.5)
     assert half == pytest.approx(by_hand / 2, rel=1e-3)
-
-
-def test_missing_optical_data_are_refused(camera: Nominal):
-    incomplete = dataclasses.replace(camera, f_number=None)
-    with pytest.raises(WithheldError, match=r"nominal\.json must hold .* got no f_number"):
-        job.electrons_per_radiance(incomplete, 1.0)

@@ -33,12 +33,6 @@ def test_a_written_file_is_read(light_set: Path, camera: Nominal) -> None:
     assert read.radius().max() == pytest.approx(math.hypot(47.5, 31.5) / math.hypot(48, 32), 0.02)
 
 
-def test_optional_keys_may_be_missing(light_set: Path) -> None:
-    names = ("quantum_efficiency", "pixel_pitch_m", "f_number", "wavelength_nm")
-    gone = dict.fromkeys(names, "gone")
-    assert nominal.read(_edit(light_set, **gone)).f_number is None
-
-
 def test_a_projector_left_of_the_left_imager_is_read(light_set: Path) -> None:
     assert nominal.read(_edit(light_set, projector_x_m=-0.03)).projector_x_m == -0.03
 

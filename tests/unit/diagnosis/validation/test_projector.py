@@ -128,7 +128,7 @@ def test_shifts_have_the_given_standard_deviation(
         rng = Draws(seed=seed).device_rng("projector/shifted")
         moved = projector.shifted(view, few, 8.0, camera.fx_px, rng)
         assert moved.laser_e.sum() == pytest.approx(view.laser_e.sum(), rel=0.01)
-        owner = few.owner(view)
+        owner = projector.nearest_dot(view, few)
         for number in range(len(few)):
             cell = owner == number
             before, after = view.laser_e[cell], moved.laser_e[cell]
