@@ -18,6 +18,7 @@ from starling.diagnosis.which.response import Signature, add_node, simulate_sign
 from starling.diagnosis.which.segment import Screening
 from starling.diagnosis.which.table import FeatureTable
 from starling.diagnosis.workers import WorkerPool
+from starling.patterns.errors import refuse
 from starling.sim import effects
 from starling.sim.captures import capture
 from starling.sim.console import output, progress
@@ -65,6 +66,8 @@ def detection(
         against_itself: compare each set with its own captures.
         out: JSON file to write; default: print it.
     """
+    if not captures:
+        raise refuse("captures", "must be at least one capture set", "none", "Give one.")
     single_threaded()
     base = resolve.load(sensor, captures=str(captures[0]))
     with progress.on_stderr() as track:

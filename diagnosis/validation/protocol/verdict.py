@@ -236,7 +236,9 @@ def from_table(table: Any, *, name: str = "verdict") -> Verdict:
         raise refusal(f"{name}.seconds", "must be >= 0", seconds, _ADVICE)
     howfar, residual = top.get("howfar"), top.get("left")
     by_segment = top.get("baselines_by_arm")
-    segments = [_JsonValue("arm", segment).one_of(_SEGMENTS) for segment in residual.table()]
+    segments: list[SegmentName] = [
+        _JsonValue("arm", segment).one_of(_SEGMENTS) for segment in residual.table()
+    ]
     return Verdict(
         kind=kind,
         effects=tuple(effects),

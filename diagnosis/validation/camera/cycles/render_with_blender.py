@@ -17,7 +17,7 @@ which adds noise. Two lights at one position are two colour channels of one ligh
 of a point source is random only through the sample position in the pixel.
 """
 
-# pyright: reportMissingImports=false, reportPossiblyUnbound=false
+# pyright: reportMissingImports=false, reportPossiblyUnboundVariable=false
 from __future__ import annotations
 
 import argparse
