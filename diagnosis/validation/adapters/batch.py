@@ -24,7 +24,7 @@ from starling.diagnosis.which.table import FeatureTable
 from starling.patterns.errors import refuse
 from starling.sim import effects
 from starling.sim.captures import capture
-from starling.sim.captures.capture import CapturedScene, CaptureSet
+from starling.sim.captures.capture import CapturedScene
 from starling.sim.commands.simulate_captures import scene_seed
 from starling.sim.console import output, progress, record
 from starling.sim.console.threads import single_threaded
@@ -51,82 +51,52 @@ def batch(
     `starling diagnose` reports more.
 
     Args:
-        cases: folder of capture sets.
-        out: folder for the verdicts.
-        sensor: preset or sensor file of all capture sets.
-        against: capture set to compare each with.
-        cache: folder that caches simulations.
-        without: JSON file: effect to leave out, by capture set; other sets are skipped.
-    """
-    single_threaded()
-    with progress.on_stderr() as track:
-        diagnose(
-            cases,
-            out,
-            resolve.load(sensor, captures=str(capture_sets(cases)[0])),
-            against=None if against is None else capture.open_set(against),
-            cache=cache,
-            without=None if without is None else _left_out(without),
-            track=track,
-        )
-
-
-def diagnose(
-    cases: Path,
-    out: Path,
-    sensor: Sensor,
-    *,
-    against: CaptureSet | None = None,
-    cache: Path | None = None,
-    without: dict[str, str] | None = None,
-    track: progress.Progress = progress.silent,
-) -> None:
-    """Write a verdict for every capture set without one.
-
-    Args:
         cases: folder of capture sets of the same scenes.
         out: folder for the verdicts; created if missing.
-        sensor: sensor of all capture sets.
+        sensor: preset or sensor file of all capture sets.
         against: capture set to compare each set with instead of simulated captures.
         cache: folder that caches simulations for other runs.
-        without: an effect by name of capture set. The first verdict leaves out its family; the
-            second also leaves out the families of effects that the table marks as confusable with
-            it. Other capture sets are skipped.
-        track: wraps the loop over capture sets.
+        without: JSON file: an effect by name of capture set. The first verdict leaves out its
+            family; the second also leaves out the families of effects that the table marks as
+            confusable with it. Other capture sets are skipped.
 
     Raises:
         InputError: if a capture set is missing or damaged, or shows other scenes than the first.
             Also if scenes are neither known nor compared with others, or an effect is unknown.
     """
+    single_threaded()
     folders = capture_sets(cases)
-    if without is not None:
-        folders = [folder for folder in folders if folder.name in without]
-    todo = [folder for folder in folders if _missing(out, folder.name, without)]
-    references = (
-        {}
-        if against is None
-        else {scene.name: read_observation(scene, sensor) for scene in against.scenes}
-    )
+    camera = resolve.load(sensor, captures=str(folders[0]))
+    reference_set = None if against is None else capture.open_set(against)
+    left_out = None if without is None else _left_out(without)
+    if left_out is not None:
+        folders = [folder for folder in folders if folder.name in left_out]
+    todo = [folder for folder in folders if _missing(out, folder.name, left_out)]
+    references = {
+        scene.name: read_observation(scene, camera)
+        for scene in (() if reference_set is None else reference_set.scenes)
+    }
     scene_models: list[SceneModel] = []
     screenings: Screenings = {}
-    for folder in track(todo, "capture sets"):
-        started = time.perf_counter()
-        pairs = pair_scenes(capture.open_set(folder), against).pairs
-        scene_models = _scene_models(folder.name, pairs, sensor, scene_models, references)
-        training, held_out = attribution.split_test_rooms(scene_models)
-        screened = [
-            _screened(segment, training, screenings, cache, track)
-            for segment in attribution.available_segments(scene_models, training)
-        ]
-        for path, tried in _missing(out, folder.name, without).items():
-            restricted = [
-                (table, restrict_to_families(screening, tried)) for table, screening in screened
-            ]
-            result = attribution.attribute_effects(restricted, held_out)
-            verdict = _verdict(result, seed=scene_seed(0, folder.name))
-            verdict["seconds"] = round(time.perf_counter() - started, 3)
-            output.write_file(path, record.dumps(verdict).encode())
+    with progress.on_stderr() as track:
+        for folder in track(todo, "capture sets"):
             started = time.perf_counter()
+            pairs = pair_scenes(capture.open_set(folder), reference_set).pairs
+            scene_models = _scene_models(folder.name, pairs, camera, scene_models, references)
+            training, held_out = attribution.split_test_rooms(scene_models)
+            screened = [
+                _screened(segment, training, screenings, cache, track)
+                for segment in attribution.available_segments(scene_models, training)
+            ]
+            for path, tried in _missing(out, folder.name, left_out).items():
+                restricted = [
+                    (table, restrict_to_families(screening, tried)) for table, screening in screened
+                ]
+                result = attribution.attribute_effects(restricted, held_out)
+                verdict = _verdict(result, seed=scene_seed(0, folder.name))
+                verdict["seconds"] = round(time.perf_counter() - started, 3)
+                output.write_file(path, record.dumps(verdict).encode())
+                started = time.perf_counter()
 
 
 def _missing(out: Path, case: str, without: Mapping[str, str] | None) -> dict[Path, frozenset[str]]:

@@ -46,7 +46,7 @@ _INSTALL = "Install it with tools/blender.sh."
 
 
 def cycles_light(
-    light: Positional[Path],
+    source: Positional[Path],
     out: Positional[Path],
     *,
     blender: Path = Path(".blender/bin/python"),
@@ -56,42 +56,18 @@ def cycles_light(
 ) -> None:
     """Render a folder of light with Blender's Cycles.
 
-    OUT becomes a copy of LIGHT in which each `light.npz` is rendered by Cycles. Scenes that OUT
-    already holds are skipped, so a stopped run continues where it stopped.
+    OUT becomes a copy of SOURCE in which each `light.npz` is rendered by Cycles. Each scene is
+    written completely or not at all. Scenes that OUT already holds are skipped, so a stopped run
+    continues where it stopped.
 
     Args:
-        light: folder written by `light_sets`.
+        source: folder written by `light_sets`.
         out: new folder, or folder of a stopped run.
         blender: Python with bpy, see tools/blender.sh.
-        samples: samples per pixel.
-        seed: first seed of the samples; every scene has its own.
-        threads: number of threads; 0 uses all cores.
-    """
-    with progress.on_stderr() as track:
-        write(light, out, blender, samples=samples, seed=seed, threads=threads, track=track)
-
-
-def write(
-    source: Path,
-    out: Path,
-    blender: Path,
-    *,
-    samples: int = 64,
-    seed: int = 0,
-    threads: int = 0,
-    track: progress.Progress = progress.silent,
-) -> None:
-    """Render all scenes of a light folder; each is written completely or not at all.
-
-    Args:
-        source: folder of light.
-        out: new folder, or folder of a stopped run.
-        blender: Python with `bpy`.
         samples: samples per pixel. With 64 the error of a dot's image is 1 % of the mean at a focal
             length of 160 px, and less for larger dots.
         seed: first seed of the samples; every scene has its own.
         threads: number of threads; 0 uses all cores.
-        track: wraps the loop over scenes.
 
     Raises:
         InputError: if a folder or a scene is refused, if `out` was rendered with other settings, or
@@ -104,19 +80,22 @@ def write(
     if not scenes:
         raise refuse("light", f"must hold SCENE/{light.FILE}", source, "Make the light first.")
     _begin(source, out, {"blender": _version(blender), "samples": samples, "seed": seed})
-    for number, folder in enumerate(track(scenes, "render")):
-        if (out / folder.name / light.FILE).is_file():
-            continue
-        with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as temporary:
-            work, scene_folder = Path(temporary), Path(temporary, "scene")
-            # Both views of a scene use their own seed.
-            job.write(build_job(folder, camera), work / "job", samples=samples, seed=seed + number)
-            _render(blender, work, threads, folder.name)
-            arrays = job.arrays(work / "job", work / "rendered")
-            _copy(folder, scene_folder, out / folder.name)
-            np.savez_compressed(scene_folder / light.FILE, allow_pickle=False, **arrays)
-            light.read(scene_folder / light.FILE, camera.shape)
-            scene_folder.rename(out / folder.name)
+    with progress.on_stderr() as track:
+        for number, folder in enumerate(track(scenes, "render")):
+            if (out / folder.name / light.FILE).is_file():
+                continue
+            with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as temporary:
+                work, scene_folder = Path(temporary), Path(temporary, "scene")
+                # Both views of a scene use their own seed.
+                job.write(
+                    build_job(folder, camera), work / "job", samples=samples, seed=seed + number
+                )
+                _render(blender, work, threads, folder.name)
+                arrays = job.arrays(work / "job", work / "rendered")
+                _copy(folder, scene_folder, out / folder.name)
+                np.savez_compressed(scene_folder / light.FILE, allow_pickle=False, **arrays)
+                light.read(scene_folder / light.FILE, camera.shape)
+                scene_folder.rename(out / folder.name)
 
 
 def _begin(source: Path, out: Path, record: dict[str, Any]) -> None:
@@ -125,12 +104,8 @@ def _begin(source: Path, out: Path, record: dict[str, Any]) -> None:
     if path.is_file():
         for name, text in ((RECORD, settings), *((n, _text(source / n)) for n in _SET_FILES)):
             if _text(out / name) != text:
-                raise refuse(
-                    name,
-                    "must be as in the stopped run",
-                    out / name,
-                    "Use the same settings, or give another folder.",
-                )
+                advice = "Use the same settings, or give another folder."
+                raise refuse(name, "must be as in the stopped run", out / name, advice)
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise refuse("out", "must be new, empty or of a stopped run", out, "Choose another place.")

@@ -121,12 +121,12 @@ def test_stopped_rendering_continues(source: Path, blender: Path, tmp_path: Path
     out = tmp_path / "out"
     (blender.parent / "stop").touch()
     with pytest.raises(InputError, match="rendering of wall-2 must succeed; got the lamp went"):
-        cycles_light.write(source, out, blender, seed=4)
+        cycles_light.cycles_light(source, out, blender=blender, seed=4)
     assert sorted(path.name for path in out.iterdir() if path.is_dir()) == ["wall-1"]
     assert not list(tmp_path.glob(".out*"))
     before = (out / "wall-1" / "light.npz").stat().st_mtime_ns
     (blender.parent / "stop").unlink()
-    cycles_light.write(source, out, blender, seed=4)
+    cycles_light.cycles_light(source, out, blender=blender, seed=4)
     assert (out / "wall-1" / "light.npz").stat().st_mtime_ns == before
     assert (blender.parent / "done").read_text() == "5"  # Each scene has its own seed.
     camera = nominal_file.read(out / "nominal.json")
@@ -140,26 +140,26 @@ def test_stopped_rendering_continues(source: Path, blender: Path, tmp_path: Path
 
 def test_folder_with_other_settings_is_refused(source: Path, blender: Path, tmp_path: Path):
     out = tmp_path / "out"
-    cycles_light.write(source, out, blender)
+    cycles_light.cycles_light(source, out, blender=blender)
     with pytest.raises(InputError, match=r"cycles\.json must be as in the stopped run"):
-        cycles_light.write(source, out, blender, samples=8)
+        cycles_light.cycles_light(source, out, blender=blender, samples=8)
     (out / "nominal.json").write_text("{}")
     with pytest.raises(InputError, match=r"nominal\.json must be as in the stopped run"):
-        cycles_light.write(source, out, blender)
+        cycles_light.cycles_light(source, out, blender=blender)
     (out / "nominal.json").unlink()
     with pytest.raises(InputError, match=r"nominal\.json must be readable"):
-        cycles_light.write(source, out, blender)
+        cycles_light.cycles_light(source, out, blender=blender)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine").touch()
     with pytest.raises(InputError, match="out must be new, empty or of a stopped run"):
-        cycles_light.write(source, tmp_path / "full", blender)
+        cycles_light.cycles_light(source, tmp_path / "full", blender=blender)
 
 
 def test_rendering_without_a_record_is_refused(source: Path, blender: Path, tmp_path: Path):
     script = blender.with_name("stand_in.py")
     script.write_text(STAND_IN.replace('(out / "rendered.json")', "pathlib.Path('/dev/null')"))
     with pytest.raises(InputError, match="rendering of wall-1 must finish; got no record"):
-        cycles_light.write(source, tmp_path / "out", blender)
+        cycles_light.cycles_light(source, tmp_path / "out", blender=blender)
 
 
 def test_missing_blender_is_reported_in_one_line(
@@ -190,7 +190,7 @@ def test_light_without_scenes_is_refused(source: Path, blender: Path, tmp_path: 
     for path in source.glob("*/light.npz"):
         path.unlink()
     with pytest.raises(InputError, match=r"light must hold SCENE/light\.npz"):
-        cycles_light.write(source, tmp_path / "out", blender)
+        cycles_light.cycles_light(source, tmp_path / "out", blender=blender)
 
 
 def test_unsupported_scenes_are_refused(source: Path, tmp_path: Path):
@@ -217,4 +217,4 @@ def test_light_of_another_camera_is_refused(source: Path):
 def test_damaged_light_folder(source: Path, blender: Path, tmp_path: Path):
     (source / "nominal.json").write_text("{")
     with pytest.raises(WithheldError, match=r"nominal\.json must be a readable"):
-        cycles_light.write(source, tmp_path / "out", blender)
+        cycles_light.cycles_light(source, tmp_path / "out", blender=blender)
