@@ -4,7 +4,7 @@
 #
 # Usage: tools/blender.sh [FOLDER]      (default: .blender beside this folder; about 1 GB)
 #
-# Then: python -m starling.diagnosis.validation.adapters.cycles_light LIGHT OUT --blender FOLDER/bin/python
+# Then: python -m starling.diagnosis.validation.adapters cycles_light LIGHT OUT --blender FOLDER/bin/python
 # A second call finds everything done and returns at once. PYTHON chooses the interpreter.
 set -eu
 folder=${1:-$(cd "$(dirname "$0")/.." && pwd)/.blender}

@@ -6,7 +6,7 @@ strengths. The script prints the most likely strength, the remaining gap, and th
 largest residuals. Use development scenes only; all features have equal weight.
 
 Usage:
-    python -m starling.diagnosis.validation.adapters.light_sets LIGHT \
+    python -m starling.diagnosis.validation.adapters light_sets LIGHT \
         clutter:7100 clutter:7101 clutter:7102 --width 424 --height 240
     python benchmarks/diagnosis/check_fidelity.py LIGHT
 """

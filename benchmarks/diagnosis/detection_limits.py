@@ -2,7 +2,7 @@
 
 Writes `diagnosis/validation/protocol/detection.json` from two sets of ten development scenes,
 captured without any effect. A limit must hold in both sets
-(`starling.diagnosis.validation.adapters.detection`). WORK caches light and captures by the digest
+(`starling.diagnosis.validation.adapters detection`). WORK caches light and captures by the digest
 of the code, and simulations by their inputs, so an interrupted run can continue. With --effects the
 limits go to a separate file, so that no file mixes limits of two code versions.
 
@@ -20,8 +20,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from starling.diagnosis.validation.adapters import detection, light_sets
-from starling.diagnosis.validation.adapters.check_camera import camera
+from starling.diagnosis.validation.adapters import cameras, detection, light_sets
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.protocol import limits, programs, seal, shoot
 from starling.diagnosis.validation.protocol.case import Case
@@ -47,7 +46,8 @@ def main() -> None:
         advice = "Give --out, or omit --effects."
         parser.error(str(refusal("out", rule, options.out, advice)))
     limits_table = measure(options.work, options.effects)
-    options.out.write_text(json.dumps(limits_table, indent=1) + "\n", encoding="utf-8")
+    lines = [f"{json.dumps(name)}: {json.dumps(limit)}" for name, limit in limits_table.items()]
+    options.out.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 
 
 def measure(work: Path, effects: list[str]) -> dict[str, Any]:
@@ -93,14 +93,14 @@ def measure_set(work: Path, effects: list[str], code: str, first: int) -> dict[s
     tier = tier_from(first)
     folder = work / str(first) / code[:16]
     light, captures = folder / "light", folder / "captures"
-    sensor = camera(tier.width, tier.height)
+    sensor = cameras.builtin_camera(tier.width, tier.height)
     if not light.exists():
         light_sets.write(light, tier.scene_names(0), sensor)
     if not captures.exists():
         temporary = captures.with_name(".captures")  # Renamed when complete.
         shutil.rmtree(temporary, ignore_errors=True)
         shoot.shoot(light, NULL, temporary / "null", frames=tier.frames)
-        programs.depth(temporary, light / programs.SENSOR)
+        programs.run("own_depth", temporary, flags={"--sensor": light / programs.SENSOR})
         temporary.rename(captures)
     nominal_sensor = presets.load(str(light / programs.SENSOR))
     cache = work / str(first) / "cache"

@@ -27,33 +27,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m starling.diagnosis.validation", description=__doc__
     )
-    parser.add_argument("out", type=Path, help="folder of the run, new or of an interrupted run")
-    parser.add_argument(
-        "--tier",
-        type=int,
-        choices=sorted(TIERS),
-        default=1,
-        help="source of the captures: 1 and 3 Starling, 2 Cycles, 4 real pairs",
-    )
-    parser.add_argument(
-        "--cases",
-        type=int,
-        help="number of single-effect cases; with --power, cases per effect and level",
-    )
-    parser.add_argument("--no-infrared", action="store_true", help="diagnose depth alone")
-    parser.add_argument("--power", action="store_true", help="measure power curves")
-    parser.add_argument("--sets", type=int, help="number of scene sets; default: all")
-    parser.add_argument("--jobs", type=int, default=2, help="number of parallel scene sets")
-    parser.add_argument(
-        "--blender",
-        type=Path,
-        default=Path(".blender/bin/python"),
-        help="Python interpreter with bpy, for tier 2",
-    )
-    parser.add_argument("--captures", type=Path, help="real capture set, for tier 4")
-    parser.add_argument("--sensor", help="preset or sensor file of the real camera, for tier 4")
-    parser.add_argument("--json", action="store_true", help="print the scores as JSON")
-    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    flag = parser.add_argument
+    flag("out", type=Path, help="folder of the run, new or of an interrupted run")
+    tiers = "source of the captures: 1 and 3 Starling, 2 Cycles, 4 real pairs"
+    flag("--tier", type=int, choices=sorted(TIERS), default=1, help=tiers)
+    cases = "number of single-effect cases; with --power, cases per effect and level"
+    flag("--cases", type=int, help=cases)
+    flag("--no-infrared", action="store_true", help="diagnose depth alone")
+    flag("--power", action="store_true", help="measure power curves")
+    flag("--sets", type=int, help="number of scene sets; default: all")
+    flag("--jobs", type=int, default=2, help="number of parallel scene sets")
+    blender = Path(".blender/bin/python")
+    flag("--blender", type=Path, default=blender, help="Python interpreter with bpy, for tier 2")
+    flag("--captures", type=Path, help="real capture set, for tier 4")
+    flag("--sensor", help="preset or sensor file of the real camera, for tier 4")
+    flag("--json", action="store_true", help="print the scores as JSON")
+    flag("--debug", action="store_true", help="show the traceback of an error")
     options = parser.parse_args(arguments)
     started = time.perf_counter()
     try:
@@ -67,11 +56,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             power=options.power,
             jobs=options.jobs,
             set_limit=options.sets,
+            singles=options.cases,
         )
-        cases = check.prepare(options.cases)
+        sealed = check.prepare()
         print((check.folder / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)
-        check.diagnose(cases, options.cases)
-        scores = check.score(cases, options.cases)
+        check.diagnose(sealed)
+        scores = check.score(sealed)
     except Exception as error:
         if options.debug:
             raise

@@ -2,14 +2,6 @@
 
 from __future__ import annotations
 
-from starling.diagnosis.validation.adapters import (
-    batch,
-    captured_camera,
-    detection,
-    families,
-    light_sets,
-    own_depth,
-)
 from starling.diagnosis.validation.protocol import tier
 
 TRIED = ("gamma", "vignetting", "read_noise", "black_level", "median", "pixel_locking")
@@ -32,14 +24,6 @@ SMALL = tier.Tier(
     counts={"single": 10, "null": 6, "pair": 2, "unknown": 4},
     left_out=2,
 )
-IN_PROCESS = {
-    "starling.diagnosis.validation.adapters.light_sets": light_sets.main,
-    "starling.diagnosis.validation.adapters.captured_camera": captured_camera.main,
-    "starling.diagnosis.validation.adapters.own_depth": own_depth.main,
-    "starling.diagnosis.validation.adapters.detection": detection.main,
-    "starling.diagnosis.validation.adapters.families": families.main,
-    "starling.diagnosis.validation.adapters.batch": batch.main,
-}
 NEUTRAL = {
     "gamma": 1.0,
     "vignetting": 0.0,

@@ -18,10 +18,20 @@ from typing import Any
 import pytest
 
 from starling.diagnosis.validation import __main__
-from starling.diagnosis.validation.adapters import batch, check_camera, detection, own_depth
+from starling.diagnosis.validation.adapters import __main__ as adapters
+from starling.diagnosis.validation.adapters import cameras, own_depth
 from starling.diagnosis.validation.camera import catalogue
 from starling.diagnosis.validation.camera.errors import WithheldError
-from starling.diagnosis.validation.protocol import case, limits, lock, power, programs, seal, tier
+from starling.diagnosis.validation.protocol import (
+    case,
+    files,
+    limits,
+    power,
+    programs,
+    seal,
+    shoot,
+    tier,
+)
 from starling.diagnosis.validation.protocol.case import Case
 from starling.diagnosis.validation.protocol.check import Check
 from starling.diagnosis.validation.protocol.real_pairs import RealPairs
@@ -30,7 +40,7 @@ from starling.diagnosis.which import attribution
 from starling.diagnosis.which.candidates import candidates as all_candidates
 from starling.sim.captures import capture
 from starling.sim.sensor import presets
-from tests.system.small_check import IN_PROCESS, NEUTRAL, SMALL, STRONG, TRIED
+from tests.system.small_check import NEUTRAL, SMALL, STRONG, TRIED
 
 RUN = programs._run
 SHOWN: list[tuple[Path, bytes]] = []  # All files except pictures that a diagnosis could read.
@@ -57,8 +67,8 @@ def patched() -> Any:
         "random_generator",
         lambda entropy: random_generator(6 if entropy is None else entropy),
     )
-    spotless = [entry for entry in check_camera._HAS if entry[0] != "imager.lens.blur_px"]
-    patch.setattr(check_camera, "_HAS", spotless)
+    spotless = [entry for entry in cameras._HAS if entry[0] != "imager.lens.blur_px"]
+    patch.setattr(cameras, "_HAS", spotless)
     patch.setattr(
         attribution,
         "candidates",
@@ -70,14 +80,11 @@ def patched() -> Any:
     assert real_effects is not None
     patch.setattr(RealPairs, "effects", property(lambda self: real_effects(self) & shown))
 
-    def run(module: str, arguments: Sequence[str]) -> None:
-        if (
-            module == "starling.diagnosis.validation.adapters.batch"
-            and "--without" not in arguments
-        ):
+    def run(program: str, arguments: Sequence[str]) -> None:
+        if program == "batch" and "--without" not in arguments:
             for folder in map(Path, arguments[:2]):
                 SHOWN.extend(_files(folder))
-        assert IN_PROCESS[module](arguments) == 0
+        assert adapters.main([program, *arguments]) == 0
 
     patch.setattr(programs, "_run", run)
     yield patch
@@ -199,7 +206,7 @@ def test_changed_truth_is_refused(done):
 def test_folder_belongs_to_one_run_with_fixed_options(done, monkeypatch):
     check, cases = done
     with pytest.raises(WithheldError, match=r"asked\.json must be what .*\"cases\": 3"):
-        check.prepare(3)
+        dataclasses.replace(check, singles=3).prepare()
     lost = check.sets[0].folder / "whole" / f"{cases[0].number:03d}.json"
     before = lost.read_text()
     lost.unlink()
@@ -208,7 +215,7 @@ def test_folder_belongs_to_one_run_with_fixed_options(done, monkeypatch):
         with pytest.raises(WithheldError, match="code must be the sealed code"):
             check.diagnose(cases)
     with (
-        lock.exclusive(check.sets[0].folder),
+        files.exclusive(check.sets[0].folder),
         pytest.raises(WithheldError, match="folder must be used by one run at a time"),
     ):
         check.diagnose(cases)
@@ -264,8 +271,6 @@ def test_effects_in_real_pairs_are_compared_with_the_pairs(done, tmp_path):
     """The pairs come from a camera with another seed; only their pixels are known."""
     check, _ = done
     null = Case(number=0, kind="null", settings={}, seed=11)
-    from starling.diagnosis.validation.protocol import shoot
-
     shoot.shoot(check.sets[0].source.light, null, tmp_path / "real", frames=1)
     counts = {"single": 4, "null": 3, "unknown": 1}
     pairs = tier.Tier(
@@ -320,8 +325,6 @@ def test_detection_limits_come_from_the_diagnosis(done, patched, capsys, tmp_pat
     """A limit is found on one side, or on both if the effect has two."""
     check, _ = done
     null = Case(number=0, kind="null", settings={}, seed=3)
-    from starling.diagnosis.validation.protocol import shoot
-
     shoot.shoot(check.sets[0].source.light, null, tmp_path / "null", frames=2)
     flags = [
         "--sensor",
@@ -329,21 +332,19 @@ def test_detection_limits_come_from_the_diagnosis(done, patched, capsys, tmp_pat
         "--cache",
         str(check.sets[0].folder / "cache"),
     ]
-    assert detection.main([str(tmp_path / "null"), *flags]) == 0
+    assert adapters.main(["detection", str(tmp_path / "null"), *flags]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["vignetting"]["below"] is None and 0 < result["vignetting"]["above"] < 3
     assert result["gamma"]["below"] < result["gamma"]["base"] < result["gamma"]["above"]
-    assert detection.main([str(tmp_path / "null"), *flags, "--effects", "gamma"]) == 0
+    assert adapters.main(["detection", str(tmp_path / "null"), *flags, "--effects", "gamma"]) == 0
     assert json.loads(capsys.readouterr().out) == {"gamma": result["gamma"]}
-    assert detection.main([str(tmp_path / "none"), *flags]) == 1
-    assert detection.main([str(tmp_path / "null"), *flags, "--effects", "gama"]) == 1
+    assert adapters.main(["detection", str(tmp_path / "none"), *flags]) == 1
+    assert adapters.main(["detection", str(tmp_path / "null"), *flags, "--effects", "gama"]) == 1
 
 
 def test_batch_refuses_inconsistent_capture_sets(done, tmp_path, capsys):
     check, _ = done
     null = Case(number=0, kind="null", settings={}, seed=3)
-    from starling.diagnosis.validation.protocol import shoot
-
     for number, each in enumerate(check.sets):
         shoot.shoot(each.source.light, null, tmp_path / "cases" / str(number), frames=1)
     sensor = presets.load(str(check.sets[0].source.sensor))
@@ -352,16 +353,16 @@ def test_batch_refuses_inconsistent_capture_sets(done, tmp_path, capsys):
     for path in unknown.rglob("scene.toml"):
         path.unlink()
     flags = ["--sensor", str(check.sets[0].source.sensor)]
-    assert batch.main([str(tmp_path / "unknown"), str(tmp_path / "out"), *flags]) == 1
+    assert adapters.main(["batch", str(tmp_path / "unknown"), str(tmp_path / "out"), *flags]) == 1
     assert "must each have a scene.toml or a capture to compare with" in capsys.readouterr().err
     assert capture.open_set(tmp_path / "cases" / "0").scenes[0].frame(0).depth_m is not None
-    assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *flags]) == 1
+    assert adapters.main(["batch", str(tmp_path / "cases"), str(tmp_path / "out"), *flags]) == 1
     assert "same in all" in capsys.readouterr().err
-    assert batch.main([str(tmp_path), str(tmp_path / "out"), *flags]) == 1
+    assert adapters.main(["batch", str(tmp_path), str(tmp_path / "out"), *flags]) == 1
     shutil.rmtree(tmp_path / "cases" / "1")
     shoot.shoot(check.sets[0].source.light, null, tmp_path / "cases" / "1", frames=2)
     capsys.readouterr()
-    assert batch.main([str(tmp_path / "cases"), str(tmp_path / "other"), *flags]) == 1
+    assert adapters.main(["batch", str(tmp_path / "cases"), str(tmp_path / "other"), *flags]) == 1
     assert "repeats must be equally many in all capture sets" in capsys.readouterr().err
     path_without = tmp_path / "without.json"
     for text, answer in (
@@ -372,16 +373,21 @@ def test_batch_refuses_inconsistent_capture_sets(done, tmp_path, capsys):
         if text is not None:
             path_without.write_text(text)
         more_flags = [*flags, "--without", str(path_without)]
-        assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *more_flags]) == 1
+        assert (
+            adapters.main(["batch", str(tmp_path / "cases"), str(tmp_path / "out"), *more_flags])
+            == 1
+        )
         err = capsys.readouterr().err
         assert err.startswith("without must be") and answer in err
     more_flags = [*flags, "--cache", str(path_without)]
-    assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *more_flags]) == 1
+    assert (
+        adapters.main(["batch", str(tmp_path / "cases"), str(tmp_path / "out"), *more_flags]) == 1
+    )
     assert "cache must be a folder" in capsys.readouterr().err
-    assert own_depth.main([str(tmp_path), *flags]) == 1
+    assert adapters.main(["own_depth", str(tmp_path), *flags]) == 1
     (tmp_path / "cases" / "0" / "clutter-60" / "0" / "ir_left.png").unlink()
     (tmp_path / "cases" / "0" / "clutter-60" / "0" / "depth.png").unlink()
-    assert own_depth.main([str(tmp_path / "cases"), *flags]) == 1
+    assert adapters.main(["own_depth", str(tmp_path / "cases"), *flags]) == 1
 
 
 def test_two_sets_run_in_two_processes(done):

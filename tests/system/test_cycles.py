@@ -56,7 +56,9 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arrays, Arrays]:
     folder = tmp_path_factory.mktemp("cycles")
     light_sets.write(folder / "ours", [SCENE], nominal())
     try:
-        cycles_light.write(folder / "ours", folder / "theirs", BLENDER, samples=SAMPLES, threads=2)
+        cycles_light.cycles_light(
+            folder / "ours", folder / "theirs", blender=BLENDER, samples=SAMPLES, threads=2
+        )
     except InputError as error:
         if "import" in str(error) or "module" in str(error):
             pytest.skip(f"Blender does not load here: {error}")

@@ -18,7 +18,7 @@ from numpy.testing import assert_allclose
 
 from starling.diagnosis.scenes import estimated, fit_scene, pose, scene_model
 from starling.diagnosis.scenes.fit_scene import AMBIENT, SCALE, SHIFT, TURN, Nuisance
-from starling.diagnosis.validation.adapters import check_camera
+from starling.diagnosis.validation.adapters import cameras
 from starling.diagnosis.which import attribution
 from starling.diagnosis.which.candidates import Segment
 from starling.sim import simulate
@@ -31,7 +31,7 @@ from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import to_code
 
 WARM = 1.0013
-SENSOR = check_camera.camera(424, 240)
+SENSOR = cameras.builtin_camera(424, 240)
 FITTED = {AMBIENT: Nuisance(0.4, 0.1), SCALE: Nuisance(1.0, 0.999)}
 
 

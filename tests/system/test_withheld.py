@@ -12,7 +12,7 @@ import pytest
 from starling.diagnosis.scenes import observation, scene_model
 from starling.diagnosis.scenes.observation import StereoObservation
 from starling.diagnosis.scenes.request import CAPTURED, Request, Source, simulation
-from starling.diagnosis.validation.adapters import light_sets
+from starling.diagnosis.validation.adapters import cameras, light_sets
 from starling.diagnosis.validation.protocol import case, shoot
 from starling.diagnosis.which import null
 from starling.diagnosis.which import table as feature_table
@@ -59,7 +59,7 @@ def shot(light: Path, out: Path, **settings: float) -> CaptureSet:
 
 
 def test_light_holds_all_camera_values(light):
-    camera = json.loads((light / light_sets.NOMINAL).read_text())
+    camera = json.loads((light / cameras.NOMINAL).read_text())
     assert camera["read_noise_e"] == 5.0 and camera["ambient_w_m2"] > 0
     with np.load(light / "clutter-1" / light_sets.LIGHT) as arrays:
         laser, even = arrays["left_laser_e"], arrays["left_even_e"]

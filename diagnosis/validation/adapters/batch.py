@@ -1,39 +1,30 @@
-r"""Diagnose many capture sets of the same scenes, without any knowledge of their effects.
-
-    python -m starling.diagnosis.validation.adapters.batch CASES OUT --sensor FILE \
-        [--against SET] [--cache FOLDER] [--without FILE]
-
-CASES holds capture sets in subfolders. OUT gets a verdict FOLDER.json for each. With --without, it
-gets two verdicts, in `without family` and `without twins`. Existing verdicts are kept, so a stopped
-run continues where it stopped. The effects on the scenes are simulated once for all sets. For one
-capture set, `starling diagnose` reports more.
-"""
+"""Diagnosis of many capture sets of the same scenes, without any knowledge of their effects."""
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tyro.conf import Positional
+
 from starling.diagnosis.report import figures
 from starling.diagnosis.scenes.observation import SceneObservation, read_observation
 from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model, with_capture
 from starling.diagnosis.scenes.selection import pair_scenes, split_test_rooms
-from starling.diagnosis.validation.adapters import families, program
+from starling.diagnosis.validation.adapters import families
+from starling.diagnosis.validation.adapters.own_depth import capture_sets
 from starling.diagnosis.which import attribution, baselines
-from starling.diagnosis.which import segment as segments
 from starling.diagnosis.which.attribution import Attribution
 from starling.diagnosis.which.candidates import Segment
-from starling.diagnosis.which.segment import Screening, SegmentResult
+from starling.diagnosis.which.segment import Screening, SegmentResult, restrict_to_families
 from starling.diagnosis.which.table import FeatureTable
 from starling.patterns.errors import refuse
 from starling.sim import effects
 from starling.sim.captures import capture
-from starling.sim.captures.capture import CapturedScene, CaptureSet
+from starling.sim.captures.capture import CapturedScene
 from starling.sim.commands.simulate_captures import scene_seed
 from starling.sim.console import output, progress, record
 from starling.sim.console.threads import single_threaded
@@ -43,63 +34,69 @@ from starling.sim.sensor.sensor import Sensor
 Screenings = dict[Segment, tuple[FeatureTable, Screening]]
 
 
-def diagnose(
-    cases: Path,
-    out: Path,
-    sensor: Sensor,
+def batch(
+    cases: Positional[Path],
+    out: Positional[Path],
     *,
-    against: CaptureSet | None = None,
+    sensor: str,
+    against: Path | None = None,
     cache: Path | None = None,
-    without: dict[str, str] | None = None,
-    track: progress.Progress = progress.silent,
+    without: Path | None = None,
 ) -> None:
-    """Write a verdict for every capture set without one.
+    """Diagnose many capture sets of the same scenes.
+
+    OUT gets a verdict FOLDER.json for each. With --without, it gets two verdicts, in `without
+    family` and `without twins`. Existing verdicts are kept, so a stopped run continues where it
+    stopped. The effects on the scenes are simulated once for all sets. For one capture set,
+    `starling diagnose` reports more.
 
     Args:
         cases: folder of capture sets of the same scenes.
         out: folder for the verdicts; created if missing.
-        sensor: sensor of all capture sets.
+        sensor: preset or sensor file of all capture sets.
         against: capture set to compare each set with instead of simulated captures.
         cache: folder that caches simulations for other runs.
-        without: an effect by name of capture set. The first verdict leaves out its family; the
-            second also leaves out the families of effects that the table marks as confusable with
-            it. Other capture sets are skipped.
-        track: wraps the loop over capture sets.
+        without: JSON file: an effect by name of capture set. The first verdict leaves out its
+            family; the second also leaves out the families of effects that the table marks as
+            confusable with it. Other capture sets are skipped.
 
     Raises:
         InputError: if a capture set is missing or damaged, or shows other scenes than the first.
             Also if scenes are neither known nor compared with others, or an effect is unknown.
     """
-    folders = program.capture_sets(cases)
-    if without is not None:
-        folders = [folder for folder in folders if folder.name in without]
-    todo = [folder for folder in folders if _missing(out, folder.name, without)]
-    references = (
-        {}
-        if against is None
-        else {scene.name: read_observation(scene, sensor) for scene in against.scenes}
-    )
+    single_threaded()
+    folders = capture_sets(cases)
+    camera = resolve.load(sensor, captures=str(folders[0]))
+    reference_set = None if against is None else capture.open_set(against)
+    left_out = None if without is None else _left_out(without)
+    if left_out is not None:
+        folders = [folder for folder in folders if folder.name in left_out]
+    todo = [folder for folder in folders if _missing(out, folder.name, left_out)]
+    references = {
+        scene.name: read_observation(scene, camera)
+        for scene in (() if reference_set is None else reference_set.scenes)
+    }
     scene_models: list[SceneModel] = []
     screenings: Screenings = {}
-    for folder in track(todo, "capture sets"):
-        started = time.perf_counter()
-        pairs = pair_scenes(capture.open_set(folder), against).pairs
-        scene_models = _scene_models(folder.name, pairs, sensor, scene_models, references)
-        training, held_out = split_test_rooms(scene_models)
-        screened = [
-            _screened(segment, training, screenings, cache, track)
-            for segment in attribution.available_segments(scene_models, training)
-        ]
-        for path, tried in _missing(out, folder.name, without).items():
-            restricted = [
-                (table, segments.restrict_to_families(screening, tried))
-                for table, screening in screened
-            ]
-            result = attribution.attribute_effects(restricted, held_out)
-            verdict = _verdict(result, seed=scene_seed(0, folder.name))
-            verdict["seconds"] = round(time.perf_counter() - started, 3)
-            output.write_file(path, record.dumps(verdict).encode())
+    with progress.on_stderr() as track:
+        for folder in track(todo, "capture sets"):
             started = time.perf_counter()
+            pairs = pair_scenes(capture.open_set(folder), reference_set).pairs
+            scene_models = _scene_models(folder.name, pairs, camera, scene_models, references)
+            training, held_out = split_test_rooms(scene_models)
+            screened = [
+                _screened(segment, training, screenings, cache, track)
+                for segment in attribution.available_segments(scene_models, training)
+            ]
+            for path, tried in _missing(out, folder.name, left_out).items():
+                restricted = [
+                    (table, restrict_to_families(screening, tried)) for table, screening in screened
+                ]
+                result = attribution.attribute_effects(restricted, held_out)
+                verdict = _verdict(result, seed=scene_seed(0, folder.name))
+                verdict["seconds"] = round(time.perf_counter() - started, 3)
+                output.write_file(path, record.dumps(verdict).encode())
+                started = time.perf_counter()
 
 
 def _missing(out: Path, case: str, without: Mapping[str, str] | None) -> dict[Path, frozenset[str]]:
@@ -208,38 +205,3 @@ def _left_out(path: Path) -> dict[str, str]:
         rule = "must be a JSON object"
         raise refuse("without", rule, left_out, "Give an effect by capture set.")
     return left_out
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return 1 if the input is refused."""
-    parser = argparse.ArgumentParser(
-        prog="python -m starling.diagnosis.validation.adapters.batch",
-        description="Diagnose many capture sets of the same scenes.",
-    )
-    parser.add_argument("cases", type=Path, help="folder of capture sets")
-    parser.add_argument("out", type=Path, help="folder for the verdicts")
-    parser.add_argument("--sensor", required=True, help="preset or sensor file of all capture sets")
-    parser.add_argument("--against", type=Path, help="capture set to compare each with")
-    parser.add_argument("--cache", type=Path, help="folder that caches simulations")
-    parser.add_argument(
-        "--without",
-        type=Path,
-        help="JSON file: effect to leave out, by capture set; other sets are skipped",
-    )
-    options = parser.parse_args(arguments)
-    single_threaded()
-    return program.run(
-        lambda track: diagnose(
-            options.cases,
-            options.out,
-            resolve.load(options.sensor, captures=str(program.capture_sets(options.cases)[0])),
-            against=None if options.against is None else capture.open_set(options.against),
-            cache=options.cache,
-            without=None if options.without is None else _left_out(options.without),
-            track=track,
-        )
-    )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

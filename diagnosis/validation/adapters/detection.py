@@ -1,38 +1,24 @@
-r"""Detection limits: how strong each effect must be for the diagnosis to detect it.
-
-    python -m starling.diagnosis.validation.adapters.detection CAPTURES... --sensor FILE \
-        [--cache FOLDER] [--effects NAME...] [--against-itself] [--out FILE]
-
-Prints or writes JSON. A numeric effect has its base, and a detection limit below and above it. From
-the limit on, the gain of the effect alone reaches the threshold in half of the simulated captures.
-The limit is null if no value in the range does. A choice has the list of all detected values.
-
-Limits of matcher and filters depend on the infrared images of the capture set, which should have no
-gap. With several capture sets, a limit has to hold in each. Real captures always have a gap, so
---against-itself compares them with themselves. The limits then hold for other captures of these
-scenes.
-"""
+"""Detection limits: how strong each effect must be for the diagnosis to detect it."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
-import sys
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
+from tyro.conf import Positional
+
 from starling.diagnosis.scenes.scene_model import load_scene_model
 from starling.diagnosis.scenes.selection import pair_scenes, split_test_rooms
-from starling.diagnosis.validation.adapters import program
 from starling.diagnosis.which import attribution, null, sensitivity
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.response import Signature, add_node, simulate_signature
 from starling.diagnosis.which.segment import Screening
 from starling.diagnosis.which.table import FeatureTable
 from starling.diagnosis.workers import WorkerPool
-from starling.patterns.errors import InputError
+from starling.patterns.errors import InputError, refuse
 from starling.sim import effects
 from starling.sim.captures import capture
 from starling.sim.console import output, progress
@@ -49,6 +35,58 @@ _BACK = 2  # Number of bisections on the way back; they leave a limit at most 11
 
 # A base and the limits below and above it, or all detected values of a choice.
 Limits = dict[str, Any]
+
+
+def detection(
+    captures: Positional[tuple[Path, ...]],
+    *,
+    sensor: str,
+    cache: Path | None = None,
+    effects: tuple[str, ...] = (),
+    against_itself: bool = False,
+    out: Path | None = None,
+) -> None:
+    """Measure how strong each effect must be to be detected.
+
+    Prints or writes JSON. A numeric effect has its base, and a detection limit below and above it.
+    From the limit on, the gain of the effect alone reaches the threshold in half of the simulated
+    captures. The limit is null if no value in the range does. A choice has the list of all detected
+    values.
+
+    Limits of matcher and filters depend on the infrared images of the capture set, which should
+    have no gap. With several capture sets, a limit has to hold in each. Real captures always have a
+    gap, so --against-itself compares them with themselves. The limits then hold for other captures
+    of these scenes.
+
+    Args:
+        captures: capture sets.
+        sensor: preset or sensor file, the base.
+        cache: folder that caches simulations.
+        effects: effects to test; default: all.
+        against_itself: compare each set with its own captures.
+        out: JSON file to write; default: print it.
+    """
+    if not captures:
+        raise refuse("captures", "must be at least one capture set", "none", "Give one.")
+    single_threaded()
+    base = resolve.load(sensor, captures=str(captures[0]))
+    with progress.on_stderr() as track:
+        by_set = [
+            limits(
+                path,
+                base,
+                against_itself=against_itself,
+                wanted=effects or None,
+                cache=cache,
+                track=track,
+            )
+            for path in captures
+        ]
+        text = json.dumps(common_limits(by_set), indent=1)
+        if out is None:
+            print(text)
+        else:
+            output.write_file(out, text.encode())
 
 
 def limits(
@@ -218,46 +256,3 @@ def _detected_on_devices(
         return False
     likelihoods = [base.likelihood(observed, screening.weight) for base, observed in captures]
     return sensitivity.gains_enough(signature, likelihoods, screening)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return 1 if the input is refused."""
-    parser = argparse.ArgumentParser(
-        prog="python -m starling.diagnosis.validation.adapters.detection",
-        description="Measure how strong each effect must be to be detected.",
-    )
-    parser.add_argument("captures", type=Path, nargs="+", help="capture sets")
-    parser.add_argument("--sensor", required=True, help="preset or sensor file, the base")
-    parser.add_argument("--cache", type=Path, help="folder that caches simulations")
-    parser.add_argument("--effects", nargs="+", help="effects to test; default: all")
-    parser.add_argument(
-        "--against-itself", action="store_true", help="compare each set with its own captures"
-    )
-    parser.add_argument("--out", type=Path, help="JSON file to write; default: print it")
-    options = parser.parse_args(arguments)
-    single_threaded()
-
-    def work(track: progress.Progress) -> None:
-        sensor = resolve.load(options.sensor, captures=str(options.captures[0]))
-        by_set = [
-            limits(
-                captures,
-                sensor,
-                against_itself=options.against_itself,
-                wanted=options.effects,
-                cache=options.cache,
-                track=track,
-            )
-            for captures in options.captures
-        ]
-        text = json.dumps(common_limits(by_set), indent=1)
-        if options.out is None:
-            print(text)
-        else:
-            output.write_file(options.out, text.encode())
-
-    return program.run(work)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,19 +1,13 @@
-"""Write the family and the confusable effects of each effect to a file.
-
-    python -m starling.diagnosis.validation.adapters.families OUT.json
-
-The validation with withheld effects seals this file before the first case is captured.
-"""
+"""Families of the effect table, and the confusable effects of each effect."""
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
-from starling.diagnosis.validation.adapters import program
+from tyro.conf import Positional
+
 from starling.patterns.errors import one_of
 from starling.sim import effects
 from starling.sim.console import output
@@ -44,22 +38,13 @@ def refuse_unknown_families(names: Iterable[str]) -> None:
         one_of("family", name, known())
 
 
-def write(out: Path) -> None:
-    """Write family and confusable effects by effect."""
+def families(out: Positional[Path]) -> None:
+    """Write the family and the confusable effects of each effect.
+
+    The validation with withheld effects seals this file before the first case is captured.
+
+    Args:
+        out: JSON file.
+    """
     rows = {row.name: {"family": row.family, "twins": confusable(row)} for row in effects.table()}
     output.write_file(out, f"{json.dumps(rows, indent=1)}\n".encode())
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m starling.diagnosis.validation.adapters.families",
-        description="Write the family and the confusable effects of each effect.",
-    )
-    parser.add_argument("out", type=Path, help="JSON file")
-    options = parser.parse_args(arguments)
-    return program.run(lambda _track: write(options.out))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,16 +1,10 @@
-r"""Light for the validation: scenes as photo-electrons before any camera effect.
+"""Light for the validation: scenes as photo-electrons before any camera effect.
 
 The second camera implementation reads only these files. It has its own lens, imager and matcher.
-
-    python -m starling.diagnosis.validation.adapters.light_sets OUT SCENE [SCENE ...] \
-        [--width 640 --height 360]
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import tempfile
 from collections.abc import Sequence
 from functools import partial
@@ -19,28 +13,46 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tyro.conf import Positional
 
 from starling.diagnosis.scenes.strata import projector_tangents
-from starling.diagnosis.validation.adapters import check_camera, program
+from starling.diagnosis.validation.adapters import cameras
 from starling.patterns.errors import refuse
 from starling.sim import simulate
-from starling.sim.captures import info as capture_info
-from starling.sim.captures import png, writer
+from starling.sim.captures import info, png, writer
 from starling.sim.console import progress
 from starling.sim.console.output import OutputFolder
-from starling.sim.effects import setting as setting
+from starling.sim.effects import setting
 from starling.sim.imaging.imager import electrons_per_radiance
 from starling.sim.render.layers import Layers
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
 from starling.sim.scene.captured import known_geometry
-from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 
-LIGHT, NOMINAL, SENSOR = "light.npz", "nominal.json", "sensor.toml"
+LIGHT = "light.npz"
 OTHER_M = 0.2  # Distance of another device's projector to the right [m].
 _EVEN_PX = 64  # Size of the uniform pattern image [px].
+
+
+def light_sets(
+    out: Positional[Path],
+    scenes: Positional[tuple[str, ...]],
+    *,
+    width: int = 640,
+    height: int = 360,
+) -> None:
+    """Write builtin scenes as light, and their sensor.
+
+    Args:
+        out: folder to make.
+        scenes: builtin scenes, such as clutter:7.
+        width: image width [px].
+        height: image height [px].
+    """
+    with progress.on_stderr() as track:
+        write(out, scenes, cameras.builtin_camera(width, height), track=track)
 
 
 def write(
@@ -64,25 +76,19 @@ def write(
     if len(set(names)) < len(names) or not names:
         count = f"{len(names)}, {len(set(names))} of them different"
         raise refuse("scenes", "must be at least one, each once", count, "Correct the list.")
-    info = writer.info_of(sensor, source="check", licence="Apache-2.0", notes="simulated")
+    captured = writer.info_of(sensor, source="check", licence="Apache-2.0", notes="simulated")
     with OutputFolder(out, force=False) as folder, tempfile.TemporaryDirectory() as temporary:
         even = _even(sensor, Path(temporary))
-        folder.write(capture_info.FILE, capture_info.dumps(info).encode())
+        folder.write(info.FILE, info.dumps(captured).encode())
         loaded = {name: sources.load(name, sensor) for name in names}
         ambient = {
             (scene.ambient.irradiance_w_m2, scene.ambient.gradient) for scene in loaded.values()
         }
         if len(ambient) > 1:
-            raise refuse(
-                "scenes",
-                "must share one ambient light",
-                sorted(ambient),
-                "Write them to separate folders.",
-            )
+            advice = "Write them to separate folders."
+            raise refuse("scenes", "must share one ambient light", sorted(ambient), advice)
         level, gradient = ambient.pop()
-        values = {**nominal(sensor), "ambient_w_m2": level, "ambient_gradient": gradient}
-        folder.write(NOMINAL, json.dumps(values, indent=1).encode())
-        folder.write(SENSOR, presets.dumps(sensor).encode())
+        cameras.write(folder, sensor, {"ambient_w_m2": level, "ambient_gradient": gradient})
         for name, scene in track(list(loaded.items()), "light"):
             place = name.replace(":", "-")
             stage = MitsubaScene(scene)
@@ -103,40 +109,6 @@ def write(
                 depth_unit_m=sensor.post.depth_unit_m,
                 known=known_geometry.describe(name, scene.world_from_left, folder.path / place),
             )
-
-
-def nominal(sensor: Sensor) -> dict[str, Any]:
-    """Return the camera values that the second implementation reads."""
-    imager = sensor.left
-    return {
-        "width": sensor.width,
-        "height": sensor.height,
-        "fx_px": sensor.fx_px,
-        "fy_px": sensor.fy_px,
-        "cx_px": sensor.cx_px,
-        "cy_px": sensor.cy_px,
-        "baseline_m": sensor.baseline_m,
-        "exposure_s": imager.exposure_s,
-        "gain": imager.gain,
-        "power_w": sensor.projector.power_w,
-        "full_well_e": imager.full_well_e,
-        "bit_depth": imager.bit_depth,
-        "dn_per_e": imager.dn_per_electron / imager.gain,
-        "black_level_dn": imager.black_level_dn,
-        "depth_unit_m": sensor.post.depth_unit_m,
-        "read_noise_e": imager.read_noise_e,
-        "shot_noise": imager.shot_noise,
-        "lens_blur_px": imager.lens.blur_px,
-        "smoothing_px": imager.smoothing_px,
-        "speckle_contrast": sensor.projector.speckle_contrast,
-        "lens_focus_m": imager.lens.focus_m,
-        "projector_focus_m": sensor.projector.focus_m,
-        "projector_x_m": sensor.projector.position_m[0],
-        "quantum_efficiency": imager.quantum_efficiency,
-        "pixel_pitch_m": imager.pixel_pitch_m,
-        "f_number": imager.lens.f_number,
-        "wavelength_nm": sensor.projector.wavelength_nm,
-    }
 
 
 def _save(arrays: dict[str, NDArray[Any]], path: Path) -> None:
@@ -171,30 +143,3 @@ def _arrays(
             f"{side}_py": tangents[..., 1],
         }
     return arrays
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return 1 if the input is refused."""
-    parser = argparse.ArgumentParser(
-        prog="python -m starling.diagnosis.validation.adapters.light_sets",
-        description="Write builtin scenes as light, and their sensor.",
-    )
-    parser.add_argument("out", type=Path, help="folder to make")
-    parser.add_argument("scenes", nargs="+", help="builtin scenes, such as clutter:7")
-    parser.add_argument(
-        "--width", type=int, default=640, help="image width [px] (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--height", type=int, default=360, help="image height [px] (default: %(default)s)"
-    )
-    options = parser.parse_args(arguments)
-
-    def work(track: progress.Progress) -> None:
-        sensor = check_camera.camera(options.width, options.height)
-        write(options.out, options.scenes, sensor, track=track)
-
-    return program.run(work)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,22 +1,17 @@
 """Depth for capture sets that hold only infrared pairs, by our matcher.
 
-    python -m starling.diagnosis.validation.adapters.own_depth CASES --sensor FILE
-
 The validation with withheld effects needs a device with a known matcher, so that effects of its
-filters can be withheld. CASES holds capture sets in subfolders.
+filters can be withheld.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from tyro.conf import Positional
 
 from starling.diagnosis.scenes.observation import match_all_bits
-from starling.diagnosis.validation.adapters import program
 from starling.patterns.errors import refuse
 from starling.sim.captures import capture, png
 from starling.sim.captures.capture import CapturedScene
@@ -27,6 +22,18 @@ from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import depth_from_disparity, to_code
 
 DEPTH = "depth.png"
+
+
+def own_depth(cases: Positional[Path], *, sensor: str) -> None:
+    """Match the infrared pairs of capture sets.
+
+    Args:
+        cases: folder of capture sets.
+        sensor: preset or sensor file of all of them.
+    """
+    single_threaded()
+    with progress.on_stderr() as track:
+        write(cases, presets.load(sensor), track=track)
 
 
 def write(cases: Path, sensor: Sensor, *, track: progress.Progress = progress.silent) -> None:
@@ -40,12 +47,24 @@ def write(cases: Path, sensor: Sensor, *, track: progress.Progress = progress.si
     Raises:
         InputError: if there is no capture set or one is damaged.
     """
-    for folder in track(program.capture_sets(cases), "depth"):
+    for folder in track(capture_sets(cases), "depth"):
         for scene in capture.open_set(folder).scenes:
             for number in scene.frames:
                 path = scene.path / str(number) / DEPTH
                 if not path.exists():
                     output.write_file(path, png.encode(_codes(scene, number, sensor)))
+
+
+def capture_sets(cases: Path) -> list[Path]:
+    """List the capture sets in a folder by name, each in its own subfolder.
+
+    Raises:
+        InputError: if there is none.
+    """
+    folders = sorted(path.parent for path in cases.glob("*/capture.toml"))
+    if not folders:
+        raise refuse("cases", "must hold capture sets", cases, "Take captures first.")
+    return folders
 
 
 def _codes(scene: CapturedScene, number: int, sensor: Sensor) -> np.ndarray:
@@ -56,22 +75,3 @@ def _codes(scene: CapturedScene, number: int, sensor: Sensor) -> np.ndarray:
     info = scene.info
     depth_m = depth_from_disparity(disparity_px, focal_px=info.fx_px, baseline_m=info.baseline_m)
     return to_code(depth_m, info.depth_unit_m)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return 1 if the input is refused."""
-    parser = argparse.ArgumentParser(
-        prog="python -m starling.diagnosis.validation.adapters.own_depth",
-        description="Match infrared pairs of capture sets.",
-    )
-    parser.add_argument("cases", type=Path, help="folder of capture sets")
-    parser.add_argument("--sensor", required=True, help="preset or sensor file of all of them")
-    options = parser.parse_args(arguments)
-    single_threaded()
-    return program.run(
-        lambda track: write(options.cases, presets.load(options.sensor), track=track)
-    )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
+from functools import partial
 from typing import Literal
 
 from starling.diagnosis.validation.camera.errors import refusal
@@ -14,7 +15,7 @@ Kind = Literal["image", "post", "outside"]
 Scale = Literal["difference", "ratio", "choice"]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class EffectRow:
     """One effect. Its strength is the value of the first parameter on the effect page.
 
@@ -23,11 +24,12 @@ class EffectRow:
     """
 
     name: str
-    kind: Kind
     unit: str
     neutral: float | str  # A number, or the key of nominal.json that holds it.
     low: float = 0.0  # Least departure.
     high: float = 0.0  # Largest departure.
+    _: KW_ONLY
+    kind: Kind
     scale: Scale = "difference"
     signs: tuple[int, ...] = (1,)  # Sides of the neutral to which the effect may depart.
     least: float = -math.inf  # Lower bound of the value.
@@ -74,134 +76,86 @@ class EffectRow:
 
 
 _BOTH = (1, -1)
-_IMAGE = (
+_image, _post, _outside = (partial(EffectRow, kind=kind) for kind in ("image", "post", "outside"))
+_ratio = partial(_image, scale="ratio", signs=_BOTH)
+# Name, unit, neutral, least and largest departure of each effect.
+_TABLE = (
     # Scene.
-    EffectRow(name="ambient", kind="image", unit="W m^-2", neutral="ambient_w_m2",
-        low=0.01, high=25, signs=_BOTH, least=0, most=25),
-    EffectRow(name="ambient_gradient", kind="image", unit="1",
-        neutral="ambient_gradient", low=0.1, high=1, signs=_BOTH, least=0, most=1,
-        needs="ambient_w_m2"),
-    EffectRow(name="subsurface", kind="image", unit="m", neutral=0,
-        low=0.0002, high=0.005),
-    EffectRow(name="second_projector", kind="image", unit="W", neutral=0,
-        low=0.03, high=2),
+    _image("ambient", "W m^-2", "ambient_w_m2", 0.01, 25, signs=_BOTH, least=0, most=25),
+    _image(
+        "ambient_gradient",
+        "1",
+        "ambient_gradient",
+        0.1,
+        1,
+        signs=_BOTH,
+        least=0,
+        most=1,
+        needs="ambient_w_m2",
+    ),
+    _image("subsurface", "m", 0, 0.0002, 0.005),
+    _image("second_projector", "W", 0, 0.03, 2),
     # Projector.
-    EffectRow(name="projector_power", kind="image", unit="W", neutral="power_w",
-        low=0.1, high=3, scale="ratio", signs=_BOTH, least=0.02, most=0.45),
-    EffectRow(name="dot_blur", kind="image", unit="mrad", neutral=0,
-        low=0.2, high=4),
-    EffectRow(name="dot_defocus", kind="image", unit="mrad m", neutral=0,
-        low=0.1, high=1.5),
-    EffectRow(name="projector_falloff", kind="image", unit="1", neutral=0,
-        low=0.5, high=6),
-    EffectRow(name="dropped_dots", kind="image", unit="1", neutral=0,
-        low=0.02, high=0.6, most=1),
-    EffectRow(name="shifted_dots", kind="image", unit="mrad", neutral=0,
-        low=0.3, high=8),
-    EffectRow(name="laser_speckle", kind="image", unit="1", neutral=0,
-        low=0.03, high=0.5),
-    EffectRow(name="flicker", kind="image", unit="1", neutral=0, low=0.01, high=0.3),
+    _ratio("projector_power", "W", "power_w", 0.1, 3, least=0.02, most=0.45),
+    _image("dot_blur", "mrad", 0, 0.2, 4),
+    _image("dot_defocus", "mrad m", 0, 0.1, 1.5),
+    _image("projector_falloff", "1", 0, 0.5, 6),
+    _image("dropped_dots", "1", 0, 0.02, 0.6, most=1),
+    _image("shifted_dots", "mrad", 0, 0.3, 8),
+    _image("laser_speckle", "1", 0, 0.03, 0.5),
+    _image("flicker", "1", 0, 0.01, 0.3),
     # Optics.
-    EffectRow(name="lens_blur", kind="image", unit="px", neutral="lens_blur_px",
-        low=0.2, high=1.5, signs=_BOTH, least=0, most=1.5),
-    EffectRow(name="corner_blur", kind="image", unit="px", neutral=0,
-        low=0.2, high=2),
-    EffectRow(name="near_defocus", kind="image", unit="px m", neutral=0,
-        low=0.05, high=0.5),
-    EffectRow(name="vignetting", kind="image", unit="1", neutral=0,
-        low=0.5, high=4),
-    EffectRow(name="veil", kind="image", unit="1", neutral=0, low=0.005, high=0.1,
-        most=1),
-    EffectRow(name="distortion", kind="image", unit="px", neutral=0,
-        low=0.05, high=0.5, signs=_BOTH),
-    EffectRow(name="vertical_offset", kind="image", unit="px", neutral=0,
-        low=0.1, high=1.5, signs=_BOTH),
-    EffectRow(name="roll", kind="image", unit="deg", neutral=0,
-        low=0.02, high=0.3, signs=_BOTH),
-    EffectRow(name="pitch", kind="image", unit="deg", neutral=0,
-        low=0.015, high=0.2, signs=_BOTH),
-    EffectRow(name="disparity_offset", kind="image", unit="px", neutral=0,
-        low=0.05, high=1, signs=_BOTH),
-    EffectRow(name="yaw", kind="image", unit="deg", neutral=0,
-        low=0.005, high=0.1, signs=_BOTH),
-    EffectRow(name="focal_scale", kind="image", unit="1", neutral=1,
-        low=0.002, high=0.02, signs=_BOTH, least=0.5),
+    _image("lens_blur", "px", "lens_blur_px", 0.2, 1.5, signs=_BOTH, least=0, most=1.5),
+    _image("corner_blur", "px", 0, 0.2, 2),
+    _image("near_defocus", "px m", 0, 0.05, 0.5),
+    _image("vignetting", "1", 0, 0.5, 4),
+    _image("veil", "1", 0, 0.005, 0.1, most=1),
+    _image("distortion", "px", 0, 0.05, 0.5, signs=_BOTH),
+    _image("vertical_offset", "px", 0, 0.1, 1.5, signs=_BOTH),
+    _image("roll", "deg", 0, 0.02, 0.3, signs=_BOTH),
+    _image("pitch", "deg", 0, 0.015, 0.2, signs=_BOTH),
+    _image("disparity_offset", "px", 0, 0.05, 1, signs=_BOTH),
+    _image("yaw", "deg", 0, 0.005, 0.1, signs=_BOTH),
+    _image("focal_scale", "1", 1, 0.002, 0.02, signs=_BOTH, least=0.5),
     # Imager.
-    EffectRow(name="exposure", kind="image", unit="s", neutral="exposure_s",
-        low=0.1, high=3, scale="ratio", signs=_BOTH, least=0.0005, most=0.033),
-    EffectRow(name="gain", kind="image", unit="1", neutral="gain",
-        low=0.1, high=3, scale="ratio", signs=_BOTH, least=1, most=15.5),
-    EffectRow(name="crosstalk", kind="image", unit="1", neutral=0,
-        low=0.01, high=0.3, most=1),
-    EffectRow(name="prnu", kind="image", unit="1", neutral=0,
-        low=0.003, high=0.1, most=0.5),
-    EffectRow(name="dark_current", kind="image", unit="electrons / s", neutral=0,
-        low=1, high=100000),
-    EffectRow(name="shot_noise", kind="image", unit="1", neutral="shot_noise",
-        low=0.1, high=0.7, signs=_BOTH, least=0.3, most=1),
-    EffectRow(name="read_noise", kind="image", unit="electrons",
-        neutral="read_noise_e", low=1, high=150, signs=_BOTH, least=0, most=150),
-    EffectRow(name="dsnu", kind="image", unit="electrons", neutral=0,
-        low=1, high=60),
-    EffectRow(name="column_noise", kind="image", unit="electrons", neutral=0,
-        low=1, high=40),
-    EffectRow(name="row_noise", kind="image", unit="electrons", neutral=0,
-        low=1, high=40),
-    EffectRow(name="hot_pixels", kind="image", unit="1", neutral=0,
-        low=1e-5, high=0.01, most=1),
-    EffectRow(name="saturation", kind="image", unit="electrons",
-        neutral="full_well_e", low=0.1, high=4, scale="ratio", signs=_BOTH, least=2000,
-        most=50000),
-    EffectRow(name="blooming", kind="image", unit="1", neutral=0,
-        low=0.02, high=0.5, most=1),
-    EffectRow(name="smoothing", kind="image", unit="px", neutral="smoothing_px",
-        low=0.3, high=1, most=1),
-    EffectRow(name="gamma", kind="image", unit="1", neutral=1,
-        low=0.05, high=1.2, scale="ratio", signs=_BOTH, least=0.8, most=2.2),
-    EffectRow(name="black_level", kind="image", unit="DN",
-        neutral="black_level_dn", low=1, high=16, signs=_BOTH, least=0, most=16),
-    EffectRow(name="quantisation", kind="image", unit="bit",
-        neutral="bit_depth", scale="choice", choices=(8, 10, 12, 16)),
-)  # fmt: skip
-_POST = (
-    EffectRow(name="median", kind="post", unit="px", neutral=0,
-        scale="choice", choices=(3, 5)),
-    EffectRow(name="subpixel_steps", kind="post", unit="px", neutral=0,
-        low=0.0625, high=0.5),
-    EffectRow(name="pixel_locking", kind="post", unit="px", neutral=0,
-        low=0.02, high=0.15, signs=_BOTH),
-    EffectRow(name="speckle_filter", kind="post", unit="px", neutral=0,
-        low=30, high=3000),
-    EffectRow(name="range", kind="post", unit="m", neutral=0, low=0.1, high=1),
-    EffectRow(name="spatial_filter", kind="post", unit="1", neutral=1,
-        low=0.1, high=0.75, signs=(-1,), least=0.25),
-    EffectRow(name="hole_filling", kind="post", unit="1", neutral=0,
-        scale="choice", choices=(1, 2, 3)),
-    EffectRow(name="depth_unit", kind="post", unit="m", neutral="depth_unit_m",
-        low=0.001, high=0.009, most=0.01),
-)  # fmt: skip
-_OUTSIDE = (
-    EffectRow(name="lens_ghost", kind="outside", unit="1", neutral=0,
-        low=0.03, high=0.3),
-    EffectRow(name="mains_banding", kind="outside", unit="1", neutral=0,
-        low=0.05, high=0.5, most=1),
-    EffectRow(name="astigmatism", kind="outside", unit="px", neutral=0,
-        low=0.5, high=2.5),
-    EffectRow(name="column_rain", kind="outside", unit="1", neutral=0,
-        low=0.005, high=0.05, most=1),
-    EffectRow(name="brightness_ramp", kind="outside", unit="1", neutral=0,
-        low=0.1, high=0.8, most=1),
-    EffectRow(name="body_offset", kind="outside", unit="px", neutral=0,
-        low=0.8, high=3, signs=_BOTH),
-    EffectRow(name="doubled_dots", kind="outside", unit="1", neutral=0,
-        low=0.1, high=0.6),
-    EffectRow(name="finger_print", kind="outside", unit="1", neutral=0,
-        low=0.2, high=0.8, most=1),
-    EffectRow(name="block_compression", kind="outside", unit="DN", neutral=0,
-        low=3, high=20),
-)  # fmt: skip
-
-ROWS = {row.name: row for row in (*_IMAGE, *_POST, *_OUTSIDE)}
+    _ratio("exposure", "s", "exposure_s", 0.1, 3, least=0.0005, most=0.033),
+    _ratio("gain", "1", "gain", 0.1, 3, least=1, most=15.5),
+    _image("crosstalk", "1", 0, 0.01, 0.3, most=1),
+    _image("prnu", "1", 0, 0.003, 0.1, most=0.5),
+    _image("dark_current", "electrons / s", 0, 1, 100000),
+    _image("shot_noise", "1", "shot_noise", 0.1, 0.7, signs=_BOTH, least=0.3, most=1),
+    _image("read_noise", "electrons", "read_noise_e", 1, 150, signs=_BOTH, least=0, most=150),
+    _image("dsnu", "electrons", 0, 1, 60),
+    _image("column_noise", "electrons", 0, 1, 40),
+    _image("row_noise", "electrons", 0, 1, 40),
+    _image("hot_pixels", "1", 0, 1e-5, 0.01, most=1),
+    _ratio("saturation", "electrons", "full_well_e", 0.1, 4, least=2000, most=50000),
+    _image("blooming", "1", 0, 0.02, 0.5, most=1),
+    _image("smoothing", "px", "smoothing_px", 0.3, 1, most=1),
+    _ratio("gamma", "1", 1, 0.05, 1.2, least=0.8, most=2.2),
+    _image("black_level", "DN", "black_level_dn", 1, 16, signs=_BOTH, least=0, most=16),
+    _image("quantisation", "bit", "bit_depth", scale="choice", choices=(8, 10, 12, 16)),
+    # Filters of the matched depth.
+    _post("median", "px", 0, scale="choice", choices=(3, 5)),
+    _post("subpixel_steps", "px", 0, 0.0625, 0.5),
+    _post("pixel_locking", "px", 0, 0.02, 0.15, signs=_BOTH),
+    _post("speckle_filter", "px", 0, 30, 3000),
+    _post("range", "m", 0, 0.1, 1),
+    _post("spatial_filter", "1", 1, 0.1, 0.75, signs=(-1,), least=0.25),
+    _post("hole_filling", "1", 0, scale="choice", choices=(1, 2, 3)),
+    _post("depth_unit", "m", "depth_unit_m", 0.001, 0.009, most=0.01),
+    # Outside the table of the diagnosis.
+    _outside("lens_ghost", "1", 0, 0.03, 0.3),
+    _outside("mains_banding", "1", 0, 0.05, 0.5, most=1),
+    _outside("astigmatism", "px", 0, 0.5, 2.5),
+    _outside("column_rain", "1", 0, 0.005, 0.05, most=1),
+    _outside("brightness_ramp", "1", 0, 0.1, 0.8, most=1),
+    _outside("body_offset", "px", 0, 0.8, 3, signs=_BOTH),
+    _outside("doubled_dots", "1", 0, 0.1, 0.6),
+    _outside("finger_print", "1", 0, 0.2, 0.8, most=1),
+    _outside("block_compression", "DN", 0, 3, 20),
+)
+ROWS = {row.name: row for row in _TABLE}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -216,14 +170,14 @@ class Strengths:
         for name, value in self.values.items():
             _check_value(name, value, self.nominal)
 
-    def value(self, name: str) -> float:
+    def __getitem__(self, name: str) -> float:
         """Return the strength of an effect in the unit of its page."""
         row = ROWS[name]
         return float(self.values.get(name, row.neutral_of(self.nominal)))
 
     def is_active(self, name: str) -> bool:
         """Return whether the strength of an effect differs from its neutral."""
-        return self.value(name) != ROWS[name].neutral_of(self.nominal)
+        return self[name] != ROWS[name].neutral_of(self.nominal)
 
 
 def check_names(values: Mapping[str, float]) -> None:

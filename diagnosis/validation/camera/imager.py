@@ -1,4 +1,7 @@
-"""From light to charge: crosstalk, photon statistics, noise and full well."""
+"""The imager: from light to charge, and from charge to codes.
+
+Fixed patterns have non-Gaussian laws, as real chips have non-Gaussian tails.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from starling.diagnosis.validation.camera import fixed_pattern
+from starling.diagnosis.validation.camera import psf
 from starling.diagnosis.validation.camera.catalogue import Strengths
 from starling.diagnosis.validation.camera.draws import Draws
+from starling.diagnosis.validation.camera.psf import Image, Mask
 
-Image = NDArray[np.float64]
+Codes = NDArray[np.uint8] | NDArray[np.uint16]
+_KNOTS = 129  # Number of entries of the tone curve table.
 
 
 def charge(light_e: Image, strengths: Strengths, side: str, draws: Draws) -> Image:
@@ -28,22 +33,20 @@ def charge(light_e: Image, strengths: Strengths, side: str, draws: Draws) -> Ima
         Charge (h, w) [electrons], at most the full well. Read noise can make it negative.
     """
     charge_e = light_e
-    share = strengths.value("prnu")
+    share = strengths["prnu"]
     if share != 0.0:
         rng = draws.device_rng(f"{side}/prnu")
-        charge_e = charge_e * fixed_pattern.sensitivity(charge_e.shape, share, rng)
-    charge_e = charge_e + strengths.value("dark_current") * strengths.value("exposure")
-    charge_e = share_charge(charge_e, strengths.value("crosstalk"))
-    charge_e = count(charge_e, strengths.value("shot_noise"), draws.frame_rng(f"{side}/shot"))
+        charge_e = charge_e * sensitivity(charge_e.shape, share, rng)
+    charge_e = charge_e + strengths["dark_current"] * strengths["exposure"]
+    charge_e = share_charge(charge_e, strengths["crosstalk"])
+    charge_e = draw_electrons(charge_e, strengths["shot_noise"], draws.frame_rng(f"{side}/shot"))
     charge_e = _read(charge_e, strengths, side, draws)
-    full_well_e = strengths.value("saturation")
-    charge_e = bloom(charge_e, strengths.value("blooming"), full_well_e)
+    full_well_e = strengths["saturation"]
+    charge_e = bloom(charge_e, strengths["blooming"], full_well_e)
     charge_e = np.minimum(charge_e, full_well_e)
-    hot_share = strengths.value("hot_pixels")
+    hot_share = strengths["hot_pixels"]
     if hot_share != 0.0:
-        hot = fixed_pattern.saturated_pixels(
-            charge_e.shape, hot_share, draws.device_rng(f"{side}/hot_pixels")
-        )
+        hot = saturated_pixels(charge_e.shape, hot_share, draws.device_rng(f"{side}/hot_pixels"))
         charge_e = np.where(hot, full_well_e, charge_e)
     return charge_e
 
@@ -62,15 +65,15 @@ def share_charge(light_e: Image, share: float) -> Image:
     return ndimage.convolve1d(down, line, 1, mode="nearest")
 
 
-def count(light_e: Image, share: float, rng: np.random.Generator) -> Image:
-    """Draw electron counts with a variance of share^2 times the mean.
+def draw_electrons(light_e: Image, noise: float, rng: np.random.Generator) -> Image:
+    """Draw electron numbers with a standard deviation of `noise` times that of a Poisson law.
 
-    A share s below 1 models a device that averages 1 / s^2 readings: the count is s^2 times a
+    A noise s below 1 models a device that averages 1 / s^2 readings: the number is s^2 times a
     Poisson number of mean light / s^2.
     """
-    if share == 0.0:
+    if noise == 0.0:
         return light_e
-    return share**2 * rng.poisson(light_e / share**2).astype(np.float64)
+    return noise**2 * rng.poisson(light_e / noise**2).astype(np.float64)
 
 
 def bloom(charge_e: Image, share: float, full_well_e: float) -> Image:
@@ -102,18 +105,105 @@ def _run_up(charge_e: Image, over: Image, full_well_e: float) -> Image:
     return _run_down(charge_e[::-1], over[::-1], full_well_e)[::-1]
 
 
+def sensitivity(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Image:
+    """Draw the gain of each pixel (h, w): gamma variates of mean 1 and std `share`."""
+    return rng.gamma(share**-2, share**2, shape)
+
+
+def offsets(shape: tuple[int, int], deviation_e: float, rng: np.random.Generator) -> Image:
+    """Draw the offset of each pixel (h, w) [electrons]: logistic variates with heavy tails."""
+    return rng.logistic(0.0, deviation_e * math.sqrt(3.0) / math.pi, shape)
+
+
+def columns(shape: tuple[int, int], deviation_e: float, rng: np.random.Generator) -> Image:
+    """Draw the offset of each column (1, w) [electrons]: uniform, as of trimmed amplifiers."""
+    reach = deviation_e * math.sqrt(3.0)
+    return rng.uniform(-reach, reach, (1, shape[1]))
+
+
+def saturated_pixels(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Mask:
+    """Draw a mask (h, w) of saturated pixels: a Poisson number of positions with replacement."""
+    pixels = rng.integers(0, shape[0] * shape[1], rng.poisson(share * shape[0] * shape[1]))
+    hot = np.zeros(shape[0] * shape[1], bool)
+    hot[pixels] = True
+    return hot.reshape(shape)
+
+
+def add_offsets(charge_e: Image, strengths: Strengths, side: str, draws: Draws) -> Image:
+    """Add pixel and column offsets to a charge (h, w) [electrons]."""
+    for name, draw in (("dsnu", offsets), ("column_noise", columns)):
+        deviation_e = strengths[name]
+        if deviation_e != 0.0:
+            rng = draws.device_rng(f"{side}/{name}")
+            charge_e = charge_e + draw(charge_e.shape, deviation_e, rng)
+    return charge_e
+
+
 def _read(charge_e: Image, strengths: Strengths, side: str, draws: Draws) -> Image:
     """Add pixel and column offsets, row noise and read noise."""
-    charge_e = fixed_pattern.add_offsets(charge_e, strengths, side, draws)
-    row_e = strengths.value("row_noise")
+    charge_e = add_offsets(charge_e, strengths, side, draws)
+    row_e = strengths["row_noise"]
     if row_e != 0.0:
         # The sum of two uniform deviates is bounded, as the ripple of a supply voltage is.
         reach = row_e * math.sqrt(1.5)
         rows = draws.frame_rng(f"{side}/row_noise").uniform(-reach, reach, (2, len(charge_e), 1))
         charge_e = charge_e + rows.sum(0)
-    read_e = strengths.value("read_noise")
+    read_e = strengths["read_noise"]
     if read_e != 0.0:
         charge_e = charge_e + read_e * draws.frame_rng(f"{side}/read").standard_normal(
             charge_e.shape
         )
     return charge_e
+
+
+def codes(charge_e: Image, strengths: Strengths) -> Image:
+    """Convert charge to digital numbers before rounding.
+
+    Args:
+        charge_e: Charge (h, w) [electrons].
+        strengths: Nominal camera and effect strengths.
+
+    Returns:
+        Digital numbers (h, w), clipped to the code range.
+    """
+    ceiling = top(strengths)
+    signal = charge_e * dn_per_e(strengths)
+    if strengths.is_active("gamma"):
+        signal = tone(signal, strengths["gamma"], ceiling)
+    dn = np.clip(signal + strengths["black_level"], 0.0, ceiling)
+    return smooth(dn, strengths["smoothing"])
+
+
+def top(strengths: Strengths) -> float:
+    """Return the largest code [DN]."""
+    return 2.0 ** strengths["quantisation"] - 1.0
+
+
+def dn_per_e(strengths: Strengths) -> float:
+    """Return the conversion factor [DN/electron]: largest code over full well, times the gain."""
+    nominal = strengths.nominal
+    scale = nominal.dn_per_e * strengths["gain"]
+    scale *= nominal.full_well_e / strengths["saturation"]
+    return scale * top(strengths) / (2.0**nominal.bit_depth - 1.0)
+
+
+def tone(signal_dn: Image, gamma: float, ceiling: float) -> Image:
+    """Apply a gamma curve by linear interpolation in a table, as devices do.
+
+    Knots are denser where the curve is steep. Values below 0 become 0.
+    """
+    signal = np.linspace(0.0, 1.0, _KNOTS) ** max(gamma, 1.0)
+    return ceiling * np.interp(signal_dn / ceiling, signal, signal ** (1.0 / gamma))
+
+
+def smooth(dn: Image, sigma_px: float) -> Image:
+    """Average neighbouring codes with a Gaussian kernel, as the device's resampling does."""
+    if sigma_px == 0.0:
+        return dn
+    return psf.blur(np.rint(dn), psf.kernel("gaussian", sigma_px))
+
+
+def round_codes(dn: Image, bits: int) -> Codes:
+    """Round to codes of `bits` bits, stored as uint8 for at most 8 bits, else as uint16."""
+    rounded = np.clip(np.rint(dn), 0, 2**bits - 1)
+    return rounded.astype(np.uint8) if bits <= 8 else rounded.astype(np.uint16)

@@ -6,29 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from starling.diagnosis.validation.camera import (
-    alignment,
-    bands,
-    fixed_pattern,
-    imager,
-    lens,
-    outside,
-    psf,
-    readout,
-    speckle,
-)
-from starling.diagnosis.validation.camera.catalogue import Strengths
+from starling.diagnosis.validation.camera import imager, optics, outside, psf
+from starling.diagnosis.validation.camera.catalogue import ROWS, Strengths
 from starling.diagnosis.validation.camera.chain import ExposedPair
-from starling.diagnosis.validation.camera.dequantise import dequantise, subcode_offsets
+from starling.diagnosis.validation.camera.dequantise import (
+    band_power,
+    dequantise,
+    filter_bands,
+    subcode_offsets,
+)
 from starling.diagnosis.validation.camera.draws import Draws
 from starling.diagnosis.validation.camera.errors import refusal
+from starling.diagnosis.validation.camera.imager import Codes
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.camera.readout import Codes
-
-Image = NDArray[np.float64]
+from starling.diagnosis.validation.camera.psf import Image
 
 EFFECTS = frozenset(
     {
@@ -123,7 +116,7 @@ def inject(
             )
     strengths = Strengths(nominal=nominal, values=settings)
     for name in sorted(INCREASE_ONLY):
-        if strengths.value(name) < Strengths(nominal=nominal, values={}).value(name):
+        if strengths[name] < ROWS[name].neutral_of(nominal):
             raise refusal(name, "must not be below nominal", settings[name], "Give more.")
     draws = Draws(seed=seed, scene=scene, frame=frame)
     left, right = (
@@ -155,28 +148,26 @@ class _Injection:
             rng = self.draws.frame_rng(f"{self.side}/injected exposure")
             noise = rng.standard_normal(signal.shape)
             signal = signal + self._averaged(np.sqrt(self._variance(signal)) * noise)
-        signal = self._electronics(signal * (self.strengths.value("gain") / nominal.gain))
-        ceiling = readout.top(self.strengths)
+        signal = self._electronics(signal * (self.strengths["gain"] / nominal.gain))
+        ceiling = imager.top(self.strengths)
         if self.strengths.is_active("gamma"):
-            signal = readout.tone(signal, self.strengths.value("gamma"), ceiling)
-        dn = np.clip(signal + self.strengths.value("black_level"), 0.0, ceiling)
-        dn = _blurred(dn, self.strengths.value("smoothing"), nominal.smoothing_px)
-        dn = outside.compress(dn, self.strengths.value("block_compression"))
-        return readout.round_codes(dn, nominal.bit_depth)
+            signal = imager.tone(signal, self.strengths["gamma"], ceiling)
+        dn = np.clip(signal + self.strengths["black_level"], 0.0, ceiling)
+        dn = _blurred(dn, self.strengths["smoothing"], nominal.smoothing_px)
+        dn = outside.compress(dn, self.strengths["block_compression"])
+        return imager.round_codes(dn, nominal.bit_depth)
 
     def _add_speckle(self, signal: Image) -> Image:
-        contrast = self.strengths.value("laser_speckle")
+        contrast = self.strengths["laser_speckle"]
         if contrast == 0.0:
             return signal
         rng = self.draws.scene_rng(f"{self.side}/injected speckle")
-        factor = speckle.grain(signal.shape, contrast, self.strengths.nominal, rng)
+        factor = optics.speckle(signal.shape, contrast, self.strengths.nominal, rng)
         return signal + self._averaged(dot_layer(signal) * (factor - 1.0))
 
     def _through_optics(self, signal: Image) -> Image:
         """Apply the linear optics, and add back the noise that they average away."""
-        moved = (
-            alignment.imager_alignment(self.side, self.strengths) != alignment.ResidualAlignment()
-        )
+        moved = optics.imager_alignment(self.side, self.strengths) != optics.ResidualAlignment()
         if not moved and not any(self.strengths.is_active(name) for name in _OPTICAL):
             return signal
         blurred = self._optics(signal)
@@ -187,7 +178,7 @@ class _Injection:
         share = ndimage.gaussian_filter(response**2, _PROBE_PX) / (probe**2).mean()
         missing = self._variance(blurred) - share * self._variance(signal)
         removed = _removed_amplitude(probe, response)
-        white = bands.filtered(rng.standard_normal(signal.shape), removed)
+        white = filter_bands(rng.standard_normal(signal.shape), removed)
         noise = np.sqrt(np.clip(missing, 0.0, None)) * white / max(white.std(), 1e-9)
         return blurred + self._averaged(noise + self._blurred_grain(blurred))
 
@@ -197,34 +188,34 @@ class _Injection:
         if nominal.speckle_contrast == 0.0:
             return np.zeros_like(image)
         rng = self.draws.scene_rng(f"{self.side}/injected grain")
-        grain = speckle.grain(image.shape, nominal.speckle_contrast, nominal, rng) - 1.0
-        return dot_layer(image) * bands.filtered(
+        grain = optics.speckle(image.shape, nominal.speckle_contrast, nominal, rng) - 1.0
+        return dot_layer(image) * filter_bands(
             grain, _removed_amplitude(grain, self._spot(self._lens(grain)))
         )
 
     def _optics(self, signal: Image) -> Image:
         nominal = self.strengths.nominal
-        exponent = self.strengths.value("vignetting")
+        exponent = self.strengths["vignetting"]
         if exponent != 0.0:
-            signal = signal * lens.vignetting(nominal, exponent)
+            signal = signal * optics.vignetting(nominal, exponent)
         signal = self._lens(signal)
-        signal, glare = lens.veil(signal, np.zeros_like(signal), self.strengths.value("veil"))
-        misalignment = alignment.imager_alignment(self.side, self.strengths)
+        signal, glare = optics.veil(signal, np.zeros_like(signal), self.strengths["veil"])
+        misalignment = optics.imager_alignment(self.side, self.strengths)
         black = nominal.black_level_dn  # Resampling clips at 0; noise may be below.
-        image = alignment.resample(signal + glare + black, misalignment, nominal) - black
-        image = outside.ghost(image, self.strengths.value("lens_ghost"))
+        image = optics.resample(signal + glare + black, misalignment, nominal) - black
+        image = outside.ghost(image, self.strengths["lens_ghost"])
         image = self._spot(image)
-        depth = self.strengths.value("finger_print")
+        depth = self.strengths["finger_print"]
         image = outside.finger_print(image, depth, self.side, self.draws)
-        image = outside.ramp(image, self.strengths.value("brightness_ramp"), self.draws.frame)
-        return imager.share_charge(image, self.strengths.value("crosstalk"))
+        image = outside.ramp(image, self.strengths["brightness_ramp"], self.draws.frame)
+        return imager.share_charge(image, self.strengths["crosstalk"])
 
     def _lens(self, signal: Image) -> Image:
         nominal_px = self.strengths.nominal.lens_blur_px
-        return _blurred(signal, self.strengths.value("lens_blur"), nominal_px, "disc")
+        return _blurred(signal, self.strengths["lens_blur"], nominal_px, "disc")
 
     def _spot(self, signal: Image) -> Image:
-        spread = self.strengths.value("astigmatism")
+        spread = self.strengths["astigmatism"]
         return outside.astigmatism(signal, spread, self.strengths.nominal)
 
     def _variance(self, signal: Image) -> Image:
@@ -237,21 +228,21 @@ class _Injection:
 
     def _electronics(self, signal: Image) -> Image:
         strengths = self.strengths
-        dn_per_e = readout.dn_per_e(strengths)
+        dn_per_e = imager.dn_per_e(strengths)
         image_e = charge_e = signal / dn_per_e
-        added_e = (strengths.value("read_noise") ** 2 - strengths.nominal.read_noise_e**2) ** 0.5
+        added_e = (strengths["read_noise"] ** 2 - strengths.nominal.read_noise_e**2) ** 0.5
         if added_e != 0.0:
             rng = self.draws.frame_rng(f"{self.side}/injected read")
             charge_e = charge_e + added_e * rng.standard_normal(signal.shape)
-        charge_e = fixed_pattern.add_offsets(charge_e, strengths, self.side, self.draws)
-        hot_share = strengths.value("hot_pixels")
+        charge_e = imager.add_offsets(charge_e, strengths, self.side, self.draws)
+        hot_share = strengths["hot_pixels"]
         if hot_share != 0.0:
             rng = self.draws.device_rng(f"{self.side}/hot_pixels")
-            hot = fixed_pattern.saturated_pixels(signal.shape, hot_share, rng)
-            charge_e = np.where(hot, strengths.value("saturation"), charge_e)
-        rain, full_e = strengths.value("column_rain"), strengths.value("saturation")
+            hot = imager.saturated_pixels(signal.shape, hot_share, rng)
+            charge_e = np.where(hot, strengths["saturation"], charge_e)
+        rain, full_e = strengths["column_rain"], strengths["saturation"]
         charge_e = outside.column_rain(charge_e, rain, full_e, self.side, self.draws)
-        full = (readout.top(strengths) - strengths.value("black_level")) / dn_per_e
+        full = (imager.top(strengths) - strengths["black_level"]) / dn_per_e
         # The device averages codes, which are limited to the ceiling.
         change_e = np.minimum(charge_e, full) - np.minimum(image_e, full)
         return signal + dn_per_e * self._averaged(change_e)
@@ -268,9 +259,9 @@ def _blurred(
     return psf.blur(image, psf.kernel(shape, (sigma_px**2 - existing_px**2) ** 0.5))
 
 
-def _removed_amplitude(before: Image, after: Image) -> NDArray[np.float64]:
+def _removed_amplitude(before: Image, after: Image) -> Image:
     """Amplitude that an operation removed from each band, relative to the input."""
-    transmitted = bands.power(after) / np.maximum(bands.power(before), 1e-12)
+    transmitted = band_power(after) / np.maximum(band_power(before), 1e-12)
     return np.sqrt(np.clip(1.0 - transmitted, 0.0, 1.0))
 
 

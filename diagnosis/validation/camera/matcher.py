@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.validation.camera import disparity_filters
+from starling.diagnosis.validation.camera import depth_filters
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
 
@@ -59,13 +59,13 @@ def match(ir_left: Infrared, ir_right: Infrared) -> Map:
     if ir_left.shape[1] <= _SEARCH // 2:
         raise refusal("images", f"must be wider than {_SEARCH // 2} px", ir_left.shape, "Widen.")
     total = _aggregate(_costs(ir_left, ir_right))
-    best, least = _winner(total)
-    disparity_px = disparity_filters.median(best + _parabola(total, best), _MEDIAN_PX)
+    best, least = total.argmin(0), total.min(0)
+    disparity_px = depth_filters.median(best + _parabola(total, best), _MEDIAN_PX)
     rejected = _ambiguous(total, best, least)
     rejected |= _disagrees(disparity_px, _right_winner(total))
     rejected |= (best == 0) | (best == len(total) - 1)
     disparity_px = np.where(rejected, np.nan, disparity_px)
-    return disparity_filters.without_islands(disparity_px, _SPECKLE_COUNT, _SPECKLE_STEP_PX)
+    return depth_filters.without_islands(disparity_px, _SPECKLE_COUNT, _SPECKLE_STEP_PX)
 
 
 def _census(image: Infrared) -> NDArray[np.uint64]:
@@ -126,27 +126,13 @@ def _sweep(costs: NDArray[np.uint8], total: NDArray[np.uint16], lean: int) -> No
         total[:, row] += path
 
 
-def _winner(total: NDArray[np.uint16]) -> tuple[NDArray[np.intp], NDArray[np.uint16]]:
-    """Find the disparity of least cost of each pixel, and this cost (h, w)."""
-    least = total[0].copy()
-    best = np.zeros(least.shape, np.intp)
-    for d in range(1, len(total)):
-        lower = total[d] < least
-        np.copyto(least, total[d], where=lower)
-        best[lower] = d
-    return best, least
-
-
-def _right_winner(total: NDArray[np.uint16]) -> NDArray[np.int64]:
+def _right_winner(total: NDArray[np.uint16]) -> NDArray[np.intp]:
     """Find the disparity of least cost (h, w) of the right image from the same costs."""
     width = total.shape[2]
-    least = np.full(total.shape[1:], _NO_COST, np.uint16)
-    best = np.zeros(least.shape, np.int64)
-    for d, plane in enumerate(total[:width]):
-        lower = plane[:, d:] < least[:, : width - d]
-        np.copyto(least[:, : width - d], plane[:, d:], where=lower)
-        best[:, : width - d][lower] = d
-    return best
+    costs = np.full_like(total, _NO_COST)
+    for d in range(min(len(total), width)):
+        costs[d, :, : width - d] = total[d, :, d:]
+    return costs.argmin(0)
 
 
 def _parabola(total: NDArray[np.uint16], best: NDArray[np.intp]) -> Map:
@@ -165,9 +151,7 @@ def _ambiguous(
 ) -> NDArray[np.bool_]:
     """Mask (h, w) of pixels where a disparity away from the winner costs hardly more."""
     limit = least * (1.0 + _UNIQUENESS)
-    candidates = np.zeros(best.shape, np.int16)
-    for plane in total:
-        candidates += plane < limit
+    candidates = (total < limit).sum(0)
     for step in (-1, 0, 1):
         disparity = best + step
         inside = (disparity >= 0) & (disparity < len(total))
@@ -176,7 +160,7 @@ def _ambiguous(
     return candidates > 0
 
 
-def _disagrees(disparity_px: Map, right: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _disagrees(disparity_px: Map, right: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Mask (h, w) of pixels that fail the left-right check or match outside the right image."""
     rows, columns = np.indices(disparity_px.shape)
     match_x = columns - np.rint(disparity_px).astype(np.int64)

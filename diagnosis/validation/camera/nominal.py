@@ -54,10 +54,10 @@ class Nominal:
     shot_noise: float  # Standard deviation over that of a Poisson law.
     lens_blur_px: float  # Gaussian sigma of the lens spot.
     projector_x_m: float
-    quantum_efficiency: float | None = None
-    pixel_pitch_m: float | None = None
-    f_number: float | None = None
-    wavelength_nm: float | None = None
+    quantum_efficiency: float
+    pixel_pitch_m: float
+    f_number: float
+    wavelength_nm: float
     smoothing_px: float = 0.0  # Gaussian sigma of the device's averaging of codes.
     speckle_contrast: float = 0.0  # Speckle contrast per pixel before smoothing.
     lens_focus_m: float = 1.0
@@ -66,8 +66,6 @@ class Nominal:
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):
             value = getattr(self, item.name)
-            if value is None:
-                continue
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise refusal(item.name, "must be a number", repr(value), f"Correct {FILE}.")
             if not math.isfinite(value):

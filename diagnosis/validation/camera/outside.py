@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from starling.diagnosis.validation.camera.catalogue import Strengths
 from starling.diagnosis.validation.camera.draws import Draws
-from starling.diagnosis.validation.camera.light import LightView, SceneLight
+from starling.diagnosis.validation.camera.light import LightView, ReceivedLight, SceneLight
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.camera.scene_light import ReceivedLight
-
-Image = NDArray[np.float64]
+from starling.diagnosis.validation.camera.psf import Image
 
 _GHOST_BLUR_PX = 3.0  # Gaussian sigma of the ghost image [px].
 _BANDS = 2.7  # Mains periods over the image height.
@@ -33,7 +30,7 @@ def displace_body(
     The strength [px] is added to the disparity of the body. Uncovered pixels take the nearest pixel
     outside the body.
     """
-    offset_px = strengths.value("body_offset")
+    offset_px = strengths["body_offset"]
     chosen = _choose_body(light.left, draws)
     if offset_px == 0.0 or chosen is None:
         return received

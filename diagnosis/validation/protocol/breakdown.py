@@ -7,26 +7,30 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.protocol.case_result import CaseResult
-from starling.diagnosis.validation.protocol.score_statistic import score_statistic
-from starling.diagnosis.validation.protocol.verdict import NamedEffect, row_of
+from starling.diagnosis.validation.protocol.score_statistic import ScoreStatistic, statistic
+from starling.diagnosis.validation.protocol.verdict import CaseResult, NamedEffect, row_of
 
 
 def by_effect(singles: Sequence[CaseResult], nominal: Nominal) -> dict[str, dict[str, Any]]:
     """Compute the scores of each effect from the single-effect cases."""
-    scores = {}
-    for row in sorted({result.rows[0] for result in singles}):
-        results = [result for result in singles if result.rows[0] == row]
-        scores[row] = {
+    by_row: dict[str, list[CaseResult]] = {}
+    for result in sorted(singles, key=lambda result: result.rows[0]):
+        by_row.setdefault(result.rows[0], []).append(result)
+    return {
+        row: {
             "cases": len(results),
-            "top1": score_statistic(results, lambda result: result.top1_correct).value,
-            "in_set": score_statistic(results, lambda result: result.in_set).value,
-            "parameter_error_pct": score_statistic(
-                results, lambda result: result.error_pct(nominal), median=True
-            ).value,
-            "closed_pct": score_statistic(results, closed_pct, median=True).value,
+            "top1": statistic(results, lambda result: result.top1_correct).value,
+            "in_set": statistic(results, lambda result: result.in_set).value,
+            "parameter_error_pct": strength_error(results, nominal).value,
+            "closed_pct": statistic(results, closed_pct, median=True).value,
         }
-    return scores
+        for row, results in by_row.items()
+    }
+
+
+def strength_error(results: Sequence[CaseResult], nominal: Nominal) -> ScoreStatistic:
+    """Return the error of the strength [%] over the cases with a correct top-1 effect."""
+    return statistic(results, lambda result: result.error_pct(nominal), median=True)
 
 
 def confusion(
@@ -53,7 +57,7 @@ def baselines(singles: Sequence[CaseResult]) -> dict[str, dict[str, float | None
     names = sorted({name for result in singles for name in result.verdict.baselines})
     return {
         name: {
-            "top1": score_statistic(
+            "top1": statistic(
                 singles, lambda result, name=name: _baseline_correct(result, name)
             ).value
         }
@@ -88,7 +92,7 @@ def closed_by_metric(cases: Sequence[CaseResult]) -> dict[str, dict[str, float |
     named = [result for result in cases if result.verdict.named]
     metrics = {}
     for name in sorted({name for result in named for name in result.verdict.closed_pct}):
-        reduction = score_statistic(
+        reduction = statistic(
             named, lambda result, name=name: result.verdict.closed_pct.get(name), median=True
         )
         metrics[name] = {

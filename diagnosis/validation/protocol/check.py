@@ -8,21 +8,20 @@ import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.camera.errors import refusal
-from starling.diagnosis.validation.protocol import case, lock, power, programs, score, seal
+from starling.diagnosis.validation.protocol import case, power, programs, score, seal
 from starling.diagnosis.validation.protocol.case import Case
-from starling.diagnosis.validation.protocol.case_result import CaseResult
 from starling.diagnosis.validation.protocol.real_pairs import RealPairs
 from starling.diagnosis.validation.protocol.rendered import Rendered
 from starling.diagnosis.validation.protocol.scene_set import EffectTable, SceneSet
-from starling.diagnosis.validation.protocol.score_statistic import score_statistic
-from starling.diagnosis.validation.protocol.source import CaptureSource
+from starling.diagnosis.validation.protocol.score_statistic import statistic
 from starling.diagnosis.validation.protocol.tier import Tier
-from starling.diagnosis.validation.protocol.verdict import SegmentName
+from starling.diagnosis.validation.protocol.verdict import CaseResult
 
 POWER_TIER = 1  # Tier of the power curves: images and depth, without the second matcher.
 
@@ -36,34 +35,34 @@ class Check:
     blender: Path  # Python interpreter with `bpy`.
     captures: Path | None = None  # Capture set of a real camera, for tier 4.
     sensor: str | None = None  # Preset or sensor file of that camera.
+    # Number of singles in place of that of the tier; other kinds scale in proportion. For power
+    # curves, the number of cases per effect and level.
+    singles: int | None = None
     infrared: bool = True  # Whether captures hold infrared.
     power: bool = False  # Whether to measure power curves, with separate cases.
     jobs: int = 2  # Scene sets in parallel, each in a process; 1 stays in this process.
     set_limit: int | None = None  # Number of scene sets to diagnose and score; None for all.
 
     def __post_init__(self) -> None:
+        number, captures = self.tier.number, self.captures
         if self.jobs < 1:
             raise refusal("jobs", "must be >= 1", self.jobs, "Give the number of parallel sets.")
         if self.set_limit is not None and not 1 <= self.set_limit <= self.tier.sets:
             rule = f"must be 1 to {self.tier.sets}"
             raise refusal("sets", rule, self.set_limit, "Omit it for all sets.")
-        present = (self.captures is not None, self.sensor is not None)
-        if present != (self._real, self._real):
+        real = self.tier.source == "real"
+        if (captures is not None, self.sensor is not None) != (real, real):
             rule = "must be given for tier 4, and for no other"
-            got = f"{self.captures} and {self.sensor} for tier {self.tier.number}"
+            got = f"{captures} and {self.sensor} for tier {number}"
             raise refusal("captures and sensor", rule, got, "Give both, or take tier 4.")
-        if self._real and not self.infrared:
-            raise refusal("tier 4", "must have infrared", "none", "Omit --no-infrared.")
-        if self.tier.segment == "image" and not self.infrared:
-            rule, advice = "must have infrared", "Omit --no-infrared."
-            raise refusal(f"tier {self.tier.number}", rule, "none", advice)
-        if self.power and self.tier.number != POWER_TIER:
-            got = f"tier {self.tier.number}"
+        if not self.infrared and (real or self.tier.segment == "image"):
+            raise refusal(f"tier {number}", "must have infrared", "none", "Omit --no-infrared.")
+        if self.power and number != POWER_TIER:
             rule = f"must be used with tier {POWER_TIER}"
-            raise refusal("power", rule, got, f"Give --tier {POWER_TIER}.")
-        if self.captures is not None and not (self.captures / "capture.toml").is_file():
+            raise refusal("power", rule, f"tier {number}", f"Give --tier {POWER_TIER}.")
+        if captures is not None and not (captures / "capture.toml").is_file():
             advice = "Give a folder with a capture.toml."
-            raise refusal("captures", "must be a capture set", self.captures, advice)
+            raise refusal("captures", "must be a capture set", captures, advice)
 
     @property
     def sets(self) -> list[SceneSet]:
@@ -78,11 +77,7 @@ class Check:
             for number in range(self.set_limit or self.tier.sets)
         ]
 
-    @property
-    def _real(self) -> bool:
-        return self.tier.source == "real"
-
-    def _source(self, number: int) -> CaptureSource:
+    def _source(self, number: int) -> Rendered | RealPairs:
         folder = self.out / f"set-{number}"
         if self.captures is None or self.sensor is None:
             return Rendered(folder=folder, number=number, tier=self.tier, blender=self.blender)
@@ -105,12 +100,8 @@ class Check:
         """Folder of the truth, which no program reads."""
         return self.folder / "hidden"
 
-    def prepare(self, singles: int | None = None) -> tuple[Case, ...]:
+    def prepare(self) -> tuple[Case, ...]:
         """Prepare the capture sources, then draw and seal the cases or verify an existing seal.
-
-        Args:
-            singles: Number of singles in place of that of the tier; other kinds scale in
-                proportion. For power curves, the number of cases per effect and level.
 
         Returns:
             The sealed cases.
@@ -120,53 +111,41 @@ class Check:
                 the effect families or the request differ from the seal, or verdicts exist without
                 a seal. Also if existing inputs or detection limits are invalid.
         """
-        self.tier.scaled_counts(singles)  # Raises an error for an invalid number.
-        self._map(_prepare, [(scene_set,) for scene_set in self.sets])
+        self.tier.scaled_counts(self.singles)  # Raises an error for an invalid number.
+        self._call([scene_set.prepare for scene_set in self.sets])
         families = self._families()
-        public_files = {seal.FAMILIES: families, seal.REQUEST: self._request(singles)}
+        public_files = {seal.FAMILIES: families, seal.REQUEST: self._request()}
         if not (self.folder / seal.SEAL).exists():
             files = [*self.folder.glob("set-*/w*/*.json"), *self.folder.glob("set-*/cases/*")]
             if files:
                 advice = "Give a new folder: cases are sealed before they are diagnosed."
                 rule = "must come after the seal"
                 raise refusal("captures and verdicts", rule, files[0], advice)
-            seal.seal(self._draw(singles, families), public_files, self.hidden, self.folder)
+            seal.seal(self._draw(families), public_files, self.hidden, self.folder)
         return seal.verify(public_files, self.hidden, self.folder)
 
-    def diagnose(self, cases: Sequence[Case], singles: int | None = None) -> None:
-        """Diagnose all cases without a verdict.
-
-        Args:
-            cases: The sealed cases.
-            singles: Number of singles, as for `prepare`.
+    def diagnose(self, cases: Sequence[Case]) -> None:
+        """Diagnose all sealed cases without a verdict.
 
         Raises:
             WithheldError: if a program fails, or the code differs from the sealed code.
         """
-        left_out = self._left_out(cases, singles)
+        left_out = self._left_out(cases)
         work = [
-            (
-                scene_set,
-                self._cases_of_set(cases, scene_set.number),
-                self._cases_of_set(left_out, scene_set.number),
-            )
-            for scene_set in self.sets
+            (each, self._of_set(cases, each.number), self._of_set(left_out, each.number))
+            for each in self.sets
         ]
         if not any(scene_set.pending(*arguments) for scene_set, *arguments in work):
             return
         self._require_sealed_code()
         try:
-            self._map(_diagnose, work)
+            self._call([partial(scene_set.diagnose, *arguments) for scene_set, *arguments in work])
         finally:
             seal.log_code(self.folder)  # The code may change between the programs.
         self._require_sealed_code()
 
-    def score(self, cases: Sequence[Case], singles: int | None = None) -> dict[str, Any]:
+    def score(self, cases: Sequence[Case]) -> dict[str, Any]:
         """Score the verdicts against the truth. Each opening of the truth is recorded.
-
-        Args:
-            cases: The sealed cases.
-            singles: Number of singles, as for `prepare`.
 
         Returns:
             The scores as JSON values.
@@ -174,18 +153,23 @@ class Check:
         Raises:
             WithheldError: if a verdict is missing or damaged.
         """
-        left_out = self._left_out(cases, singles)
+        left_out = self._left_out(cases)
         results = self._results(cases, "whole")
-        without_family, without_twins = (
-            self._results(left_out, table) for table in ("without family", "without twins")
-        )
+        family_alone = self._results(left_out, "without family")
+        without_twins = self._results(left_out, "without twins")
         scores = {}
         if (segment := self.tier.segment) is not None:
-            scores["matcher_noticed"] = _matcher_detection_rate(
-                [result for result in results if self.tier.has_own_depth(result.case.number)]
-            )
-            results, without_family, without_twins = (
-                _restrict(group, segment) for group in (results, without_family, without_twins)
+            # Share of cases with depth of the second matcher in which a gap is reported.
+            scores["matcher_noticed"] = statistic(
+                [result for result in results if self.tier.has_own_depth(result.case.number)],
+                lambda result: result.verdict.restricted_to("depth").kind != "no gap",
+            ).value
+            results, family_alone, without_twins = (
+                [
+                    dataclasses.replace(result, verdict=result.verdict.restricted_to(segment))
+                    for result in group
+                ]
+                for group in (results, family_alone, without_twins)
             )
         path = self.folder / "opened"
         opened = len(path.read_text(encoding="utf-8").splitlines()) + 1 if path.exists() else 1
@@ -195,24 +179,21 @@ class Check:
         if self.power:
             scores |= {"tier": self.tier.number, "power": power.curves(results, camera)}
         else:
-            tier = self.tier.number
             scores |= score.score(
                 results,
                 camera,
-                tier=tier,
+                tier=self.tier.number,
                 families=seal.parse_families((self.folder / seal.FAMILIES).read_bytes()),
                 infrared=self.infrared,
                 left_out=without_twins,
-                family_alone=without_family,
+                family_alone=family_alone,
             )
-        same = seal.code_is_sealed(self.folder)
-        sets = {"asked": len(self.sets), "all": self.tier.sets}
         return {
             **scores,
             "infrared": self.infrared,
-            "sets": sets,
+            "sets": {"asked": len(self.sets), "all": self.tier.sets},
             "opened": opened,
-            "code_as_sealed": same,
+            "code_as_sealed": seal.code_is_sealed(self.folder),
             "versions": seal.versions(),
         }
 
@@ -221,12 +202,12 @@ class Check:
             rule, advice = "must be the sealed code", "Run that code, or give a new folder."
             raise refusal("code", rule, "other code", advice)
 
-    def _request(self, singles: int | None) -> bytes:
+    def _request(self) -> bytes:
         """Options of this run, the content of `seal.REQUEST`."""
         options = {
             "tier": self.tier.number,
             "first_scene": self.tier.first_scene,
-            "cases": singles,
+            "cases": self.singles,
             "infrared": self.infrared,
             "power": self.power,
             "captures": self.captures and seal.path_digest(self.captures),
@@ -238,29 +219,26 @@ class Check:
         return [
             result
             for scene_set in self.sets
-            for result in scene_set.results(
-                self._cases_of_set(cases, scene_set.number), table=table
-            )
+            for result in scene_set.results(self._of_set(cases, scene_set.number), table=table)
         ]
 
     def _families(self) -> bytes:
         path = self.folder / f".{seal.FAMILIES}"
         path.parent.mkdir(parents=True, exist_ok=True)
-        programs.families(path)
+        programs.run("families", path)
         try:
             return path.read_bytes()
         finally:
             path.unlink()
 
-    def _draw(self, singles: int | None, families: bytes) -> tuple[Case, ...]:
+    def _draw(self, families: bytes) -> tuple[Case, ...]:
         source = self.sets[0].source
-        camera = source.camera
         limits = self._source(self.tier.sets).limits()  # Limits come from a set without cases.
         if self.power:
-            return power.draw(camera, limits, self.tier.sets, each=singles)
-        counts, _ = self.tier.scaled_counts(singles)
+            return power.draw(source.camera, limits, self.tier.sets, each=self.singles)
+        counts, _ = self.tier.scaled_counts(self.singles)
         return case.draw(
-            camera,
+            source.camera,
             counts,
             families=seal.parse_families(families),
             limits=limits,
@@ -269,44 +247,22 @@ class Check:
             upwards=source.upwards,
         )
 
-    def _left_out(self, cases: Sequence[Case], singles: int | None) -> list[Case]:
+    def _left_out(self, cases: Sequence[Case]) -> list[Case]:
         if self.power:
             return []
-        _, count = self.tier.scaled_counts(singles)
+        _, count = self.tier.scaled_counts(self.singles)
         return [case for case in cases if case.kind == "single"][:count]
 
-    def _cases_of_set(self, cases: Sequence[Case], number: int) -> list[Case]:
+    def _of_set(self, cases: Sequence[Case], number: int) -> list[Case]:
         return [case for case in cases if case.number % self.tier.sets == number]
 
-    def _map(self, work: Callable[..., None], arguments: Sequence[tuple[Any, ...]]) -> None:
+    def _call(self, calls: Sequence[Callable[[], None]]) -> None:
+        """Call functions, one for each scene set, in parallel processes."""
         if self.jobs == 1:
-            for item in arguments:
-                work(*item)
+            for call in calls:
+                call()
             return
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(self.jobs, mp_context=context) as pool:
-            for future in [pool.submit(work, *item) for item in arguments]:
+            for future in [pool.submit(call) for call in calls]:
                 future.result()
-
-
-def _matcher_detection_rate(results: Sequence[CaseResult]) -> float | None:
-    """Share of cases with depth of the second matcher in which the diagnosis reports a gap."""
-    return score_statistic(
-        results, lambda result: result.verdict.restricted_to("depth").kind != "no gap"
-    ).value
-
-
-def _restrict(results: Sequence[CaseResult], segment: SegmentName) -> list[CaseResult]:
-    return [
-        dataclasses.replace(result, verdict=result.verdict.restricted_to(segment))
-        for result in results
-    ]
-
-
-def _prepare(scene_set: SceneSet) -> None:
-    with lock.exclusive(scene_set.source.folder):
-        scene_set.source.prepare()
-
-
-def _diagnose(scene_set: SceneSet, cases: Sequence[Case], left_out: Sequence[Case]) -> None:
-    scene_set.diagnose(cases, left_out)

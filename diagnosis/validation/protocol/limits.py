@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,9 @@ from starling.diagnosis.validation.camera.nominal import Nominal
 
 # By effect, the values below and above the base at which half of the cases are detected, or the
 # detectable choices. Measured on development scenes by
-# `python -m starling.diagnosis.validation.adapters.detection`.
+# `python -m starling.diagnosis.validation.adapters detection`.
 FILE = Path(__file__).with_name("detection.json")
-_ADVICE = "Write it again with python -m starling.diagnosis.validation.adapters.detection."
+_ADVICE = "Write it again with python -m starling.diagnosis.validation.adapters detection."
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -24,8 +24,9 @@ class DetectionLimits:
     """Detection limits of effects."""
 
     # Least detectable departure by effect and sign; infinite if none in the range is detectable.
-    departures: Mapping[tuple[str, int], float]
-    choices: Mapping[str, tuple[float, ...]]  # Detectable values by effect of scale `choice`.
+    departures: Mapping[tuple[str, int], float] = field(default_factory=dict)
+    # Detectable values by effect of scale `choice`.
+    choices: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def least(self, row: EffectRow, sign: int) -> float:
         """Return the detection limit on one side, or the low end of the range if none was measured.

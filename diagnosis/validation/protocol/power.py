@@ -11,9 +11,9 @@ from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.protocol.case import Case, random_generator, seed
-from starling.diagnosis.validation.protocol.case_result import CaseResult
 from starling.diagnosis.validation.protocol.limits import DetectionLimits
-from starling.diagnosis.validation.protocol.score_statistic import score_statistic
+from starling.diagnosis.validation.protocol.score_statistic import statistic
+from starling.diagnosis.validation.protocol.verdict import CaseResult
 
 EFFECTS = (
     "ambient",
@@ -67,12 +67,10 @@ def draw(
         entropy: Seed of the draw; by default from the operating system.
 
     Raises:
-        WithheldError: if `each` is below 1, or no effect can be detected.
+        WithheldError: if no effect can be detected.
     """
     count = sets if each is None else each
     departures_by_effect = levels(camera, limits)
-    if count < 1:
-        raise refusal("cases", "must be >= 1", count, "Give how many of each level.")
     if not departures_by_effect:
         rule = "must have effects that can be detected"
         raise refusal("power", rule, "none", "Check the limits.")
@@ -106,15 +104,9 @@ def curves(results: Sequence[CaseResult], camera: Nominal) -> dict[str, list[dic
         A list by effect, in order of departure. Each entry has the number of cases and three
         shares: a reported gap (`alarm`), a correct top-1 effect (`named`), and the true effect in
         the credible set (`found`).
-
-    Raises:
-        WithheldError: if a case is no single.
     """
     cases: dict[str, dict[float, list[CaseResult]]] = {}
     for result in results:
-        if result.case.kind != "single":
-            name = f"case {result.case.number}"
-            raise refusal(name, "must be a single for a power curve", result.case.kind, "Drop it.")
         name = result.rows[0]
         departure = ROWS[name].departure(camera, result.case.settings[name])
         cases.setdefault(name, {}).setdefault(float(f"{departure:.6g}"), []).append(result)
@@ -123,9 +115,9 @@ def curves(results: Sequence[CaseResult], camera: Nominal) -> dict[str, list[dic
             {
                 "departure": departure,
                 "cases": len(level),
-                "alarm": score_statistic(level, lambda result: result.gap_reported).value,
-                "named": score_statistic(level, lambda result: result.top1_correct).value,
-                "found": score_statistic(level, lambda result: result.in_set).value,
+                "alarm": statistic(level, lambda result: result.gap_reported).value,
+                "named": statistic(level, lambda result: result.top1_correct).value,
+                "found": statistic(level, lambda result: result.in_set).value,
             }
             for departure, level in sorted(by_departure.items())
         ]

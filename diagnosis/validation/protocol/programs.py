@@ -1,4 +1,4 @@
-"""Programs that the check runs in separate processes. They communicate through files only."""
+"""Programs of `adapters`, which the check runs in separate processes. They exchange only files."""
 
 from __future__ import annotations
 
@@ -8,82 +8,37 @@ import re
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from starling.diagnosis.validation.camera.errors import refusal
 
+_ADAPTERS = "starling.diagnosis.validation.adapters"
 _LAST_LINES = 3  # Lines of standard error in the message of a failed program.
 _PROGRESS = re.compile(r" \d+/\d+$")
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 SENSOR = "sensor.toml"
 
 
-def light(out: Path, scenes: Sequence[str], width: int, height: int) -> None:
-    """Render the light of builtin scenes with Starling's renderer.
+def run(
+    program: str, path: Path, *words: object, flags: Mapping[str, object] | None = None
+) -> None:
+    """Run a program and report its progress on standard error.
 
     Args:
-        out: Folder to create.
-        scenes: Names of the scenes.
-        width: Width of the images [px].
-        height: Height of the images [px].
+        program: Name of a module of `adapters`.
+        path: First positional argument. Its parent names the progress.
+        words: Further positional arguments.
+        flags: Values by flag. A tuple gives a flag several values, `None` omits it.
 
     Raises:
-        WithheldError: if the program fails. All functions of this module raise it.
+        WithheldError: if the program fails.
     """
-    size = ["--width", str(width), "--height", str(height)]
-    _run("starling.diagnosis.validation.adapters.light_sets", [str(out), *scenes, *size])
-
-
-def cycles(light: Path, out: Path, blender: Path) -> None:
-    """Render the scenes of a light folder with Cycles.
-
-    Args:
-        light: Folder of light.
-        out: Folder to create or to complete.
-        blender: Python interpreter with `bpy`.
-    """
-    _run(
-        "starling.diagnosis.validation.adapters.cycles_light",
-        [str(light), str(out), "--blender", str(blender)],
-    )
-
-
-def camera(out: Path, captures: Path, sensor: str) -> None:
-    """Write the nominal camera of a capture set.
-
-    Args:
-        out: Folder to create.
-        captures: Capture set.
-        sensor: Preset or sensor file.
-    """
-    options = ["--captures", str(captures), "--sensor", sensor]
-    _run("starling.diagnosis.validation.adapters.captured_camera", [str(out), *options])
-
-
-def depth(cases: Path, sensor: Path) -> None:
-    """Match all infrared pairs of a folder of capture sets with Starling's matcher."""
-    _run("starling.diagnosis.validation.adapters.own_depth", [str(cases), "--sensor", str(sensor)])
-
-
-def families(out: Path) -> None:
-    """Write the family and the confusable effects of each effect of the diagnosis' table."""
-    _run("starling.diagnosis.validation.adapters.families", [str(out)])
-
-
-def limits(out: Path, captures: Path, sensor: Path, cache: Path, effects: Sequence[str]) -> None:
-    """Measure the detection limits of effects in captures of the same scenes.
-
-    Args:
-        out: File to write.
-        captures: Capture set.
-        sensor: Sensor file of the nominal camera.
-        cache: Folder of cached simulations.
-        effects: Names of the effects.
-    """
-    options = ["--sensor", str(sensor), "--cache", str(cache), "--out", str(out)]
-    options += ["--against-itself", "--effects", *effects]
-    _run("starling.diagnosis.validation.adapters.detection", [str(captures), *options])
+    arguments = [str(word) for word in (path, *words)]
+    for flag, value in (flags or {}).items():
+        if value is not None:
+            arguments += [flag, *map(str, value if isinstance(value, tuple) else (value,))]
+    _run(program, arguments)
 
 
 def diagnose(
@@ -105,26 +60,27 @@ def diagnose(
         against: Reference capture set; None compares with the simulation.
         without: Effect to leave out, by capture set. One verdict leaves out the family of the
             effect, a second one also the families of its confusable effects.
+
+    Raises:
+        WithheldError: if the program fails.
     """
-    arguments = [str(cases), str(out), "--sensor", str(sensor), "--cache", str(cache)]
-    if against is not None:
-        arguments += ["--against", str(against)]
-    without_file = out / ".without"
-    if without is not None:
+    without_file = None if without is None else out / ".without"
+    flags = {"--sensor": sensor, "--cache": cache, "--against": against, "--without": without_file}
+    if without_file is not None:
         out.mkdir(parents=True, exist_ok=True)
-        without_file.write_text(json.dumps(dict(without)), encoding="utf-8")
-        arguments += ["--without", str(without_file)]
+        without_file.write_text(json.dumps(without), encoding="utf-8")
     try:
-        _run("starling.diagnosis.validation.adapters.batch", arguments)
+        run("batch", cases, out, flags=flags)
     finally:
-        without_file.unlink(missing_ok=True)  # The file reveals the true effects.
+        if without_file is not None:
+            without_file.unlink()  # The file reveals the true effects.
 
 
-def _run(module: str, arguments: Sequence[str]) -> None:
+def _run(program: str, arguments: list[str]) -> None:
     last: deque[str] = deque(maxlen=_LAST_LINES)
     set_name = Path(arguments[0]).parent.name
     with subprocess.Popen(
-        [sys.executable, "-m", module, *arguments],
+        [sys.executable, "-m", _ADAPTERS, program, *arguments],
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, **_ONE_THREAD},
@@ -136,4 +92,5 @@ def _run(module: str, arguments: Sequence[str]) -> None:
             elif line:
                 last.append(line)
     if running.returncode:
-        raise refusal(module, "must succeed", f"exit {running.returncode}", " / ".join(last))
+        name = f"{_ADAPTERS}.{program}"
+        raise refusal(name, "must succeed", f"exit {running.returncode}", " / ".join(last))

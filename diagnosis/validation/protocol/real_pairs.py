@@ -17,15 +17,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
 from starling.diagnosis.validation.camera import inject, nominal
 from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.camera.errors import WithheldError, refusal
+from starling.diagnosis.validation.camera.imager import Codes
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.camera.readout import Codes
-from starling.diagnosis.validation.protocol import capture_files, limits, lock, programs, seal
+from starling.diagnosis.validation.protocol import files, limits, programs, seal
 from starling.diagnosis.validation.protocol.case import Case
 from starling.diagnosis.validation.protocol.limits import DetectionLimits
 from starling.sim.captures import capture
@@ -39,7 +40,9 @@ _WITHOUT = 0  # Seed of the pairs without effects; a scene has the same pair in 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RealPairs:
-    """Scenes of one set, drawn with a seed of its number. See `source.CaptureSource`."""
+    """Scenes of one set, drawn with a seed of its number: a source of captures of cases."""
+
+    upwards: ClassVar[frozenset[str]] = inject.INCREASE_ONLY  # These cannot be removed.
 
     folder: Path
     number: int  # Number of the scene set.
@@ -80,11 +83,6 @@ class RealPairs:
         return inject.EFFECTS - (existing - measured) - compensated
 
     @property
-    def upwards(self) -> frozenset[str]:
-        """Effects that cannot be removed from an image."""
-        return inject.INCREASE_ONLY
-
-    @property
     def _nominal(self) -> Path:
         return self.folder / "camera" / nominal.FILE
 
@@ -103,7 +101,8 @@ class RealPairs:
         seal.record_inputs(self.folder, inputs, exists=exists)
         if not exists:
             shutil.rmtree(self._nominal.parent, ignore_errors=True)
-            programs.camera(self._nominal.parent, self.captures, self.believed)
+            flags = {"--captures": self.captures, "--sensor": self.believed}
+            programs.run("captured_camera", self._nominal.parent, flags=flags)
             part = self.folder / ".part"
             shutil.rmtree(part, ignore_errors=True)
             self._write({}, _WITHOUT, part)
@@ -120,11 +119,15 @@ class RealPairs:
                 another run uses the folder.
         """
         path = self.folder / "limits.json"
-        with lock.exclusive(self.folder):
+        with files.exclusive(self.folder):
             if not path.exists():
                 self.prepare()
                 known = sorted(name for name in self.effects if ROWS[name].kind != "outside")
-                programs.limits(path, self.against, self.sensor, self.cache, known)
+                flags = {
+                    **{"--sensor": self.sensor, "--cache": self.cache, "--out": path},
+                    **{"--against-itself": (), "--effects": tuple(known)},
+                }
+                programs.run("detection", self.against, flags=flags)
         return limits.read(path, required=self.effects)
 
     def write_captures(self, cases: Sequence[Case], out: Path) -> None:
@@ -138,22 +141,15 @@ class RealPairs:
 
     def _write(self, settings: Mapping[str, float], seed: int, out: Path) -> None:
         camera = self.camera
-        capture_files.copy(self.captures, out, ("capture.toml",))
+        files.copy(self.captures, out, ("capture.toml",))
         for scene in draw_scenes(_scenes(self.captures), self.scenes, self.number):
             known = tuple(path.name for path in scene.path.iterdir() if path.is_file())
-            capture_files.copy(scene.path, out / scene.name, known)
-            left_dn, right_dn = _pair(scene)
+            files.copy(scene.path, out / scene.name, known)
             pair = inject.inject(
-                left_dn,
-                right_dn,
-                settings,
-                camera,
-                seed=seed,
-                scene=scene.name,
-                exposed_again=True,
+                *_pair(scene), settings, camera, seed=seed, scene=scene.name, exposed_again=True
             )
-            capture_files.write(out / scene.name / "0" / "ir_left.png", pair.left)
-            capture_files.write(out / scene.name / "0" / "ir_right.png", pair.right)
+            files.write_image(out / scene.name / "0" / "ir_left.png", pair.left)
+            files.write_image(out / scene.name / "0" / "ir_right.png", pair.right)
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from starling.diagnosis.validation.camera import matcher, nominal
 from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.protocol import capture_files, limits, programs, seal, shoot
+from starling.diagnosis.validation.protocol import files, limits, programs, seal, shoot
 from starling.diagnosis.validation.protocol.case import Case
 from starling.diagnosis.validation.protocol.limits import DetectionLimits
 from starling.diagnosis.validation.protocol.tier import Tier
@@ -24,7 +25,11 @@ _PAIR = ("ir_left.png", "ir_right.png")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Rendered:
-    """Builtin scenes of one set, and their light. See `source.CaptureSource`."""
+    """Builtin scenes of one set, and their light: a source of captures of cases."""
+
+    against: ClassVar[None] = None  # The reference is the simulation.
+    effects: ClassVar[frozenset[str]] = frozenset(ROWS)  # Effects that the captures can have.
+    upwards: ClassVar[frozenset[str]] = frozenset()  # A rendered camera can have all strengths.
 
     folder: Path
     number: int  # Number of the scene set.
@@ -47,24 +52,9 @@ class Rendered:
         return nominal.read(self.light / nominal.FILE)
 
     @property
-    def against(self) -> None:
-        """None: the reference is the simulation."""
-        return
-
-    @property
     def cache(self) -> Path:
         """Cache of this scene set, which shares no scenes with other sets."""
         return self.folder / "cache"
-
-    @property
-    def effects(self) -> frozenset[str]:
-        """All effects of the table."""
-        return frozenset(ROWS)
-
-    @property
-    def upwards(self) -> frozenset[str]:
-        """Empty: a rendered camera can have all strengths."""
-        return frozenset()
 
     @property
     def _starling_light(self) -> Path:
@@ -82,9 +72,11 @@ class Rendered:
         exists = self._starling_light.exists()
         seal.record_inputs(self.folder, inputs, exists=exists)
         if not exists:
-            programs.light(self._starling_light, names, *size)
+            flags = {"--width": size[0], "--height": size[1]}
+            programs.run("light_sets", self._starling_light, *names, flags=flags)
         if self._starling_light != self.light:
-            programs.cycles(self._starling_light, self.light, self.blender)
+            flags = {"--blender": self.blender}
+            programs.run("cycles_light", self._starling_light, self.light, flags=flags)
 
     def limits(self) -> DetectionLimits:
         """Return the detection limits of this package's camera.
@@ -106,7 +98,7 @@ class Rendered:
             if self.tier.has_own_depth(case.number):
                 match_captures(out / case.name, camera)
         if self.tier.matcher == "starling":
-            programs.depth(out, self.sensor)
+            programs.run("own_depth", out, flags={"--sensor": self.sensor})
         for case in cases:
             shoot.postprocess(out / case.name, case, camera)
 
@@ -124,7 +116,7 @@ def match_captures(captures: Path, camera: Nominal) -> None:
     for left in sorted(captures.glob("*/*/ir_left.png")):
         ir_left, ir_right = (_read_image(left.with_name(name)) for name in _PAIR)
         depth_m = matcher.depth(ir_left, ir_right, camera)
-        capture_files.write_depth(left.with_name("depth.png"), depth_m, UNIT_M)
+        files.write_depth(left.with_name("depth.png"), depth_m, UNIT_M)
 
 
 def _read_image(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from starling.diagnosis.validation.protocol import lock, programs, verdict
+from starling.diagnosis.validation.protocol import files, programs, verdict
 from starling.diagnosis.validation.protocol.case import Case
-from starling.diagnosis.validation.protocol.case_result import CaseResult
-from starling.diagnosis.validation.protocol.source import CaptureSource
+from starling.diagnosis.validation.protocol.real_pairs import RealPairs
+from starling.diagnosis.validation.protocol.rendered import Rendered
+from starling.diagnosis.validation.protocol.verdict import CaseResult
 
 # Effects that the diagnosis may name: all, or without the family of the true effect, or also
 # without the families of its confusable effects ("twins").
@@ -24,8 +25,17 @@ class SceneSet:
 
     folder: Path
     number: int
-    source: CaptureSource
+    source: Rendered | RealPairs
     infrared: bool = True  # Whether captures hold infrared.
+
+    def prepare(self) -> None:
+        """Make the inputs of all cases if they do not exist.
+
+        Raises:
+            WithheldError: if a program fails, or another run uses the folder.
+        """
+        with files.exclusive(self.source.folder):
+            self.source.prepare()
 
     def diagnose(self, cases: Sequence[Case], left_out: Sequence[Case]) -> None:
         """Write the captures of the cases without a verdict and diagnose them.
@@ -38,7 +48,7 @@ class SceneSet:
         Raises:
             WithheldError: if a program fails, or another run uses the folder.
         """
-        with lock.exclusive(self.folder):
+        with files.exclusive(self.folder):
             self._diagnose(*self._pending(cases, left_out))
 
     def pending(self, cases: Sequence[Case], left_out: Sequence[Case]) -> bool:
@@ -75,13 +85,10 @@ class SceneSet:
         Raises:
             WithheldError: if a verdict is missing or damaged.
         """
+        verdicts = [verdict.read(self._verdict(table, case)) for case in cases]
         return [
-            CaseResult(
-                case=case,
-                verdict=verdict.read(self._verdict(table, case)),
-                set_number=self.number,
-            )
-            for case in cases
+            CaseResult(case=case, verdict=answer, set_number=self.number)
+            for case, answer in zip(cases, verdicts, strict=True)
         ]
 
     def _run(self, out: Path, without: Mapping[str, str] | None) -> None:

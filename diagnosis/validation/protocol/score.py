@@ -1,17 +1,91 @@
-"""Scores of a diagnosis on cases with known effects."""
+"""Scores of a diagnosis on cases with known effects, and their goals."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.protocol import breakdown
-from starling.diagnosis.validation.protocol.case_result import CaseResult
-from starling.diagnosis.validation.protocol.goals import REAL_TIER, compare_with_goals
-from starling.diagnosis.validation.protocol.score_statistic import ScoreStatistic, score_statistic
+from starling.diagnosis.validation.protocol.score_statistic import ScoreStatistic, statistic
+from starling.diagnosis.validation.protocol.tier import TIERS
+from starling.diagnosis.validation.protocol.verdict import CaseResult
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Goal:
+    """Inclusive bounds of a score."""
+
+    least: float = -math.inf
+    most: float = math.inf
+    percent: bool = False
+
+    @property
+    def bounds(self) -> str:
+        """The bounds as text."""
+        if math.isinf(self.least):
+            return f"<= {self._number(self.most)}"
+        if math.isinf(self.most):
+            return f">= {self._number(self.least)}"
+        return f"{self._number(self.least)} to {self._number(self.most)}"
+
+    def reached(self, value: float | None) -> bool | None:
+        """Return whether a score is within the bounds, or None if there is no score."""
+        return None if value is None else self.least <= value <= self.most
+
+    def _number(self, value: float) -> str:
+        if self.percent:
+            return f"{value:.0f} %"
+        return str(value) if isinstance(value, int) else f"{value:.2f}"
+
+
+# Goals with the renderer and matcher of the diagnosis, and with others.
+_GOALS = {
+    "top1": (Goal(least=0.90), Goal(least=0.75)),
+    "baselines_as_good": (Goal(most=0), Goal(most=0)),
+    "in_set": (Goal(least=0.97), Goal(least=0.92)),
+    "set_size": (Goal(most=1.6), Goal(most=2.5)),
+    "parameter_error_pct": (Goal(most=12, percent=True), Goal(most=30, percent=True)),
+    "coverage": (Goal(least=0.80, most=0.97), Goal(least=0.80, most=0.97)),
+    "false_alarm": (Goal(most=0.05), Goal(most=0.10)),
+    "pairs_both": (Goal(least=0.75), Goal(least=0.55)),
+    "unknown_recall": (Goal(least=0.85), Goal(least=0.70)),
+    "unknown_false": (Goal(most=0.05), Goal(most=0.15)),
+    "closed_pct": (Goal(least=85, percent=True), Goal(least=60, percent=True)),
+}
+
+# Depth and holes alone do not identify the effect in every case.
+_WITHOUT_INFRARED = {
+    "answered": Goal(least=0.60),
+    "top1_of_answered": Goal(least=0.70),
+    "baselines_as_good": Goal(most=0),
+    "false_alarm": Goal(most=0.05),
+}
+
+
+def compare_with_goals(
+    tier: int, scores: Mapping[str, float | None], *, infrared: bool = True
+) -> dict[str, dict[str, Any]]:
+    """Compare scores to the goals of a tier.
+
+    Args:
+        tier: Tier of the check.
+        scores: Scores by name; must hold all scores that have a goal.
+        infrared: Whether the captures hold infrared.
+
+    Returns:
+        By score, the goal as text and whether it is reached (None without a score).
+    """
+    goals = _WITHOUT_INFRARED
+    if infrared:
+        place = 0 if TIERS[tier].source == "starling" else 1
+        goals = {key: pair[place] for key, pair in _GOALS.items()}
+    return {
+        key: {"asked": goal.bounds, "reached": goal.reached(scores[key])}
+        for key, goal in goals.items()
+    }
 
 
 def score(
@@ -41,73 +115,54 @@ def score(
         The scores by name, as written to JSON. Rates are 0 to 1, None without a relevant case.
         `intervals` are 95 % intervals over scene sets. Real pairs have none, because their sets
         share rooms. `goals` compares the scores to the goals of the tier.
-
-    Raises:
-        WithheldError: if a left-out case is no single, a single is at its neutral, or the tier does
-            not exist.
     """
-    for result in (*left_out, *family_alone):
-        if result.case.kind != "single":
-            name = f"case {result.case.number}"
-            rule = "must be a single-effect case to be left out"
-            raise refusal(name, rule, result.case.kind, "Remove it.")
-    by_kind = {
-        kind: [result for result in results if result.case.kind == kind]
+    null, single, pair, unknown = (
+        [result for result in results if result.case.kind == kind]
         for kind in ("null", "single", "pair", "unknown")
-    }
-    known = [*by_kind["null"], *by_kind["single"], *by_kind["pair"]]
+    )
+    present = [*single, *pair]
     statistics = {
-        **_singles(by_kind["single"], nominal, families),
-        "false_alarm": score_statistic(by_kind["null"], lambda result: result.gap_reported),
-        "false_named": score_statistic(
-            by_kind["null"], lambda result: result.verdict.kind == "effects"
+        **_singles(single, nominal, families),
+        "false_alarm": statistic(null, lambda result: result.gap_reported),
+        "false_named": statistic(null, lambda result: result.verdict.kind == "effects"),
+        "pairs_both": statistic(pair, lambda result: result.both_in_sets),
+        "pairs_both_named": statistic(pair, lambda result: result.all_named),
+        "pairs_first": statistic(pair, lambda result: result.top1_correct),
+        "unknown_recall": _unknown_share([*unknown, *left_out]),
+        "unknown_recall_outside": _unknown_share(unknown),
+        "unknown_recall_left_out": _unknown_share(left_out),
+        "unknown_recall_family": _unknown_share(family_alone),
+        "unknown_false": _unknown_share([*null, *present]),
+        "unknown_false_effects": _unknown_share(present),
+        "closed_pct": statistic(present, breakdown.closed_pct, median=True),
+        "closed_not_identifiable": statistic(
+            present,
+            lambda result: bool(result.verdict.named) and result.verdict.headline_pct is None,
         ),
-        "pairs_both": score_statistic(by_kind["pair"], lambda result: result.both_in_sets),
-        "pairs_both_named": score_statistic(by_kind["pair"], lambda result: result.all_named),
-        "pairs_first": score_statistic(by_kind["pair"], lambda result: result.top1_correct),
-        "unknown_recall": score_statistic(
-            [*by_kind["unknown"], *left_out], lambda result: result.declared_unknown
-        ),
-        "unknown_recall_outside": score_statistic(
-            by_kind["unknown"], lambda result: result.declared_unknown
-        ),
-        "unknown_recall_left_out": score_statistic(
-            left_out, lambda result: result.declared_unknown
-        ),
-        "unknown_recall_family": score_statistic(
-            family_alone, lambda result: result.declared_unknown
-        ),
-        "unknown_false": score_statistic(known, lambda result: result.declared_unknown),
-        "unknown_false_effects": score_statistic(
-            [*by_kind["single"], *by_kind["pair"]], lambda result: result.declared_unknown
-        ),
-        **_closed([*by_kind["single"], *by_kind["pair"]]),
     }
-    baseline_scores = breakdown.baselines(by_kind["single"])
+    baseline_scores = breakdown.baselines(single)
     scores = {
-        **{key: statistic.value for key, statistic in statistics.items()},
+        **{key: value.value for key, value in statistics.items()},
         "baselines_as_good": breakdown.count_as_good(statistics["top1"].value, baseline_scores),
     }
     compared = compare_with_goals(tier, scores, infrared=infrared)
+    shown = {} if TIERS[tier].source == "real" else compared
     return {
         "tier": tier,
         "cases": {
-            **{kind: len(cases) for kind, cases in by_kind.items()},
-            "unknown": len(by_kind["unknown"]) + len(left_out),
+            **{"null": len(null), "single": len(single), "pair": len(pair)},
+            "unknown": len(unknown) + len(left_out),
         },
         **scores,
-        "by_effect": breakdown.by_effect(by_kind["single"], nominal),
+        "by_effect": breakdown.by_effect(single, nominal),
         "confusion": breakdown.confusion(results, left_out),
         "baselines": baseline_scores,
-        "closed_by_metric": breakdown.closed_by_metric([*by_kind["single"], *by_kind["pair"]]),
+        "closed_by_metric": breakdown.closed_by_metric(present),
         "seconds": math.fsum(
             result.verdict.seconds for result in (*results, *left_out, *family_alone)
         ),
         "intervals": _intervals(
-            {}
-            if tier == REAL_TIER
-            else {key: statistics[key] for key in compared if key in statistics},
-            (*results, *left_out),
+            {key: statistics[key] for key in shown if key in statistics}, (*results, *left_out)
         ),
         "goals": compared,
         "failures": breakdown.failures(results, left_out),
@@ -119,28 +174,19 @@ def _singles(
 ) -> dict[str, ScoreStatistic]:
     named = [result for result in singles if result.verdict.named]
     return {
-        "top1": score_statistic(singles, lambda result: result.top1_correct),
-        "top1_family": score_statistic(
-            singles, lambda result: result.top1_family_correct(families)
-        ),
-        "in_set": score_statistic(singles, lambda result: result.in_set),
-        "set_size": score_statistic(named, lambda result: len(result.verdict.named[0].rows)),
-        "parameter_error_pct": score_statistic(
-            singles, lambda result: result.error_pct(nominal), median=True
-        ),
-        "coverage": score_statistic(singles, lambda result: result.interval_covers_truth()),
-        "answered": score_statistic(singles, lambda result: bool(result.verdict.named)),
-        "top1_of_answered": score_statistic(named, lambda result: result.top1_correct),
+        "top1": statistic(singles, lambda result: result.top1_correct),
+        "top1_family": statistic(singles, lambda result: result.top1_family_correct(families)),
+        "in_set": statistic(singles, lambda result: result.in_set),
+        "set_size": statistic(named, lambda result: len(result.verdict.named[0].rows)),
+        "parameter_error_pct": breakdown.strength_error(singles, nominal),
+        "coverage": statistic(singles, lambda result: result.interval_covers_truth()),
+        "answered": statistic(singles, lambda result: bool(result.verdict.named)),
+        "top1_of_answered": statistic(named, lambda result: result.top1_correct),
     }
 
 
-def _closed(cases: Sequence[CaseResult]) -> dict[str, ScoreStatistic]:
-    return {
-        "closed_pct": score_statistic(cases, breakdown.closed_pct, median=True),
-        "closed_not_identifiable": score_statistic(
-            cases, lambda result: bool(result.verdict.named) and result.verdict.headline_pct is None
-        ),
-    }
+def _unknown_share(results: Sequence[CaseResult]) -> ScoreStatistic:
+    return statistic(results, lambda result: result.declared_unknown)
 
 
 def _intervals(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from starling.diagnosis.validation.protocol.case_result import CaseResult
+from starling.diagnosis.validation.protocol.verdict import CaseResult
 
 _DRAWS = 20000  # Number of bootstrap samples.
 _TAIL = 0.025  # Probability of each tail.
@@ -84,7 +84,7 @@ class ScoreStatistic:
         return np.array(self.values)[order][middle].mean(axis=0)
 
 
-def score_statistic(
+def statistic(
     results: Iterable[CaseResult],
     value_of: Callable[[CaseResult], float | None],
     *,

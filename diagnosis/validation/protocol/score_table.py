@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from starling.diagnosis.validation.protocol.goals import REAL_TIER
+from starling.diagnosis.validation.protocol.tier import TIERS
 
 _WIDTH = 120  # Longest line [characters].
 _LABELS = {
@@ -33,6 +33,13 @@ _LABELS = {
     "closed_pct": "one or two effects: gap reduction, median [%]",
     "closed_not_identifiable": "one or two effects: named, gap reduction not identifiable",
 }
+_REAL_NOTE = (
+    "Null cases differ from their reference only by noise of the law that the diagnosis assumes, "
+    "so few false positives are expected. Scene sets share rooms, so there are no intervals."
+)
+_MATCHER_NOTE = (
+    "Only the image segment is scored. The second matcher was detected: {matcher_noticed:.2f}"
+)
 _REACHED = {True: "reached", False: "MISSED", None: "no cases"}
 
 
@@ -46,19 +53,26 @@ def text(scores: Mapping[str, Any]) -> str:
         Lines of at most 120 characters.
     """
     counts = ", ".join(f"{count} {kind}" for kind, count in scores["cases"].items())
-    parts = [
-        ("", [f"Withheld effects, tier {scores['tier']}: {counts}; {scores['seconds']:.0f} s"]),
-        ("", _goals(scores)),
-        ("", _real(scores["tier"])),
-        ("", _matcher(scores.get("matcher_noticed"))),
-        ("", _rows(scores["by_effect"], "single effect")),
-        ("", _rows(scores["closed_by_metric"], "gap reduction [%], cases with a named effect")),
-        ("", _rows(scores["baselines"], "baseline, one effect")),
-        ("Answers by true effect:", _confusion(scores["confusion"])),
-        (f"Failures, {len(scores['failures'])}:", _failures(scores["failures"])),
+    answers = [
+        f"{truth}: " + ", ".join(f"{name} {count}" for name, count in said.items())
+        for truth, said in scores["confusion"].items()
     ]
-    blocks = ["\n".join([title, *lines] if title else lines) for title, lines in parts if lines]
-    return "\n\n".join(blocks) + "\n"
+    failures = [
+        f"case {case['case']}, set {case['scenes']}: {case['truth']}: reported {case['said']}"
+        for case in scores["failures"]
+    ]
+    blocks = [
+        [f"Withheld effects, tier {scores['tier']}: {counts}; {scores['seconds']:.0f} s"],
+        _goals(scores),
+        _wrapped(_REAL_NOTE) if TIERS[scores["tier"]].source == "real" else [],
+        [] if scores.get("matcher_noticed") is None else [_MATCHER_NOTE.format_map(scores)],
+        _rows(scores["by_effect"], "single effect"),
+        _rows(scores["closed_by_metric"], "gap reduction [%], cases with a named effect"),
+        _rows(scores["baselines"], "baseline, one effect"),
+        ["Answers by true effect:", *_wrapped(*answers)] if answers else [],
+        [f"Failures, {len(failures)}:", *(_wrapped(*failures) or ["none"])],
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
 def power(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
@@ -93,39 +107,14 @@ def opening(opened: int, *, code_as_sealed: bool, sets: Mapping[str, int]) -> st
 
 def _goals(scores: Mapping[str, Any]) -> list[str]:
     rows = [["score", "value", "95 %", "goal", ""]]
-    goals = scores["goals"]
-    labels = {
-        key: label for key, label in _LABELS.items() if scores[key] is not None or key in goals
-    }
-    for key, label in labels.items():
-        goal = goals.get(key)
-        ends = scores["intervals"].get(key)
-        rows.append(
-            [
-                label,
-                _cell(scores[key]),
-                f"{_cell(ends[0])} to {_cell(ends[1])}" if ends else "",
-                goal["asked"] if goal else "",
-                _REACHED[goal["reached"]] if goal else "",
-            ]
-        )
+    for key, label in _LABELS.items():
+        goal, ends = scores["goals"].get(key), scores["intervals"].get(key)
+        if scores[key] is None and goal is None:
+            continue
+        interval = f"{_cell(ends[0])} to {_cell(ends[1])}" if ends else ""
+        compared = [goal["asked"], _REACHED[goal["reached"]]] if goal else ["", ""]
+        rows.append([label, _cell(scores[key]), interval, *compared])
     return _columns(rows)
-
-
-def _real(tier: int) -> list[str]:
-    if tier != REAL_TIER:
-        return []
-    return _wrapped(
-        "Null cases differ from their reference only by noise of the law that the diagnosis "
-        "assumes, so few false positives are expected. Scene sets share rooms, so there are no "
-        "intervals."
-    )
-
-
-def _matcher(detected: float | None) -> list[str]:
-    if detected is None:
-        return []
-    return [f"Only the image segment is scored. The second matcher was detected: {detected:.2f}"]
 
 
 def _rows(table: Mapping[str, Mapping[str, Any]], title: str) -> list[str]:
@@ -136,26 +125,12 @@ def _rows(table: Mapping[str, Mapping[str, Any]], title: str) -> list[str]:
     return _columns([[title, *heads], *body])
 
 
-def _confusion(table: Mapping[str, Mapping[str, int]]) -> list[str]:
+def _wrapped(*lines: str) -> list[str]:
     return [
-        line
-        for truth, answers in table.items()
-        for line in _wrapped(
-            f"{truth}: " + ", ".join(f"{name} {count}" for name, count in answers.items())
-        )
+        part
+        for line in lines
+        for part in textwrap.wrap(line, _WIDTH, subsequent_indent="    ", break_on_hyphens=False)
     ]
-
-
-def _failures(failed: Sequence[Mapping[str, Any]]) -> list[str]:
-    lines = [
-        f"case {case['case']}, set {case['scenes']}: {case['truth']}: reported {case['said']}"
-        for case in failed
-    ]
-    return [part for line in lines for part in _wrapped(line)] or ["none"]
-
-
-def _wrapped(line: str) -> list[str]:
-    return textwrap.wrap(line, _WIDTH, subsequent_indent="    ", break_on_hyphens=False)
 
 
 def _columns(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -11,6 +11,7 @@ import json
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 import scipy
 
 from starling.diagnosis.validation.camera.errors import refusal
-from starling.diagnosis.validation.protocol import case
+from starling.diagnosis.validation.protocol import case, files
 from starling.diagnosis.validation.protocol.case import Case
 
 TRUTH = "truth.json"
@@ -30,7 +31,7 @@ SEAL = "truth.sha256"
 CODE_LOG = "worked"  # Digests of the code after each run of the programs.
 INPUTS = "made.json"  # Inputs and code digest of the folder of a capture source.
 
-_ROOT = Path(__file__).parents[3]
+_ROOT = Path(str(resources.files("starling")))
 _PACKAGES = ("calibration", "diagnosis", "learning", "patterns", "sim")
 _SUFFIXES = (".py", ".json", ".toml")
 _PICTURE = re.compile(r'"([^"\n]+\.png)"')
@@ -53,26 +54,18 @@ def seal(
         The SHA-256 of the truth in hexadecimal digits.
 
     Raises:
-        WithheldError: if both folders are the same, or a seal exists.
+        WithheldError: if a seal exists.
     """
-    if hidden.resolve() == public.resolve():
-        advice = "Give a separate folder for each."
-        raise refusal("hidden and public", "must be two folders", hidden, advice)
     if (public / SEAL).exists():
         raise refusal("seal", "must not be broken", public / SEAL, "Give new folders.")
-    text = case.dumps(cases).encode()
-    digests = {
-        TRUTH: digest(text),
-        **{name: digest(content) for name, content in public_files.items()},
-    }
-    digests[CODE] = code_digest()
-    hidden.mkdir(parents=True, exist_ok=True)
-    public.mkdir(parents=True, exist_ok=True)
-    _write(hidden / TRUTH, text)
-    for name, content in public_files.items():
-        _write(public / name, content)
+    contents = {TRUTH: case.dumps(cases).encode(), **public_files}
+    digests = {**{name: digest(text) for name, text in contents.items()}, CODE: code_digest()}
+    for name, text in contents.items():
+        folder = hidden if name == TRUTH else public
+        folder.mkdir(parents=True, exist_ok=True)
+        files.write(folder / name, text)
     lines = [f"{value}  {name}\n" for name, value in digests.items()]
-    _write(public / SEAL, "".join(lines).encode())
+    files.write(public / SEAL, "".join(lines).encode())
     return digests[TRUTH]
 
 
@@ -96,9 +89,8 @@ def verify(public_files: Mapping[str, bytes], hidden: Path, public: Path) -> tup
     except OSError as error:
         raise refusal("seal", "must have a truth", hidden, f"{error}.") from error
     if digest(text) != sealed.get(TRUTH):
-        raise refusal(
-            "truth", "must be the one sealed", hidden / TRUTH, "Put it back, or give a new folder."
-        )
+        advice = "Put it back, or give a new folder."
+        raise refusal("truth", "must be the one sealed", hidden / TRUTH, advice)
     for name, content in public_files.items():
         if digest(content) != sealed.get(name):
             rule = f"must be what {public / name} has"
@@ -142,7 +134,7 @@ def record_inputs(folder: Path, inputs: Mapping[str, Any], *, exists: bool) -> N
         advice = "Use the same options and code as before, or give a new folder."
         raise refusal("folder", rule, _start(content), advice)
     folder.mkdir(parents=True, exist_ok=True)
-    _write(path, content)
+    files.write(path, content)
 
 
 def code_digest() -> str:
@@ -152,11 +144,10 @@ def code_digest() -> str:
     recorded with its light.
     """
     sha = hashlib.sha256()
-    for package in _PACKAGES:
-        paths = (path for path in (_ROOT / package).rglob("*") if path.suffix in _SUFFIXES)
-        for path in sorted(paths):
-            sha.update(f"{path.relative_to(_ROOT)}\n".encode())
-            sha.update(path.read_bytes())
+    packages = (path for name in _PACKAGES for path in (_ROOT / name).rglob("*"))
+    for path in sorted(path for path in (*_ROOT.glob("*"), *packages) if path.suffix in _SUFFIXES):
+        sha.update(f"{path.relative_to(_ROOT)}\n".encode())
+        sha.update(path.read_bytes())
     return sha.hexdigest()
 
 
@@ -181,16 +172,8 @@ def _start(content: bytes) -> str:
 
 
 def parse_families(content: bytes) -> dict[str, str]:
-    """Parse the content of `FAMILIES`: family by effect.
-
-    Raises:
-        WithheldError: if the content is no table of effects.
-    """
-    try:
-        return {name: str(entry["family"]) for name, entry in json.loads(content).items()}
-    except (ValueError, AttributeError, TypeError, KeyError) as error:
-        rule, advice = "must be a table of effects", "Restore the file that the check wrote."
-        raise refusal("families", rule, type(error).__name__, advice) from error
+    """Parse the content of `FAMILIES`: family by effect."""
+    return {name: entry["family"] for name, entry in json.loads(content).items()}
 
 
 def digest(content: bytes) -> str:
@@ -202,9 +185,9 @@ def path_digest(path: Path) -> str:
     """Return the SHA-256 of a file or of all files of a folder, or the name if neither exists."""
     if path.is_file():
         return digest(path.read_bytes())
-    files = sorted(file for file in path.rglob("*") if file.is_file())
-    lines = [f"{digest(file.read_bytes())}  {file.relative_to(path)}\n" for file in files]
-    return digest("".join(lines).encode()) if files else path.name
+    inside = sorted(file for file in path.rglob("*") if file.is_file())
+    lines = [f"{digest(file.read_bytes())}  {file.relative_to(path)}\n" for file in inside]
+    return digest("".join(lines).encode()) if lines else path.name
 
 
 def sensor_digest(sensor: Path) -> str:
@@ -215,9 +198,3 @@ def sensor_digest(sensor: Path) -> str:
     names = sorted(set(_PICTURE.findall(text.decode())))
     pictures = [path_digest(sensor.parent / name) for name in names]
     return digest(" ".join([digest(text), *pictures]).encode())
-
-
-def _write(path: Path, content: bytes) -> None:
-    part = path.with_name(f".{path.name}.part")
-    part.write_bytes(content)
-    part.replace(path)

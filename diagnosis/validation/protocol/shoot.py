@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from starling.diagnosis.validation.camera import chain, depth_filters, dots, light, nominal
+from starling.diagnosis.validation.camera import chain, depth_filters, light, nominal, projector
 from starling.diagnosis.validation.camera.catalogue import Strengths
-from starling.diagnosis.validation.camera.dots import ProjectorDots
 from starling.diagnosis.validation.camera.draws import Draws
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.light import SceneLight
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.protocol import capture_files
+from starling.diagnosis.validation.protocol import files
 from starling.diagnosis.validation.protocol.case import Case
 from starling.sim.captures import capture
 
@@ -39,11 +38,8 @@ def shoot(light_folder: Path, case: Case, out: Path, frames: int = 1) -> tuple[s
         Names of the scenes.
 
     Raises:
-        WithheldError: if `out` is not empty, there is no scene, frames is below 1, or a file or
-            setting is invalid.
+        WithheldError: if `out` is not empty, there is no scene, or a file or setting is invalid.
     """
-    if frames < 1:
-        raise refusal("frames", "must be >= 1", frames, "Give how many of each scene.")
     if out.exists() and any(out.iterdir()):
         raise refusal("out", "must be empty", out, "Give a new folder.")
     camera = nominal.read(light_folder / nominal.FILE)
@@ -53,17 +49,17 @@ def shoot(light_folder: Path, case: Case, out: Path, frames: int = 1) -> tuple[s
         raise refusal(
             "light folder", f"must hold SCENE/{light.FILE}", light_folder, "Make the light first."
         )
-    projector_dots = ProjectorDots(tangents=np.empty((0, 2)))
+    dots = np.empty((0, 2))
     if any(strengths.is_active(name) for name in _NEED_DOTS):
-        projector_dots = dots.gather(_lights(scenes, camera), camera.fx_px)
-    capture_files.copy(light_folder, out, _SET_FILES)
+        dots = projector.gather(_lights(scenes, camera), camera.fx_px)
+    files.copy(light_folder, out, _SET_FILES)
     for folder, scene_light in zip(scenes, _lights(scenes, camera), strict=True):
-        capture_files.copy(folder, out / folder.name, _SCENE_FILES)
+        files.copy(folder, out / folder.name, _SCENE_FILES)
         for frame in range(frames):
             draws = Draws(seed=case.seed, scene=folder.name, frame=frame)
-            pair = chain.expose(scene_light, strengths, projector_dots, draws)
-            capture_files.write(out / folder.name / str(frame) / "ir_left.png", pair.left)
-            capture_files.write(out / folder.name / str(frame) / "ir_right.png", pair.right)
+            pair = chain.expose(scene_light, strengths, dots, draws)
+            files.write_image(out / folder.name / str(frame) / "ir_left.png", pair.left)
+            files.write_image(out / folder.name / str(frame) / "ir_right.png", pair.right)
     return tuple(folder.name for folder in scenes)
 
 
@@ -89,7 +85,7 @@ def postprocess(out: Path, case: Case, camera: Nominal) -> None:
             depth_m = depth_filters.process(before, strengths)
             if depth_m is not before:
                 path = scene.path / str(number) / "depth.png"
-                capture_files.write_depth(path, depth_m, captures.info.depth_unit_m)
+                files.write_depth(path, depth_m, captures.info.depth_unit_m)
 
 
 def _lights(scenes: list[Path], camera: Nominal) -> Iterator[SceneLight]:

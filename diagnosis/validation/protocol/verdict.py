@@ -1,4 +1,4 @@
-"""The verdict of a diagnosis on one case, read from its JSON file."""
+"""Verdict of a diagnosis on one case, read from its JSON file, and its correctness."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import permutations
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
+from starling.diagnosis.validation.camera.catalogue import ROWS, EffectRow
 from starling.diagnosis.validation.camera.errors import refusal
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol.case import Case
 
 Kind = Literal["effects", "no gap", "none of the known", "cannot tell"]
 SegmentName = Literal["image", "depth", "whole"]
@@ -19,6 +23,7 @@ Value = float | str
 _KINDS: tuple[Kind, ...] = get_args(Kind)
 _SEGMENTS: tuple[SegmentName, ...] = get_args(SegmentName)
 _HEADLINE = "features of the "
+_SLACK = 1e-9  # Tolerance of interval ends, which are rounded by the JSON text.
 _ADVICE = "Run the diagnosis of this case again."
 T = TypeVar("T")
 
@@ -94,6 +99,105 @@ class Verdict:
         return dataclasses.replace(self, kind=kind, effects=effects, baselines=baselines)
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CaseResult:
+    """A case, the verdict on it, and the number of its scene set."""
+
+    case: Case
+    verdict: Verdict
+    set_number: int = 0
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """True effects of the case."""
+        return tuple(self.case.settings)
+
+    @property
+    def top1_correct(self) -> bool:
+        """Whether the top-1 effect is a true effect."""
+        return self.verdict.answer in self.rows
+
+    def top1_family_correct(self, families: Mapping[str, str]) -> bool:
+        """Return whether the top-1 effect belongs to the family of a true effect.
+
+        Args:
+            families: Family by effect. An effect without an entry is a family of its own.
+        """
+        top, true_families = self.verdict.top_effect, {families.get(row, row) for row in self.rows}
+        return top is not None and families.get(top.row, top.row) in true_families
+
+    @property
+    def in_set(self) -> bool:
+        """Whether a true effect is in the credible set of the top-1 effect."""
+        top = self.verdict.top_effect
+        return top is not None and not top.rows.isdisjoint(self.rows)
+
+    @property
+    def both_in_sets(self) -> bool:
+        """Whether both true effects are in the credible sets of two different named effects."""
+        row_a, row_b = self.rows
+        pairs = permutations(self.verdict.named, 2)
+        return any(row_a in first.rows and row_b in second.rows for first, second in pairs)
+
+    @property
+    def all_named(self) -> bool:
+        """Whether all true effects are named."""
+        return {named.row for named in self.verdict.named}.issuperset(self.rows)
+
+    @property
+    def declared_unknown(self) -> bool:
+        """Whether the verdict is an unknown effect."""
+        return self.verdict.kind == "none of the known"
+
+    @property
+    def gap_reported(self) -> bool:
+        """Whether the verdict reports a gap."""
+        return self.verdict.kind in ("effects", "none of the known")
+
+    def error_pct(self, nominal: Nominal) -> float | None:
+        """Return the error of the estimated strength over the true departure from the neutral [%].
+
+        Departures on opposite sides of the neutral add up. A verdict that does not estimate the
+        strength, for example one of another parameter of the effect, has an error of 100 %.
+
+        Returns:
+            The error, or None unless the top-1 effect is correct and its strength is a number.
+        """
+        estimate = self._strength_estimate()
+        if estimate is None:
+            return None
+        row, effect = estimate
+        true = _signed(row, nominal, self.case.settings[row.name])
+        value = effect.value
+        if effect.name != row.name or isinstance(value, str):
+            return 100.0
+        if row.scale == "ratio" and value <= 0:
+            return 100.0
+        return 100.0 * abs(_signed(row, nominal, value) - true) / abs(true)
+
+    def interval_covers_truth(self) -> bool | None:
+        """Return whether the interval contains the true strength; None as for `error_pct`."""
+        estimate = self._strength_estimate()
+        if estimate is None:
+            return None
+        row, effect = estimate
+        low, high = effect.interval
+        if effect.name != row.name or isinstance(low, str) or isinstance(high, str):
+            return False
+        return low - _SLACK <= self.case.settings[row.name] <= high + _SLACK
+
+    def _strength_estimate(self) -> tuple[EffectRow, NamedEffect] | None:
+        top = self.verdict.top_effect
+        if top is None or top.row not in self.rows or ROWS[top.row].scale == "choice":
+            return None
+        return ROWS[top.row], top
+
+
+def _signed(row: EffectRow, nominal: Nominal, value: float) -> float:
+    side = 1.0 if value >= row.neutral_of(nominal) else -1.0
+    return side * row.departure(nominal, value)
+
+
 def row_of(name: str) -> str:
     """Return the effect of a name `ROW` or `ROW.PARAMETER`."""
     return name.partition(".")[0]
@@ -132,19 +236,18 @@ def from_table(table: Any, *, name: str = "verdict") -> Verdict:
         raise refusal(f"{name}.seconds", "must be >= 0", seconds, _ADVICE)
     howfar, residual = top.get("howfar"), top.get("left")
     by_segment = top.get("baselines_by_arm")
+    segments: list[SegmentName] = [
+        _JsonValue("arm", segment).one_of(_SEGMENTS) for segment in residual.table()
+    ]
     return Verdict(
         kind=kind,
         effects=tuple(effects),
-        unexplained={
-            _JsonValue("arm", segment).one_of(_SEGMENTS): _is_unexplained(residual.get(segment))
-            for segment in residual.table()
+        unexplained={segment: _is_unexplained(residual.get(segment)) for segment in segments},
+        closed_pct={
+            key: howfar.get(key).get("closed_pct").number_or_none() for key in howfar.table()
         },
-        closed_pct={key: howfar.get(key).get("closed_pct").share() for key in howfar.table()},
         baselines=_baselines(top.get("baselines")),
-        baselines_by_segment={
-            _JsonValue("arm", segment).one_of(_SEGMENTS): _baselines(by_segment.get(segment))
-            for segment in residual.table()
-        },
+        baselines_by_segment={segment: _baselines(by_segment.get(segment)) for segment in segments},
         seconds=seconds,
     )
 
@@ -219,7 +322,7 @@ class _JsonValue:
     def number_or_word(self) -> Value:
         return self.text() if isinstance(self.value, str) else self.number()
 
-    def share(self) -> float | None:
+    def number_or_none(self) -> float | None:
         return None if self.value is None else self.number()
 
     def text_or_none(self) -> str | None:

@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 class Reader(HTMLParser):
     """Collects text, table cells and pictures; fails if a tag stays open."""
 
-    OWN_END = frozenset({"meta", "img", "br"})
+    VOID_TAGS = frozenset({"meta", "img", "br"})
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -36,7 +36,7 @@ class Reader(HTMLParser):
             self.rows.append([])
         if tag in ("th", "td"):
             self.rows[-1].append("")
-        if tag not in self.OWN_END:
+        if tag not in self.VOID_TAGS:
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:

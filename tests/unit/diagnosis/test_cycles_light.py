@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from starling.diagnosis.validation.adapters import cycles_job, cycles_light
-from starling.diagnosis.validation.adapters.light_sets import OTHER_M, nominal
+from starling.diagnosis.validation.adapters import __main__ as adapters
+from starling.diagnosis.validation.adapters import cameras, cycles_light
+from starling.diagnosis.validation.adapters.light_sets import OTHER_M
 from starling.diagnosis.validation.camera import light
 from starling.diagnosis.validation.camera import nominal as nominal_file
 from starling.diagnosis.validation.camera.errors import WithheldError
@@ -59,7 +60,7 @@ def source(tmp_path: Path) -> Path:
     """Return a light folder of two scenes as `light_sets.write` makes it, without real light."""
     folder, nominal_sensor = tmp_path / "light", sensor()
     info = writer.info_of(nominal_sensor, source="check", licence="none", notes="")
-    camera = {**nominal(nominal_sensor), "ambient_w_m2": 0.1, "ambient_gradient": 0.5}
+    camera = {**cameras.nominal(nominal_sensor), "ambient_w_m2": 0.1, "ambient_gradient": 0.5}
     for name in ("wall-1", "wall-2"):
         (folder / name).mkdir(parents=True)
         specifier = name.replace("-", ":")
@@ -88,7 +89,7 @@ def blender(tmp_path: Path) -> Path:
 
 def test_job_matches_the_scene_file(source: Path) -> None:
     camera = nominal_file.read(source / "nominal.json")
-    job = cycles_job.job(source / "wall-1", camera)
+    job = cycles_light.build_job(source / "wall-1", camera)
     left, right = job.cameras["left"], job.cameras["right"]
     np.testing.assert_allclose(left[:3, 3], (0.1, 0, 0))
     np.testing.assert_allclose(right[:3, 3], (0.1 + camera.baseline_m, 0, 0))
@@ -105,7 +106,7 @@ def test_job_matches_the_scene_file(source: Path) -> None:
 
 def test_dots_and_even_light_have_equal_power(source: Path) -> None:
     camera = nominal_file.read(source / "nominal.json")
-    lamp = cycles_job.job(source / "wall-1", camera).projectors["own-0"]
+    lamp = cycles_light.build_job(source / "wall-1", camera).projectors["own-0"]
     height, width, _ = lamp.intensity_w_sr.shape
     x = ((np.arange(width) + 0.5) / width * 2 - 1) * lamp.half_tangents[0]
     y = ((np.arange(height) + 0.5) / height * 2 - 1) * lamp.half_tangents[1]
@@ -120,12 +121,12 @@ def test_stopped_rendering_continues(source: Path, blender: Path, tmp_path: Path
     out = tmp_path / "out"
     (blender.parent / "stop").touch()
     with pytest.raises(InputError, match="rendering of wall-2 must succeed; got the lamp went"):
-        cycles_light.write(source, out, blender, seed=4)
+        cycles_light.cycles_light(source, out, blender=blender, seed=4)
     assert sorted(path.name for path in out.iterdir() if path.is_dir()) == ["wall-1"]
     assert not list(tmp_path.glob(".out*"))
     before = (out / "wall-1" / "light.npz").stat().st_mtime_ns
     (blender.parent / "stop").unlink()
-    cycles_light.write(source, out, blender, seed=4)
+    cycles_light.cycles_light(source, out, blender=blender, seed=4)
     assert (out / "wall-1" / "light.npz").stat().st_mtime_ns == before
     assert (blender.parent / "done").read_text() == "5"  # Each scene has its own seed.
     camera = nominal_file.read(out / "nominal.json")
@@ -139,37 +140,37 @@ def test_stopped_rendering_continues(source: Path, blender: Path, tmp_path: Path
 
 def test_folder_with_other_settings_is_refused(source: Path, blender: Path, tmp_path: Path):
     out = tmp_path / "out"
-    cycles_light.write(source, out, blender)
+    cycles_light.cycles_light(source, out, blender=blender)
     with pytest.raises(InputError, match=r"cycles\.json must be as in the stopped run"):
-        cycles_light.write(source, out, blender, samples=8)
+        cycles_light.cycles_light(source, out, blender=blender, samples=8)
     (out / "nominal.json").write_text("{}")
     with pytest.raises(InputError, match=r"nominal\.json must be as in the stopped run"):
-        cycles_light.write(source, out, blender)
+        cycles_light.cycles_light(source, out, blender=blender)
     (out / "nominal.json").unlink()
     with pytest.raises(InputError, match=r"nominal\.json must be readable"):
-        cycles_light.write(source, out, blender)
+        cycles_light.cycles_light(source, out, blender=blender)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine").touch()
     with pytest.raises(InputError, match="out must be new, empty or of a stopped run"):
-        cycles_light.write(source, tmp_path / "full", blender)
+        cycles_light.cycles_light(source, tmp_path / "full", blender=blender)
 
 
 def test_rendering_without_a_record_is_refused(source: Path, blender: Path, tmp_path: Path):
     script = blender.with_name("stand_in.py")
     script.write_text(STAND_IN.replace('(out / "rendered.json")', "pathlib.Path('/dev/null')"))
     with pytest.raises(InputError, match="rendering of wall-1 must finish; got no record"):
-        cycles_light.write(source, tmp_path / "out", blender)
+        cycles_light.cycles_light(source, tmp_path / "out", blender=blender)
 
 
 def test_missing_blender_is_reported_in_one_line(
     source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     words = [str(source), str(tmp_path / "out"), "--blender"]
-    assert cycles_light.main([*words, str(tmp_path / "none")]) == 1
+    assert adapters.main(["cycles_light", *words, str(tmp_path / "none")]) == 1
     message = capsys.readouterr().err
     assert message.startswith("blender must be a Python that runs; got ")
     assert "tools/blender.sh" in message and message.count("\n") == 1
-    assert cycles_light.main([*words, sys.executable]) == 1  # This Python has no bpy.
+    assert adapters.main(["cycles_light", *words, sys.executable]) == 1  # This Python has no bpy.
     assert "No module named 'bpy'" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
@@ -177,7 +178,7 @@ def test_missing_blender_is_reported_in_one_line(
 def test_command_line_makes_a_folder(source: Path, blender: Path, tmp_path: Path):
     out = tmp_path / "out"
     words = [str(source), str(out), "--blender", str(blender), "--samples", "2", "--threads", "1"]
-    assert cycles_light.main(words) == 0
+    assert adapters.main(["cycles_light", *words]) == 0
     assert json.loads((out / "cycles.json").read_text()) == {
         "blender": "stand-in",
         "samples": 2,
@@ -189,31 +190,31 @@ def test_light_without_scenes_is_refused(source: Path, blender: Path, tmp_path: 
     for path in source.glob("*/light.npz"):
         path.unlink()
     with pytest.raises(InputError, match=r"light must hold SCENE/light\.npz"):
-        cycles_light.write(source, tmp_path / "out", blender)
+        cycles_light.cycles_light(source, tmp_path / "out", blender=blender)
 
 
 def test_unsupported_scenes_are_refused(source: Path, tmp_path: Path):
     camera = nominal_file.read(source / "nominal.json")
     (source / "wall-1" / "scene.toml").unlink()
     with pytest.raises(InputError, match=r"scene must have a scene\.toml"):
-        cycles_job.job(source / "wall-1", camera)
+        cycles_light.build_job(source / "wall-1", camera)
     xml = tmp_path / "ball.xml"
     xml.write_text('<scene version="3.0.0"><shape type="sphere"/></scene>')
     seen = known_geometry.describe(str(xml), np.eye(4), source / "wall-2")
     assert seen is not None
     (source / "wall-2" / "scene.toml").write_text(scene_file.dumps(seen))
     with pytest.raises(InputError, match="scene must be bodies of one material each; got 1 shapes"):
-        cycles_job.job(source / "wall-2", camera)
+        cycles_light.build_job(source / "wall-2", camera)
 
 
 def test_light_of_another_camera_is_refused(source: Path):
     path = source / "nominal.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), "projector_x_m": 0.04}))
     with pytest.raises(InputError, match=r"projector_x_m of nominal\.json must be 0\.029"):
-        cycles_job.job(source / "wall-1", nominal_file.read(path))
+        cycles_light.build_job(source / "wall-1", nominal_file.read(path))
 
 
 def test_damaged_light_folder(source: Path, blender: Path, tmp_path: Path):
     (source / "nominal.json").write_text("{")
     with pytest.raises(WithheldError, match=r"nominal\.json must be a readable"):
-        cycles_light.write(source, tmp_path / "out", blender)
+        cycles_light.cycles_light(source, tmp_path / "out", blender=blender)

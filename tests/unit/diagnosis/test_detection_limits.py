@@ -90,12 +90,12 @@ def test_another_code_makes_light_and_captures_anew(
         asked.append((captures, cache))
         return FOUND
 
-    monkeypatch.setattr(benchmark, "camera", lambda *_: None)
+    monkeypatch.setattr(benchmark.cameras, "builtin_camera", lambda *_: None)
     monkeypatch.setattr(benchmark.light_sets, "write", write)
     monkeypatch.setattr(
         benchmark.shoot, "shoot", lambda _, __, out, frames: out.mkdir(parents=True)
     )
-    monkeypatch.setattr(benchmark.programs, "depth", lambda *_: None)
+    monkeypatch.setattr(benchmark.programs, "run", lambda *_, **__: None)
     monkeypatch.setattr(benchmark.presets, "load", lambda _: None)
     monkeypatch.setattr(benchmark.detection, "limits", limits)
     for code in ("one", "one", "other"):

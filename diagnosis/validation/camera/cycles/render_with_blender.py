@@ -17,9 +17,7 @@ which adds noise. Two lights at one position are two colour channels of one ligh
 of a point source is random only through the sample position in the pixel.
 """
 
-# Blender's modules exist only in its own environment. Functions import them, so that this file can
-# be imported elsewhere.
-# pyright: reportMissingImports=false
+# pyright: reportMissingImports=false, reportPossiblyUnboundVariable=false
 from __future__ import annotations
 
 import argparse
@@ -33,6 +31,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+try:
+    import bpy
+    from bpy_extras.object_utils import world_to_camera_view
+    from mathutils import Matrix, Vector
+except ModuleNotFoundError:  # They exist only in Blender's environment; import this file anywhere.
+    pass
 
 _SENSOR_MM = 36.0  # Arbitrary sensor width; focal lengths scale with it.
 _NEAREST_M, _FARTHEST_M = 1e-3, 1e3
@@ -53,8 +58,6 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     started = time.monotonic()
     render(options.job, table, options.out, options.threads)
-    import bpy
-
     summary = {"blender": bpy.app.version_string, "seconds": time.monotonic() - started}
     (options.out / "rendered.json").write_text(json.dumps(summary), encoding="utf-8")
 
@@ -68,8 +71,6 @@ def render(job: Path, table: dict[str, Any], out: Path, threads: int) -> None:
         out: Folder for the images.
         threads: Number of threads, 0 for all cores.
     """
-    import bpy
-
     bpy.ops.wm.read_factory_settings(use_empty=True)
     _settings(table, threads)
     bodies = [_body(job, body) for body in table["bodies"]]
@@ -91,8 +92,6 @@ def render(job: Path, table: dict[str, Any], out: Path, threads: int) -> None:
 
 def _settings(table: dict[str, Any], threads: int) -> None:
     """Configure direct light only, without clamping or adaptive sampling, with a box filter."""
-    import bpy
-
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.render.resolution_x, scene.render.resolution_y = table["width"], table["height"]
@@ -120,8 +119,6 @@ def _settings(table: dict[str, Any], threads: int) -> None:
 
 def _take(path: Path, samples: int, seed: int, override: Any = None) -> None:
     """Render the current scene and save an array (h, w, 3) float32."""
-    import bpy
-
     scene = bpy.context.scene
     scene.cycles.samples, scene.cycles.seed = samples, seed
     scene.cycles.pixel_filter_type = "GAUSSIAN" if override else "BOX"
@@ -136,8 +133,6 @@ def _take(path: Path, samples: int, seed: int, override: Any = None) -> None:
 
 def _pixels(path: Path) -> NDArray[np.float32]:
     """Read the first three channels (h, w, 3) of an OpenEXR file, first row on top."""
-    import bpy
-
     image = bpy.data.images.load(str(path))
     image.colorspace_settings.name = "Non-Color"
     width, height = image.size
@@ -149,9 +144,6 @@ def _pixels(path: Path) -> NDArray[np.float32]:
 
 def _camera(table: dict[str, Any], world_from_camera: NDArray[np.float64]) -> None:
     """Place the camera. Blender's camera looks along -z with y up."""
-    import bpy
-    from mathutils import Matrix
-
     scene = bpy.context.scene
     if scene.camera is None:
         scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
@@ -176,10 +168,6 @@ def _camera(table: dict[str, Any], world_from_camera: NDArray[np.float64]) -> No
 
 def _check_camera(table: dict[str, Any], world_from_camera: NDArray[np.float64]) -> None:
     """Exit if Blender projects points to other pixels than the job specifies."""
-    import bpy
-    from bpy_extras.object_utils import world_to_camera_view
-    from mathutils import Vector
-
     scene, (width, height) = bpy.context.scene, (table["width"], table["height"])
     fx, fy = table["focal_px"]
     cx, cy = table["centre_px"]
@@ -198,8 +186,6 @@ def _check_camera(table: dict[str, Any], world_from_camera: NDArray[np.float64])
 
 def _body(job: Path, table: dict[str, Any]) -> Any:
     """Create a body with its surface. The pass index is the number of the body."""
-    import bpy
-
     vertices, faces = np.load(job / table["vertices"]), np.load(job / table["faces"])
     mesh = bpy.data.meshes.new(table["name"])
     mesh.from_pydata(vertices.tolist(), [], faces.tolist())
@@ -229,8 +215,6 @@ def _nodes(tree: Any) -> tuple[Any, Any]:
 
 def _surface(table: dict[str, Any]) -> Any:
     """Create the material of a body: diffuse, diffuse under a clear coat, or metal."""
-    import bpy
-
     material = bpy.data.materials.new(table["name"])
     nodes, links = _nodes(material)
     out = nodes.new("ShaderNodeOutputMaterial")
@@ -264,9 +248,6 @@ def _base(table: dict[str, Any]) -> float:
 
 def _projector(job: Path, name: str, table: dict[str, Any]) -> Any:
     """Create a point source whose intensity [W sr^-1] an image on its tangent plane gives."""
-    import bpy
-    from mathutils import Matrix
-
     lamp = bpy.data.lights.new(name, "POINT")
     lamp.energy, lamp.color, lamp.shadow_soft_size = _POWER_PER_INTENSITY, (1.0, 1.0, 1.0), 0.0
     lamp.use_soft_falloff = False
@@ -312,8 +293,6 @@ def _projector(job: Path, name: str, table: dict[str, Any]) -> Any:
 
 def _image(name: str, channels: NDArray[np.float32]) -> Any:
     """Create an image of (h, w, up to 3) linear values, first row on top."""
-    import bpy
-
     height, width, count = channels.shape
     values = np.zeros((height, width, 4), np.float32)
     values[..., :count], values[..., 3] = channels[::-1], 1.0
@@ -326,8 +305,6 @@ def _image(name: str, channels: NDArray[np.float32]) -> Any:
 
 def _sky(table: dict[str, Any]) -> None:
     """Create a sky of radiance L0 (1 + g w . up) in direction w and irradiance pi L0."""
-    import bpy
-
     world = bpy.data.worlds.new("sky")
     bpy.context.scene.world = world
     world.cycles.sampling_method = "NONE"  # Only BSDF sampling reaches the sky.
@@ -350,8 +327,6 @@ def _sky(table: dict[str, Any]) -> None:
 
 def _choose(lights: dict[str, Any], name: str | None, *, sky: bool) -> None:
     """Enable one projector, or the sky, or no light."""
-    import bpy
-
     for key, light in lights.items():
         light.hide_render = key != name
     bpy.context.scene.world = bpy.data.worlds["sky"] if sky else None
@@ -359,8 +334,6 @@ def _choose(lights: dict[str, Any], name: str | None, *, sky: bool) -> None:
 
 def _geometry() -> Any:
     """Create a material that emits depth, number of the body, and 1 in its colour channels."""
-    import bpy
-
     if "geometry" in bpy.data.materials:
         return bpy.data.materials["geometry"]
     material = bpy.data.materials.new("geometry")

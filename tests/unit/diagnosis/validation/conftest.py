@@ -6,20 +6,16 @@ import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from starling.diagnosis.validation.camera.catalogue import ROWS, Strengths
+from starling.diagnosis.validation.camera.catalogue import Strengths
 from starling.diagnosis.validation.camera.chain import ExposedPair, expose
-from starling.diagnosis.validation.camera.dots import ProjectorDots, gather
 from starling.diagnosis.validation.camera.draws import Draws
 from starling.diagnosis.validation.camera.light import LightView, SceneLight
 from starling.diagnosis.validation.camera.nominal import Nominal, from_table
-from starling.diagnosis.validation.protocol import verdict
-from starling.diagnosis.validation.protocol.case import Case, CaseKind
-from starling.diagnosis.validation.protocol.case_result import CaseResult
+from starling.diagnosis.validation.camera.projector import Dots, gather
 
 HEIGHT, WIDTH = 64, 96
 WALL_M, BOX_M = 1.0, 0.5
@@ -95,7 +91,7 @@ def light(camera: Nominal, dot_directions: np.ndarray) -> SceneLight:
 
 
 @pytest.fixture(scope="session")
-def projector_dots(light: SceneLight, camera: Nominal) -> ProjectorDots:
+def projector_dots(light: SceneLight, camera: Nominal) -> Dots:
     return gather([light], camera.fx_px)
 
 
@@ -103,7 +99,7 @@ Take = Callable[..., ExposedPair]
 
 
 @pytest.fixture(scope="session")
-def take(light: SceneLight, camera: Nominal, projector_dots: ProjectorDots) -> Take:
+def take(light: SceneLight, camera: Nominal, projector_dots: Dots) -> Take:
     """Return `take(seed=1, scene="a", frame=0, **strengths)`, which exposes the small scene."""
 
     def expose_scene(
@@ -136,81 +132,6 @@ def light_set(tmp_path: Path, light: SceneLight) -> Path:
     (folder / "nominal.json").write_text(json.dumps(TABLE))
     (folder / "capture.toml").write_text(CAPTURE)
     return folder
-
-
-MakeEffect = Callable[..., dict[str, Any]]
-MakeVerdict = Callable[..., dict[str, Any]]
-MakeResult = Callable[..., CaseResult]
-
-
-@pytest.fixture(scope="session")
-def make_effect() -> MakeEffect:
-    """Return `make_effect("lens_blur", 0.8, "dot_blur")`: JSON of an effect and its set."""
-
-    def effect_json(
-        name: str,
-        value: float | str = 1.0,
-        *equivalent: str,
-        segment: str = "image",
-        gain: float = 10.0,
-    ) -> dict[str, Any]:
-        ends = [value, value] if isinstance(value, str) else [value - 0.1, value + 0.1]
-        return {
-            "name": name,
-            "arm": segment,
-            "parameters": {name: value},
-            "interval": ends,
-            "set": [name, *equivalent],
-            "gain": gain,
-            "base": "unknown keys are ignored",
-        }
-
-    return effect_json
-
-
-@pytest.fixture(scope="session")
-def make_verdict() -> MakeVerdict:
-    """Return `make_verdict(kind, *effects, closed=90.0, ...)`: JSON of a verdict."""
-
-    def verdict_json(
-        kind: str,
-        *effects: dict[str, Any],
-        closed: float | None = 90.0,
-        metric: str = "features of the image",
-        **baselines: str | None,
-    ) -> dict[str, Any]:
-        metrics = {"before": 2.0, "after": 1.1, "floor": 1.0, "closed_pct": closed}
-        return {
-            "verdict": kind,
-            "effects": list(effects),
-            "left": {
-                "image": {"beyond": 2.0 if kind == "none of the known" else 0.5, "below": 1.0},
-                "depth": {"beyond": 0.1, "below": 1.0},
-            },
-            "howfar": {metric: {**metrics, "interval": [80.0, 95.0]}},
-            "baselines": baselines,
-            "baselines_by_arm": {"image": baselines, "depth": {}},
-            "seconds": 2.0,
-        }
-
-    return verdict_json
-
-
-@pytest.fixture(scope="session")
-def make_result() -> MakeResult:
-    """Return `make_result({"lens_blur": 0.8}, verdict, number=3)`: a case with its verdict."""
-
-    def result(
-        settings: dict[str, float], table: dict[str, Any], number: int = 0, set_number: int = 0
-    ) -> CaseResult:
-        rows = [ROWS[name] for name in settings if name in ROWS]
-        kinds: tuple[CaseKind, ...] = ("null", "single", "pair")
-        outside = any(row.kind == "outside" for row in rows)
-        kind = "unknown" if outside else kinds[len(rows)]
-        case = Case(number=number, kind=kind, settings=settings, seed=1)
-        return CaseResult(case=case, verdict=verdict.from_table(table), set_number=set_number)
-
-    return result
 
 
 def _view(camera: Nominal, directions: np.ndarray, at_x_m: float) -> LightView:

@@ -1,4 +1,4 @@
-"""Cases: the effect table, the random draw, and the seal."""
+"""Cases: the effect table, the random draw, and the tiers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import collections
 import dataclasses
 import math
 import re
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,10 @@ from hypothesis import strategies as st
 from starling.diagnosis.validation.camera.catalogue import ROWS, Strengths
 from starling.diagnosis.validation.camera.errors import WithheldError
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.protocol import case, seal
-from starling.diagnosis.validation.protocol.case import Case, draw
+from starling.diagnosis.validation.protocol import case
+from starling.diagnosis.validation.protocol.case import draw
 from starling.diagnosis.validation.protocol.limits import DetectionLimits
+from starling.diagnosis.validation.protocol.tier import TIERS
 from starling.diagnosis.which.candidates import LEFT_OUT
 from starling.sim import effects
 
@@ -199,106 +201,40 @@ def test_invalid_strengths_are_refused(
 
 
 def test_invalid_cases_are_refused(camera: Nominal) -> None:
-    with pytest.raises(WithheldError, match="kind must be one of"):
-        Case(number=0, kind="triple", seed=1)  # type: ignore[arg-type]
-    with pytest.raises(WithheldError, match="number and seed must be >= 0"):
-        Case(number=-1, kind="null", seed=1)
-    with pytest.raises(WithheldError, match="count of pair must be >= 0"):
-        draw(camera, {"pair": -1})
     with pytest.raises(WithheldError, match="must have effects to draw from"):
         draw(camera, {"single": 1}, kinds=())
-    for text in ("{", '[{"number": 1}]', "[3]"):
-        with pytest.raises(WithheldError, match="cases must be a JSON list"):
-            case.loads(text)
     with pytest.raises(WithheldError, match="effect must be one of the table"):
         case.loads('[{"number": 1, "kind": "null", "settings": {"x": 1}, "seed": 2}]')
 
 
-PUBLIC_FILES = {"families.json": b"{}", "asked.json": b"[1]"}
+@pytest.mark.parametrize("number", TIERS)
+def test_counts_scale_in_proportion_and_round_up(number: int):
+    tier = TIERS[number]
+    default = tier.counts.get("single") or tier.counts["unknown"]
+    for singles in range(1, 400):
+        counts, left_out = tier.scaled_counts(singles)
+        for count, default_count in (
+            (left_out, tier.left_out),
+            *zip(counts.values(), tier.counts.values(), strict=True),
+        ):
+            assert 0 <= count - Fraction(singles * default_count, default) < 1
 
 
-def test_a_seal_is_verified(tmp_path: Path, camera: Nominal) -> None:
-    hidden, public = tmp_path / "hidden", tmp_path / "public"
-    drawn = draw(camera, COUNTS, families=FAMILIES, entropy=7)
-    digest = seal.seal(drawn, PUBLIC_FILES, hidden, public)
-    first, *others = (public / "truth.sha256").read_text().splitlines()
-    assert first == f"{digest}  truth.json"
-    assert [line.split("  ")[1] for line in others] == [*PUBLIC_FILES, "code"]
-    assert {path.name for path in public.iterdir()} == {"truth.sha256", *PUBLIC_FILES}
-    assert seal.verify(PUBLIC_FILES, hidden, public) == drawn
-    assert seal.code_is_sealed(public)
+def test_a_count_of_zero_is_refused():
+    with pytest.raises(WithheldError, match="must be >= 1"):
+        TIERS[1].scaled_counts(0)
 
 
-def test_unsealed_cases_are_drawn_again(tmp_path: Path, camera: Nominal) -> None:
-    hidden, public = tmp_path / "hidden", tmp_path / "public"
-    seal.seal(draw(camera, {"null": 2}), PUBLIC_FILES, hidden, public)
-    (public / "truth.sha256").unlink()
-    cases = draw(camera, {"null": 3})
-    seal.seal(cases, PUBLIC_FILES, hidden, public)
-    assert seal.verify(PUBLIC_FILES, hidden, public) == cases
+def test_sets_share_no_scene():
+    for tier in TIERS.values():
+        names = [name for number in range(tier.sets) for name in tier.scene_names(number)]
+        assert len(set(names)) == tier.sets * tier.scenes
+    kinds = ("clutter", "clutter", "clutter", "tabletop")
+    first = TIERS[2].first_scene + TIERS[2].scenes
+    expected = [f"{kind}:{first + number}" for number, kind in enumerate(kinds)]
+    assert TIERS[2].scene_names(1)[:4] == expected
 
 
-def test_changed_code_breaks_the_seal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, content in (("sim/a.py", "1"), ("sim/b.toml", "2"), ("diagnosis/a.json", "3")):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(content)
-    monkeypatch.setattr(seal, "_ROOT", tmp_path)
-    seal.seal((), PUBLIC_FILES, tmp_path / "hidden", tmp_path / "public")
-    (tmp_path / "sim" / "weights.bin").touch()
-    assert seal.code_is_sealed(tmp_path / "public")
-    seal.log_code(tmp_path / "public")
-    assert seal.code_is_sealed(tmp_path / "public")
-    (tmp_path / "sim" / "b.toml").write_text("3")
-    assert not seal.code_is_sealed(tmp_path / "public")
-    seal.log_code(tmp_path / "public")  # Verdicts of the changed code may exist.
-    (tmp_path / "sim" / "b.toml").write_text("2")
-    assert not seal.code_is_sealed(tmp_path / "public")
-
-
-def test_files_of_other_inputs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seal.record_inputs(tmp_path / "set-0", {"scenes": ["b"]}, exists=False)
-    seal.record_inputs(
-        tmp_path / "set-0", {"scenes": ["a"]}, exists=False
-    )  # Nothing was made from the first.
-    seal.record_inputs(tmp_path / "set-0", {"scenes": ["a"]}, exists=True)
-    with pytest.raises(WithheldError, match=r'folder must be made of what .*made\.json.*"b"'):
-        seal.record_inputs(tmp_path / "set-0", {"scenes": ["b"]}, exists=True)
-    monkeypatch.setattr(seal, "code_digest", lambda: "another")
-    with pytest.raises(WithheldError, match="folder must be made of what"):
-        seal.record_inputs(tmp_path / "set-0", {"scenes": ["a"]}, exists=True)
-    with pytest.raises(WithheldError, match="folder must be made of what"):
-        seal.record_inputs(tmp_path / "set-1", {"scenes": ["a"]}, exists=True)
-
-
-def test_broken_seals_are_refused(tmp_path: Path, camera: Nominal) -> None:
-    hidden, public = tmp_path / "hidden", tmp_path / "public"
-    with pytest.raises(WithheldError, match="seal must have digests"):
-        seal.verify(PUBLIC_FILES, hidden, public)
-    with pytest.raises(WithheldError, match="must be two folders"):
-        seal.seal((), PUBLIC_FILES, hidden, hidden)
-    seal.seal(draw(camera, {"null": 2}), PUBLIC_FILES, hidden, public)
-    with pytest.raises(WithheldError, match="seal must not be broken"):
-        seal.seal((), PUBLIC_FILES, tmp_path / "other", public)
-    for name, rule in (("families.json", "families"), ("asked.json", "asked")):
-        with pytest.raises(WithheldError, match=rf"{rule}.json must be what .* has; got \[2\]"):
-            seal.verify({**PUBLIC_FILES, name: b"[2]"}, hidden, public)
-    with pytest.raises(WithheldError, match=r"got 1{300} \.\.\."):
-        seal.verify({"asked.json": b"1" * 301}, hidden, public)
-    truth = hidden / "truth.json"
-    truth.write_text(truth.read_text().replace("null", "pair", 1))
-    with pytest.raises(WithheldError, match="truth must be the one sealed"):
-        seal.verify(PUBLIC_FILES, hidden, public)
-    truth.unlink()
-    with pytest.raises(WithheldError, match="seal must have a truth"):
-        seal.verify(PUBLIC_FILES, hidden, public)
-    (public / "truth.sha256").write_text("none")
-    with pytest.raises(WithheldError, match="seal must have digests"):
-        seal.verify(PUBLIC_FILES, hidden, public)
-
-
-def test_families_are_parsed_from_the_sealed_file() -> None:
-    public_files = b'{"a": {"family": "x", "twins": []}, "b": {"family": "y", "twins": ["a"]}}'
-    assert seal.parse_families(public_files) == {"a": "x", "b": "y"}
-    for damaged in (b"", b"[1]", b'{"a": 1}', b'{"a": {}}'):
-        with pytest.raises(WithheldError, match="families must be a table of effects"):
-            seal.parse_families(damaged)
+def test_own_depth_cases_are_counted():
+    counts = [sum(TIERS[tier].has_own_depth(case) for case in range(99)) for tier in TIERS]
+    assert counts == [0, 12, 0, 0]

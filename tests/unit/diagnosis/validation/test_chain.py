@@ -10,10 +10,10 @@ import pytest
 
 from starling.diagnosis.validation.camera.catalogue import ROWS, Strengths
 from starling.diagnosis.validation.camera.chain import ExposedPair, expected_electrons, expose
-from starling.diagnosis.validation.camera.dots import ProjectorDots
 from starling.diagnosis.validation.camera.draws import Draws
 from starling.diagnosis.validation.camera.light import SceneLight
 from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.camera.projector import Dots
 
 Take = Callable[..., ExposedPair]
 IMAGE_EFFECTS = [row.name for row in ROWS.values() if row.kind in ("image", "outside")]
@@ -67,7 +67,7 @@ def test_streams_depend_on_device_scene_and_frame() -> None:
 
 
 def test_an_added_effect_does_not_change_the_noise_of_other_effects(
-    light: SceneLight, camera: Nominal, projector_dots: ProjectorDots, take: Take
+    light: SceneLight, camera: Nominal, projector_dots: Dots, take: Take
 ) -> None:
     """Rationale: hot pixels must not change the noise of other pixels."""
     with_hot = take(hot_pixels=0.01)
@@ -77,7 +77,7 @@ def test_an_added_effect_does_not_change_the_noise_of_other_effects(
 
 
 def test_nominal_chain_is_light_times_conversion(
-    light: SceneLight, camera: Nominal, projector_dots: ProjectorDots
+    light: SceneLight, camera: Nominal, projector_dots: Dots
 ) -> None:
     """Without noise, codes are the black level plus the blurred light, rounded."""
     quiet = dataclasses.replace(camera, shot_noise=0.0, read_noise_e=0.0)

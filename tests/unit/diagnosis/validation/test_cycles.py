@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from starling.diagnosis.validation.camera.cycles import assemble, job, radiometry
+from starling.diagnosis.validation.camera.cycles import job
 from starling.diagnosis.validation.camera.cycles.job import Job, JobBody, JobProjector, Sky
 from starling.diagnosis.validation.camera.errors import WithheldError
 from starling.diagnosis.validation.camera.nominal import Nominal
@@ -28,7 +27,7 @@ def pose(x: float = 0.0) -> np.ndarray:
 def triangle(kind: str = "diffuse", normals: np.ndarray | None = None) -> JobBody:
     return JobBody(
         name="sheet",
-        vertices_m=np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1]], np.float32),
+        vertices=np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1]], np.float32),
         faces=np.array([[0, 1, 2]], np.uint32),
         normals=normals,
         kind=kind,
@@ -86,9 +85,7 @@ def test_a_job_is_written_to_plain_files(tmp_path):
     assert (flat["number"], smooth["number"]) == (1, 2)
     assert flat["normals"] is None
     assert np.load(tmp_path / "job" / smooth["normals"]).shape == (3, 3)
-    np.testing.assert_array_equal(
-        np.load(tmp_path / "job" / flat["vertices"]), triangle().vertices_m
-    )
+    np.testing.assert_array_equal(np.load(tmp_path / "job" / flat["vertices"]), triangle().vertices)
     projector = table["projectors"]["own-0"]
     assert np.load(tmp_path / "job" / projector["intensity_w_sr"]).shape == (8, 10, 2)
     assert table["cameras"]["right"][0][3] == BASELINE_M
@@ -111,7 +108,7 @@ def test_an_unsupported_material_is_refused():
 
 def test_images_are_converted_to_electrons(tmp_path):
     job.write(small_job(), tmp_path / "job", samples=1, seed=0)
-    arrays = assemble.arrays(tmp_path / "job", rendered(tmp_path / "rendered"))
+    arrays = job.arrays(tmp_path / "job", rendered(tmp_path / "rendered"))
     for side in ("left", "right"):
         expected = {"laser": 7 * 10 * 0.5, "even": 3 * 10 * 0.5, "other": 5 * 10, "ambient": 30}
         for name, value in expected.items():
@@ -127,7 +124,7 @@ def test_images_are_converted_to_electrons(tmp_path):
 def test_tangents_in_the_frame_of_the_projector(tmp_path):
     """x / z of pixel 5 at 2 m is (5 - 2.5) / 4 in the left camera, plus the offset over z."""
     job.write(small_job(), tmp_path / "job", samples=1, seed=0)
-    arrays = assemble.arrays(tmp_path / "job", rendered(tmp_path / "rendered"))
+    arrays = job.arrays(tmp_path / "job", rendered(tmp_path / "rendered"))
     assert arrays["left_px"][0, 5] == pytest.approx(2.5 / 4 - 0.03 / 2)
     assert arrays["right_px"][0, 5] == pytest.approx(2.5 / 4 + (BASELINE_M - 0.03) / 2)
     assert arrays["left_py"][3, 5] == pytest.approx((3 - 1.0) / 5)
@@ -149,14 +146,14 @@ def test_invalid_images_are_refused(value, words, tmp_path):
     if value is not None:
         np.save(images / "left_own-0.npy", value)
     with pytest.raises(WithheldError, match=re.escape(words)):
-        assemble.arrays(tmp_path / "job", images)
+        job.arrays(tmp_path / "job", images)
 
 
 def test_intensity_integrates_to_the_power():
     """Integrate over solid angle, dA / (1 + t^2)^(3/2) on the tangent plane."""
     rng = np.random.default_rng(0)
     half = (1.0, 0.6)
-    intensity = radiometry.intensity_w_sr(rng.random((60, 100)), half, 2.0)
+    intensity = job.intensity_w_sr(rng.random((60, 100)), half, 2.0)
     x, y = (np.arange(100) + 0.5) / 50 - 1, ((np.arange(60) + 0.5) / 30 - 1) * 0.6
     solid = (2 / 100) * (1.2 / 60) / (1 + x[None, :] ** 2 + y[:, None] ** 2) ** 1.5
     assert float((intensity * solid).sum()) == pytest.approx(2.0, rel=1e-6)
@@ -166,14 +163,6 @@ def test_electrons_by_hand(camera: Nominal):
     """pi / (4 N^2) times area times time over the photon energy, with 30 % quantum efficiency."""
     photon_j = 6.626e-34 * 2.998e8 / 850e-9
     by_hand = np.pi / 16 * (3e-6) ** 2 * 0.01 / photon_j * 0.3
-    assert radiometry.electrons_per_radiance(camera, 1.0) == pytest.approx(by_hand, rel=1e-3)
-    half = radiometry.electrons_per_radiance(camera, 0.5)
+    assert job.electrons_per_radiance(camera, 1.0) == pytest.approx(by_hand, rel=1e-3)
+    half = job.electrons_per_radiance(camera, 0.5)
     assert half == pytest.approx(by_hand / 2, rel=1e-3)
-
-
-def test_missing_optical_data_are_refused(camera: Nominal):
-    incomplete = dataclasses.replace(camera, f_number=None)
-    with pytest.raises(WithheldError, match=r"nominal\.json must hold .* got no f_number"):
-        radiometry.electrons_per_radiance(incomplete, 1.0)
-    with pytest.raises(WithheldError, match=r"transmission must be in \(0, 1\]; got 0"):
-        radiometry.electrons_per_radiance(camera, 0.0)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.diagnosis.validation.camera import bands, inject, psf, speckle
+from starling.diagnosis.validation.camera import inject, optics, psf
 from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.camera.chain import ExposedPair
-from starling.diagnosis.validation.camera.dequantise import subcode_offsets
+from starling.diagnosis.validation.camera.dequantise import band_power, subcode_offsets
 from starling.diagnosis.validation.camera.errors import WithheldError
 from starling.diagnosis.validation.camera.nominal import Nominal
 
@@ -183,11 +183,11 @@ def test_blur_preserves_speckle(real: Nominal) -> None:
     known = dataclasses.replace(quiet, speckle_contrast=0.25)
     y, x = np.mgrid[:100, :150] % 12 - 6
     dots = 100 * np.exp(-(x**2 + y**2) / 8.0)
-    grain = speckle.grain(SHAPE, 0.25, known, np.random.default_rng(4))
+    grain = optics.speckle(SHAPE, 0.25, known, np.random.default_rng(4))
     image = (30 + dots * grain).round().astype(np.uint8)
 
     def finest(image: np.ndarray) -> float:
-        return float(bands.power(image.astype(float))[-12:].mean())
+        return float(band_power(image.astype(float))[-12:].mean())
 
     expected = finest(30 + psf.blur(dots, psf.kernel("disc", 0.8)) * grain)
     assert finest(_inject(image, quiet, lens_blur=0.8).left) < 0.1 * expected

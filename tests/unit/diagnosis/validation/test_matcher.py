@@ -1,8 +1,9 @@
-"""The second matcher: disparity of shifted images, and the checks that reject matches."""
+"""The second matcher: known disparities, no bias, and depth of capture sets."""
 
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,10 @@ from starling.diagnosis.validation.camera.chain import ExposedPair
 from starling.diagnosis.validation.camera.errors import WithheldError
 from starling.diagnosis.validation.camera.light import SceneLight
 from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol.case import Case
+from starling.diagnosis.validation.protocol.rendered import UNIT_M, match_captures
+from starling.diagnosis.validation.protocol.shoot import shoot
+from starling.sim.captures import capture
 
 
 def _textured(shape: tuple[int, int] = (48, 90), seed: int = 0) -> np.ndarray:
@@ -97,3 +102,30 @@ def test_path_costs_are_symmetric_in_rows_and_columns() -> None:
     costs = np.random.default_rng(0).integers(0, 25, (12, 20, 20)).astype(np.uint8)
     turned = matcher._aggregate(np.ascontiguousarray(costs.swapaxes(1, 2)))
     np.testing.assert_array_equal(matcher._aggregate(costs), turned.swapaxes(1, 2))
+
+
+BOX_M = 0.5
+
+
+@pytest.mark.parametrize("settings", [{}, {"quantisation": 16.0}])
+def test_depth_agrees_with_the_scene(
+    settings: dict[str, float], light_set: Path, light: SceneLight, camera: Nominal, tmp_path: Path
+) -> None:
+    """For 8 and 16 bits: no disparity bias, 0.1 px error on the box, and some missing depth."""
+    case = Case(number=0, kind="single" if settings else "null", settings=settings, seed=4)
+    shoot(light_set, case, tmp_path / "out", frames=2)
+    match_captures(tmp_path / "out", camera)
+    for scene in capture.open_set(tmp_path / "out").scenes:
+        for number in range(2):
+            depth_m = scene.frame(number).depth_m
+            assert depth_m is not None
+            valid = depth_m > 0
+            assert 0.3 < valid.mean() < 1.0
+            true_m = light.left.depth_m
+            focal = camera.fx_px * camera.baseline_m
+            error_px = focal / depth_m[valid] - focal / true_m[valid]
+            box = true_m[valid] < BOX_M + 0.1
+            assert abs(np.nanmedian(error_px)) < 0.02
+            assert np.nanmedian(np.abs(error_px[box])) < 0.1
+            units = depth_m[valid] / UNIT_M
+            assert np.allclose(units, np.round(units), atol=1e-3)

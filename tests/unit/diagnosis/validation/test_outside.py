@@ -10,9 +10,8 @@ import pytest
 from starling.diagnosis.validation.camera import outside
 from starling.diagnosis.validation.camera.catalogue import Strengths
 from starling.diagnosis.validation.camera.draws import Draws
-from starling.diagnosis.validation.camera.light import SceneLight
+from starling.diagnosis.validation.camera.light import ReceivedLight, SceneLight
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.camera.scene_light import ReceivedLight
 
 DRAWS = Draws(seed=1, scene="a")
 

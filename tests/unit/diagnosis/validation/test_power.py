@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -15,8 +13,8 @@ from starling.diagnosis.validation.camera.errors import WithheldError
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.protocol.limits import DetectionLimits
 from starling.diagnosis.validation.protocol.power import LEVELS, curves, draw, levels
+from tests.unit.diagnosis.validation.made_results import make_effect, make_result, make_verdict
 
-Make = Callable[..., Any]
 DEPARTURES = {"lens_blur": 0.3, "read_noise": 4.0, "dropped_dots": float("inf")}
 LIMITS = DetectionLimits(
     departures={(name, 1): departure for name, departure in DEPARTURES.items()}, choices={}
@@ -64,23 +62,12 @@ def test_draws_differ_and_have_one_case_per_level_and_set(camera: Nominal) -> No
         assert len(cases) == LEVELS * len(levels(camera, LIMITS))
 
 
-@pytest.mark.parametrize(
-    "limits, each, words",
-    [
-        (LIMITS, 0, "cases must be >= 1; got 0"),
-        (NOTHING, 1, "power must have effects that can be detected"),
-    ],
-)
-def test_invalid_draws_are_refused(
-    camera: Nominal, limits: DetectionLimits, each: int, words: str
-) -> None:
-    with pytest.raises(WithheldError, match=words):
-        draw(camera, limits, 2, each=each)
+def test_undetectable_effects_are_refused(camera: Nominal) -> None:
+    with pytest.raises(WithheldError, match="power must have effects that can be detected"):
+        draw(camera, NOTHING, 2)
 
 
-def test_curves_by_hand(
-    make_effect: Make, make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
+def test_curves_by_hand(camera: Nominal) -> None:
     """The neutral of lens blur is 0.4 px: 0.2 and 0.6 px both depart by 0.2 px."""
     correct = make_verdict("effects", make_effect("lens_blur"))
     in_set = make_verdict("effects", make_effect("dot_blur", 1.0, "lens_blur"))
@@ -98,10 +85,3 @@ def test_curves_by_hand(
         ],
         "median": [{"departure": 1.0, "cases": 1, "alarm": 1.0, "named": 0.0, "found": 0.0}],
     }
-
-
-def test_cases_other_than_singles_are_refused(
-    make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
-    with pytest.raises(WithheldError, match="case 3 must be a single for a power curve; got null"):
-        curves([make_result({}, make_verdict("no gap"), number=3)], camera)

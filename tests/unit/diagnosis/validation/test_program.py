@@ -6,7 +6,7 @@ import pytest
 
 from starling import command_line
 from starling.diagnosis.validation import __main__ as program
-from starling.diagnosis.validation.adapters import captured_camera
+from starling.diagnosis.validation.adapters import __main__ as adapters
 from starling.diagnosis.validation.camera.errors import WithheldError
 from starling.diagnosis.validation.protocol import programs
 from starling.diagnosis.validation.protocol.check import Check
@@ -34,7 +34,7 @@ def test_invalid_options_are_refused(tmp_path, capsys):
     assert program.main([*base, *options]) == 1
     assert "captures must be a capture set; got " in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
-    assert captured_camera.main([str(tmp_path / "camera"), *options]) == 1
+    assert adapters.main(["captured_camera", str(tmp_path / "camera"), *options]) == 1
     assert "captures must be a folder" in capsys.readouterr().err
 
 
@@ -64,11 +64,11 @@ def test_a_program_reports_progress_and_errors(tmp_path, capsys, monkeypatch):
     script = "#!/bin/sh\nprintf 'scenes 1/2\\na word\\nscenes 2/2\\n' >&2\n"
     fake.write_text(script)
     fake.chmod(0o755)
-    programs.families(tmp_path / "set-3" / "families.json")
+    programs.run("families", tmp_path / "set-3" / "families.json")
     assert capsys.readouterr().err == "set-3: scenes 1/2\nset-3: scenes 2/2\n"
     fake.write_text(f"{script}exit 4\n")
     with pytest.raises(WithheldError, match=r"families must succeed; got exit 4\. a word"):
-        programs.families(tmp_path / "set-3" / "families.json")
+        programs.run("families", tmp_path / "set-3" / "families.json")
 
 
 def test_the_verb_runs_the_program_in_a_process(monkeypatch):

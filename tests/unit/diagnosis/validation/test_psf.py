@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from starling.diagnosis.validation.camera import psf, spread
+from starling.diagnosis.validation.camera import psf
 
 SHAPES: tuple[psf.Shape, ...] = ("gaussian", "disc", "exponential")
 
@@ -42,15 +42,15 @@ def test_shapes_differ() -> None:
 def test_zero_width_returns_the_image_itself() -> None:
     image = np.random.default_rng(0).random((9, 11))
     assert psf.blur(image, psf.kernel("disc", 0.0)) is image
-    assert spread.scatter(image, np.zeros(image.shape), "disc") is image
+    assert psf.scatter(image, np.zeros(image.shape), "disc") is image
     inside = np.ones(image.shape, bool)
-    assert spread.scatter_within(image, np.zeros(image.shape), "disc", inside) is image
-    assert spread.scatter_within(image, np.ones(image.shape), "disc", ~inside) is image
+    assert psf.scatter_within(image, np.zeros(image.shape), "disc", inside) is image
+    assert psf.scatter_within(image, np.ones(image.shape), "disc", ~inside) is image
     zero, positive = (
-        spread.Ellipse(xx=variance, yy=variance, xy=0 * variance) for variance in (0 * image, image)
+        np.stack([variance, variance, 0 * variance]) for variance in (0 * image, image)
     )
-    assert spread.ellipses_within(image, zero, inside) is image
-    assert spread.ellipses_within(image, positive, ~inside) is image
+    assert psf.ellipses_within(image, zero, inside) is image
+    assert psf.ellipses_within(image, positive, ~inside) is image
 
 
 @given(sigma_px=st.floats(0.1, 2.0))
@@ -60,7 +60,7 @@ def test_varying_widths_are_exact_for_every_point(sigma_px: float) -> None:
     widths[20, 20] = sigma_px
     point = np.zeros((41, 41))
     point[20, 20] = 1.0
-    out = spread.scatter(point, widths, "disc")
+    out = psf.scatter(point, widths, "disc")
     assert out.sum() == pytest.approx(1.0)
     offset = np.arange(41) - 20
     assert (out.sum(0) * offset**2).sum() == pytest.approx(sigma_px**2, rel=1e-4)
@@ -74,12 +74,10 @@ def test_ellipses_have_their_covariance(angle: float, across: float, stretch: fl
     direction = np.array([np.cos(angle), np.sin(angle)])
     expected = across * (np.eye(2) + (stretch**2 - 1) * np.outer(direction, direction))
     even = np.ones((61, 61))
-    spots = spread.Ellipse(
-        xx=expected[0, 0] * even, yy=expected[1, 1] * even, xy=expected[0, 1] * even
-    )
+    spots = np.stack([expected[0, 0] * even, expected[1, 1] * even, expected[0, 1] * even])
     point = np.zeros((61, 61))
     point[30, 30] = 1.0
-    out = spread.scatter_ellipses(point, spots)
+    out = psf.scatter_ellipses(point, spots)
     y, x = np.indices(out.shape) - 30
     moments = [(out * weight).sum() for weight in (x * x, y * y, x * y)]
     np.testing.assert_allclose(moments, [expected[0, 0], expected[1, 1], expected[0, 1]], atol=2e-3)
@@ -95,7 +93,7 @@ def test_pixels_outside_a_region_do_not_affect_its_spots() -> None:
     variance = 1.0 + 0.2 * rng.random(inside.shape)
     image = np.where(inside, rng.random(inside.shape), 0.0)
     results = [
-        spread.ellipses_within(image, spread.Ellipse(xx=sigma2, yy=sigma2, xy=0.1 * sigma2), inside)
+        psf.ellipses_within(image, np.stack([sigma2, sigma2, 0.1 * sigma2]), inside)
         for sigma2 in (
             variance,
             np.where(inside, variance, 0.0),
@@ -109,6 +107,6 @@ def test_pixels_outside_a_region_do_not_affect_its_spots() -> None:
 def test_spread_within_a_region_keeps_a_uniform_image() -> None:
     inside = np.zeros((20, 30), bool)
     inside[5:15, 8:20] = True
-    out = spread.scatter_within(np.where(inside, 3.0, 7.0), np.full((20, 30), 2.0), "disc", inside)
+    out = psf.scatter_within(np.where(inside, 3.0, 7.0), np.full((20, 30), 2.0), "disc", inside)
     np.testing.assert_allclose(out[inside], 3.0)
     assert not out[~inside].any()

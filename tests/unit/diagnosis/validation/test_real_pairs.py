@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from starling.diagnosis.validation.camera.errors import WithheldError
-from starling.diagnosis.validation.protocol import capture_files, programs
+from starling.diagnosis.validation.protocol import files, programs
 from starling.diagnosis.validation.protocol.case import Case
 from starling.diagnosis.validation.protocol.real_pairs import RealPairs, draw_scenes
 from starling.sim.captures import capture
@@ -26,9 +26,9 @@ def captures(tmp_path: Path) -> Path:
         frame = folder / f"s{number}" / "0"
         for name in ("ir_left.png", "ir_right.png"):
             image = rng.integers(20, 90, (HEIGHT, WIDTH)).astype(np.uint8)
-            capture_files.write(frame / name, image)
-        capture_files.write(frame / "depth.png", np.full((HEIGHT, WIDTH), 900, np.uint16))
-        capture_files.write(frame.parent / "truth.png", np.full((HEIGHT, WIDTH), 900, np.uint16))
+            files.write_image(frame / name, image)
+        files.write_image(frame / "depth.png", np.full((HEIGHT, WIDTH), 900, np.uint16))
+        files.write_image(frame.parent / "truth.png", np.full((HEIGHT, WIDTH), 900, np.uint16))
         (frame.parent / "room").write_text(room)
     (folder / "capture.toml").write_text(CAPTURE)
     return folder
@@ -36,12 +36,12 @@ def captures(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def pairs(captures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RealPairs:
-    def camera(out: Path, *_: object) -> None:
+    def camera(_: str, out: Path, **__: object) -> None:
         out.mkdir(parents=True)
         existing = ["vignetting", "read_noise", "gamma"]
         (out / "nominal.json").write_text(json.dumps({**TABLE, "has": existing}))
 
-    monkeypatch.setattr(programs, "camera", camera)
+    monkeypatch.setattr(programs, "run", camera)
     folder = tmp_path / "set-0"
     return RealPairs(folder=folder, number=0, scenes=4, captures=captures, believed="any")
 

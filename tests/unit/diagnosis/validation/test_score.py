@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from starling.diagnosis.validation.camera.errors import WithheldError
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.protocol.case import Case
-from starling.diagnosis.validation.protocol.case_result import CaseResult
-from starling.diagnosis.validation.protocol.goals import compare_with_goals
-from starling.diagnosis.validation.protocol.score import score
+from starling.diagnosis.validation.protocol import breakdown
+from starling.diagnosis.validation.protocol.score import compare_with_goals, score
+from starling.diagnosis.validation.protocol.verdict import CaseResult
+from tests.unit.diagnosis.validation.made_results import (
+    FAMILIES,
+    make_effect,
+    make_result,
+    make_verdict,
+)
 
-Make = Callable[..., Any]
-FAMILIES = {"lens_blur": "lens_blur", "corner_blur": "lens_blur"}
 RATES = (
     "top1", "top1_family", "in_set", "answered", "top1_of_answered", "coverage", "false_alarm",
     "false_named", "pairs_both", "pairs_both_named", "pairs_first", "unknown_recall",
@@ -28,9 +29,7 @@ RATES = (
 )  # fmt: skip
 
 
-def test_scores_of_singles(
-    make_effect: Make, make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
+def test_scores_of_singles(camera: Nominal) -> None:
     """The neutral of lens blur is 0.4 px here: 0.8 px departs by 0.4."""
     blur = {"lens_blur": 0.8}
     scores = score(
@@ -113,9 +112,7 @@ def test_scores_of_singles(
     json.dumps(scores, allow_nan=False)
 
 
-def test_scores_of_nulls(
-    make_effect: Make, make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
+def test_scores_of_nulls(camera: Nominal) -> None:
     quiet = [make_result({}, make_verdict("no gap")), make_result({}, make_verdict("cannot tell"))]
     loud = [
         make_result({}, make_verdict("effects", make_effect("veil"))),
@@ -132,9 +129,7 @@ def test_scores_of_nulls(
     assert [case["truth"] for case in scores["failures"]] == ["no effect"] * 2
 
 
-def test_scores_of_pairs(
-    make_effect: Make, make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
+def test_scores_of_pairs(camera: Nominal) -> None:
     two = {"lens_blur": 0.8, "veil": 0.05}
     blur, veil = make_effect("lens_blur"), make_effect("veil")
     both_sets = [make_effect("dot_blur", 1.0, "lens_blur", gain=20.0), make_effect("veil", 0.05)]
@@ -160,9 +155,7 @@ def test_scores_of_pairs(
     assert scores["failures"][0]["truth"] == "lens_blur 0.8 and veil 0.05"
 
 
-def test_scores_of_unknown_effects(
-    make_effect: Make, make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
+def test_scores_of_unknown_effects(camera: Nominal) -> None:
     unknown, veil = (
         make_verdict("none of the known", make_effect("gain")),
         make_verdict("effects", make_effect("veil")),
@@ -213,9 +206,6 @@ def test_strength_errors(
     listed: tuple[str, float | str],
     error_pct: float,
     covered: bool,
-    make_effect: Make,
-    make_verdict: Make,
-    make_result: Make,
     camera: Nominal,
 ) -> None:
     """The half-width of the intervals is 0.1."""
@@ -224,9 +214,7 @@ def test_strength_errors(
     assert result.interval_covers_truth() is covered
 
 
-def test_wrong_effects_and_choices_have_no_strength_error(
-    make_effect: Make, make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
+def test_wrong_effects_and_choices_have_no_strength_error(camera: Nominal) -> None:
     wrong = make_result(
         {"lens_blur": 0.8}, make_verdict("effects", make_effect("dot_blur", 0.8, "lens_blur"))
     )
@@ -306,9 +294,6 @@ _CASES = st.lists(
 def test_scores_are_consistent_for_all_cases(
     drawn: list[tuple[Any, ...]],
     shuffle: Any,
-    make_effect: Make,
-    make_verdict: Make,
-    make_result: Make,
     camera: Nominal,
 ) -> None:
     cases: list[CaseResult] = []
@@ -338,9 +323,7 @@ def test_scores_are_consistent_for_all_cases(
     assert score(cases, camera, families=FAMILIES, tier=1, left_out=left_out) == scores
 
 
-def test_goals_without_infrared(
-    make_effect: Make, make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
+def test_goals_without_infrared(camera: Nominal) -> None:
     verdicts = [
         make_verdict("effects", make_effect("gain", 2.0)),
         make_verdict("no gap"),
@@ -353,23 +336,38 @@ def test_goals_without_infrared(
     assert scores["top1_of_answered"]["reached"] and scores["false_alarm"]["reached"] is None
 
 
-def test_invalid_cases_are_refused(
-    make_effect: Make, make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
-    null = make_result({}, make_verdict("no gap"), number=7)
-    with pytest.raises(
-        WithheldError, match="case 7 must be a single-effect case to be left out; got null"
-    ):
-        score([], camera, families=FAMILIES, tier=1, left_out=[null])
-    with pytest.raises(
-        WithheldError, match="case 7 must be a single-effect case to be left out; got null"
-    ):
-        score([], camera, families=FAMILIES, tier=1, family_alone=[null])
-    with pytest.raises(WithheldError, match=r"tier must be one of \(1, 2, 3, 4\); got 5"):
-        score([null], camera, families=FAMILIES, tier=5)
-    idle = make_result({"lens_blur": 0.4}, make_verdict("effects", make_effect("lens_blur")))
-    with pytest.raises(WithheldError, match="case 0 must depart from the neutral; got lens_blur"):
-        score([idle], camera, families=FAMILIES, tier=1)
-    case = Case(number=2, kind="pair", settings={"veil": 0.05}, seed=1)
-    with pytest.raises(WithheldError, match=r"case 2 must have 2 effects, as .*; got \['veil'\]"):
-        CaseResult(case=case, verdict=null.verdict)
+def test_gap_reduction_excludes_null_and_unknown_cases(camera: Nominal) -> None:
+    veil = make_verdict("effects", make_effect("veil"), closed=-50.0)
+    single = make_result(
+        {"lens_blur": 0.8}, make_verdict("effects", make_effect("lens_blur"), closed=30.0)
+    )
+    cases = [single, make_result({}, veil), make_result({"lens_ghost": 0.2}, veil)]
+    scores = score(cases, camera, families={}, tier=1)["closed_by_metric"]
+    assert scores == {"features of the image": {"median": 30.0, "identifiable": 1.0}}
+
+
+def test_scene_sets_of_left_out_cases_count(camera: Nominal) -> None:
+    blur, none = (
+        make_verdict("effects", make_effect("lens_blur")),
+        make_verdict("none of the known"),
+    )
+    cases = [make_result({"lens_blur": 0.8}, blur, set_number=number) for number in (0, 1)]
+    left_out = [make_result({"lens_blur": 0.8}, none, set_number=number) for number in (0, 1, 2)]
+    scores = score(cases, camera, families={}, tier=1, left_out=left_out)
+    assert scores["unknown_recall"] == 1.0 and "unknown_recall" in scores["intervals"]
+
+
+def test_a_baseline_that_names_a_parameter_counts_for_its_effect() -> None:
+    table = make_verdict("no gap", cosine="lens_blur.core", random="veil.x")
+    scores = breakdown.baselines([make_result({"lens_blur": 0.8}, table)])
+    assert scores == {"cosine": {"top1": 1.0}, "random": {"top1": 0.0}}
+
+
+def test_baselines_with_equal_accuracy_are_counted(camera: Nominal) -> None:
+    table = make_verdict(
+        "effects", make_effect("lens_blur"), cosine="lens_blur", largest_drop="veil"
+    )
+    missed = make_verdict("no gap", cosine="veil", largest_drop="veil", random="lens_blur")
+    right, wrong = (make_result({"lens_blur": 0.8}, verdict) for verdict in (table, missed))
+    scores = [score(cases, camera, families={}, tier=1) for cases in ([right], [wrong], [])]
+    assert [values["baselines_as_good"] for values in scores] == [1, 3, None]

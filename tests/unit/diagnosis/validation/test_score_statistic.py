@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,15 +12,12 @@ from hypothesis import strategies as st
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.protocol.score import score
 from starling.diagnosis.validation.protocol.score_statistic import ScoreStatistic
-
-Make = Callable[..., Any]
-FAMILIES = {"lens_blur": "lens_blur", "corner_blur": "lens_blur"}
-RATES = (
-    "top1", "top1_family", "in_set", "answered", "top1_of_answered", "coverage", "false_alarm",
-    "false_named", "pairs_both", "pairs_both_named", "pairs_first", "unknown_recall",
-    "unknown_recall_outside", "unknown_recall_left_out", "unknown_recall_family", "unknown_false",
-    "closed_not_identifiable",
-)  # fmt: skip
+from tests.unit.diagnosis.validation.made_results import (
+    FAMILIES,
+    make_effect,
+    make_result,
+    make_verdict,
+)
 
 
 def test_bootstrap_resamples_whole_sets() -> None:
@@ -95,9 +90,7 @@ def test_intervals_of_correlated_cases_have_their_coverage() -> None:
     assert 0.93 <= np.mean(covered) <= 0.99
 
 
-def test_bootstrap_of_scores(
-    make_effect: Make, make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
+def test_bootstrap_of_scores(camera: Nominal) -> None:
     blur = {"lens_blur": 0.8}
     right, wrong = (
         make_verdict("effects", make_effect("lens_blur", 0.8)),

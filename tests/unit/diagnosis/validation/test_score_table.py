@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from typing import Any
 
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.protocol.power import curves
 from starling.diagnosis.validation.protocol.score import score
 from starling.diagnosis.validation.protocol.score_table import opening, power, text
+from tests.unit.diagnosis.validation.made_results import make_effect, make_result, make_verdict
 
-Make = Callable[..., Any]
 
-
-def test_table_of_scores(
-    make_effect: Make, make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
+def test_table_of_scores(camera: Nominal) -> None:
     blur = {"lens_blur": 0.8}
     right = make_verdict("effects", make_effect("lens_blur", 0.8, "dot_blur"), cosine="lens_blur")
     wrong = make_verdict("effects", make_effect("dot_blur", 2.0), cosine=None)
@@ -95,9 +90,7 @@ def test_conditions_of_the_scores() -> None:
     assert "3 times; the code differs from" in opening(3, code_as_sealed=False, sets=complete)
 
 
-def test_text_is_ascii_and_at_most_120_wide(
-    make_effect: Make, make_verdict: Make, make_result: Make, camera: Nominal
-) -> None:
+def test_text_is_ascii_and_at_most_120_wide(camera: Nominal) -> None:
     names = [f"some_rather_long_name_{i}" for i in range(12)]
     table = make_verdict("effects", *(make_effect(name, 1.0, *names) for name in names))
     cases = [make_result({"lens_blur": 0.8}, table, number=i) for i in range(2)]
@@ -122,7 +115,7 @@ def test_table_without_cases(camera: Nominal) -> None:
     assert f"\n\n{line}\n" in tier_2
 
 
-def test_table_of_power_curves(make_verdict: Make, make_result: Make, camera: Nominal) -> None:
+def test_table_of_power_curves(camera: Nominal) -> None:
     veils = [make_result({"veil": veil}, make_verdict("no gap")) for veil in (0.1, 0.05)]
     assert power(curves(veils, camera)).splitlines() == [
         "effect  departure  cases  alarm  named  found",

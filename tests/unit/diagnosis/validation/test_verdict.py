@@ -12,11 +12,10 @@ import pytest
 
 from starling.diagnosis.validation.camera.errors import WithheldError
 from starling.diagnosis.validation.protocol import verdict
+from tests.unit.diagnosis.validation.made_results import make_effect, make_verdict
 
-Make = Callable[..., dict[str, Any]]
 
-
-def test_a_verdict_is_read(make_effect: Make, make_verdict: Make, tmp_path: Path) -> None:
+def test_a_verdict_is_read(tmp_path: Path) -> None:
     weak = make_effect("second_projector.x", "left", gain=3.0, segment="depth")
     strong = make_effect("lens_blur", 0.8, "dot_blur", "corner_blur", "dot_blur", gain=30)
     path = tmp_path / "verdict.json"
@@ -34,24 +33,20 @@ def test_a_verdict_is_read(make_effect: Make, make_verdict: Make, tmp_path: Path
     assert read.seconds == 2.0
 
 
-def test_a_credible_set_holds_effects_without_parameters(
-    make_effect: Make, make_verdict: Make
-) -> None:
+def test_a_credible_set_holds_effects_without_parameters() -> None:
     equivalent = make_effect("second_projector.x", "left", "second_projector.power", "veil")
     read = verdict.from_table({**make_verdict("effects", equivalent), "seconds": 0})
     assert read.named[0].rows == {"second_projector", "veil"}
     assert read.seconds == 0.0
 
 
-def test_surrogate_effects_are_not_named(make_effect: Make, make_verdict: Make) -> None:
+def test_surrogate_effects_are_not_named() -> None:
     read = verdict.from_table(make_verdict("none of the known", make_effect("lens_blur")))
     assert read.effects and not read.named and read.top_effect is None
     assert read.answer == "none of the known"
 
 
-def test_headline_is_that_of_the_segment_of_the_top_effect(
-    make_effect: Make, make_verdict: Make
-) -> None:
+def test_headline_is_that_of_the_segment_of_the_top_effect() -> None:
     table = make_verdict("effects", make_effect("median", 3, segment="depth"), closed=20.0)
     assert verdict.from_table(table).headline_pct is None
     table["howfar"]["features of the depth"] = {"closed_pct": None}
@@ -61,9 +56,7 @@ def test_headline_is_that_of_the_segment_of_the_top_effect(
     assert verdict.from_table(make_verdict("no gap", metric="ndp_brier")).headline_pct is None
 
 
-def test_a_segment_without_a_named_effect_has_no_headline(
-    make_effect: Make, make_verdict: Make
-) -> None:
+def test_a_segment_without_a_named_effect_has_no_headline() -> None:
     """The gap reduction of the depth segment does not count for the image segment."""
     table = make_verdict("effects", make_effect("median", 3, segment="depth"), closed=20.0)
     table["left"]["image"] = table["left"]["depth"]
@@ -72,7 +65,7 @@ def test_a_segment_without_a_named_effect_has_no_headline(
     assert read.headline_pct == 88.0 and read.restricted_to("image").headline_pct is None
 
 
-def test_a_verdict_is_restricted_to_one_segment(make_effect: Make, make_verdict: Make) -> None:
+def test_a_verdict_is_restricted_to_one_segment() -> None:
     """A gap in the depth segment does not affect the image segment, and vice versa."""
     table = make_verdict(
         "none of the known",
@@ -127,7 +120,8 @@ DAMAGE: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
 
 @pytest.mark.parametrize(("damage", "words"), DAMAGE.values(), ids=DAMAGE)
 def test_damaged_verdicts_are_refused(
-    damage: Callable[[dict[str, Any]], Any], words: str, make_effect: Make, make_verdict: Make
+    damage: Callable[[dict[str, Any]], Any],
+    words: str,
 ) -> None:
     table = make_verdict("effects", make_effect("lens_blur"))
     damage(table)

@@ -14,8 +14,8 @@ ROOT = Path(__file__).parents[4]
 SCRIPT = ROOT / "diagnosis" / "validation" / "camera" / "cycles" / "render_with_blender.py"
 BLENDER = {"bpy", "bpy_extras", "mathutils"}
 SCRIPT_MODULES = {*BLENDER, "tempfile"}
-# Adapters that transfer light between both sides; they name no effect.
-CARRIERS = {"cycles_job.py", "cycles_light.py"}
+# The command line, and the adapter that transfers light between both sides; they name no effect.
+CARRIERS = {"__main__.py", "cycles_light.py"}
 VALIDATION = ROOT / "diagnosis" / "validation"
 WALLED = tuple(f"starling.diagnosis.validation.{part}" for part in ("camera", "protocol"))
 ADAPTERS = {*(VALIDATION / "adapters").glob("*.py")}
@@ -30,6 +30,7 @@ STANDARD = {
     "fcntl",
     "functools",
     "hashlib",
+    "importlib",
     "itertools",
     "json",
     "math",

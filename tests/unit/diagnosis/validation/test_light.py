@@ -1,24 +1,113 @@
-"""Light from surfaces: ambient light, subsurface scattering, second projector, exposure."""
+"""The input files nominal.json and light.npz, and the light of the surfaces."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
+import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from starling.diagnosis.validation.camera import scene_light
+from starling.diagnosis.validation.camera import light as light_file
+from starling.diagnosis.validation.camera import nominal
 from starling.diagnosis.validation.camera.catalogue import Strengths
-from starling.diagnosis.validation.camera.light import SceneLight
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.camera.light import ReceivedLight, SceneLight
 from starling.diagnosis.validation.camera.nominal import Nominal
-from starling.diagnosis.validation.camera.scene_light import ReceivedLight
+
+
+def _edit(folder: Path, **changes: object) -> Path:
+    path = folder / "nominal.json"
+    table = {**json.loads(path.read_text()), **changes}
+    path.write_text(json.dumps({k: v for k, v in table.items() if v != "gone"}))
+    return path
+
+
+def test_a_written_file_is_read(light_set: Path, camera: Nominal) -> None:
+    read = nominal.read(light_set / "nominal.json")
+    assert read == camera
+    assert read.shape == (64, 96)
+    assert read.focal_baseline_px_m == pytest.approx(6.0)
+    assert read.radius().max() == pytest.approx(math.hypot(47.5, 31.5) / math.hypot(48, 32), 0.02)
+
+
+def test_a_projector_left_of_the_left_imager_is_read(light_set: Path) -> None:
+    assert nominal.read(_edit(light_set, projector_x_m=-0.03)).projector_x_m == -0.03
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"width": "gone"}, "nominal.json must have the key width; got"),
+        ({"gain": 0}, "gain must be > 0; got 0"),
+        ({"read_noise_e": -1.0}, "read_noise_e must be >= 0; got -1.0"),
+        ({"projector_x_m": math.inf}, "projector_x_m must be finite; got inf"),
+        ({"gain": True}, "gain must be a number; got True"),
+        ({"power_w": "a lot"}, "power_w must be a number; got 'a lot'"),
+    ],
+)
+def test_refused_tables(changes: dict[str, object], words: str, light_set: Path) -> None:
+    with pytest.raises(WithheldError, match="^" + words.replace("(", r"\(")) as caught:
+        nominal.read(_edit(light_set, **changes))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["{", "[1, 2]"])
+def test_refused_files(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "nominal.json"
+    path.write_text(text)
+    with pytest.raises(WithheldError, match=r"nominal\.json must be"):
+        nominal.read(path)
+    with pytest.raises(WithheldError, match="readable"):
+        nominal.read(tmp_path / "none.json")
+
+
+def test_light_is_read_as_written(light_set: Path, light: SceneLight, camera: Nominal) -> None:
+    back = light_file.read(light_set / "a" / "light.npz", camera.shape)
+    np.testing.assert_allclose(back.left.laser_e, light.left.laser_e, rtol=1e-6)
+    np.testing.assert_array_equal(back.right.body, light.right.body)
+    assert back.view("right") is back.right
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("left_px", None, "light.npz must hold left_px"),
+        ("right_body", np.zeros((3, 3), np.uint32), "right_body must be of shape"),
+        ("left_even_e", np.full((64, 96), np.nan, np.float32), "left_even_e must be finite"),
+        ("left_laser_e", np.full((64, 96), -1.0, np.float32), "left_laser_e must be finite"),
+        ("right_up", None, "light.npz must hold right_up"),
+        ("left_up", np.zeros(3), "left_up must be three numbers with a length"),
+    ],
+)
+def test_refused_light(
+    name: str, value: np.ndarray | None, words: str, light_set: Path, camera: Nominal
+) -> None:
+    path = light_set / "a" / "light.npz"
+    with np.load(path) as arrays:
+        stored = {key: arrays[key] for key in arrays.files if key != name}
+    if value is not None:
+        stored[name] = value
+    np.savez(path, **stored)
+    with pytest.raises(WithheldError, match=words):
+        light_file.read(path, camera.shape)
+
+
+def test_damaged_light(tmp_path: Path) -> None:
+    path = tmp_path / "light.npz"
+    path.write_bytes(b"PK\x03\x04 damaged")
+    for damaged in (path, tmp_path / "none.npz"):
+        with pytest.raises(WithheldError, match="readable archive"):
+            light_file.read(damaged, (4, 4))
 
 
 def _leave(
     light: SceneLight, camera: Nominal, side: str = "left", **values: float
 ) -> ReceivedLight:
     strengths = Strengths(nominal=camera, values=values)
-    return scene_light.leave(light.view(side), strengths)
+    return light_file.leave(light.view(side), strengths)
 
 
 def test_ambient_light_is_per_watt(light: SceneLight, camera: Nominal) -> None:
@@ -29,7 +118,7 @@ def test_ambient_light_is_per_watt(light: SceneLight, camera: Nominal) -> None:
 
 def test_normals_of_a_leaning_wall(light: SceneLight, camera: Nominal) -> None:
     """Rationale: 1 / z = 1 + 0.4 y / z is the plane z + 0.4 y = 1 with normal (0, -0.4, -1)."""
-    up = scene_light.facing_up(light.left, camera)
+    up = light_file.facing_up(light.left, camera)
     wall, box = light.left.body == 1, light.left.body == 2
     np.testing.assert_allclose(up[wall], 0.4 / np.hypot(0.4, 1.0), rtol=1e-6)
     np.testing.assert_allclose(up[box], 0.0, atol=1e-9)
@@ -38,7 +127,7 @@ def test_normals_of_a_leaning_wall(light: SceneLight, camera: Nominal) -> None:
 
 def test_no_surface_has_no_normal(light: SceneLight, camera: Nominal) -> None:
     sky = dataclasses.replace(light.left, body=np.zeros(camera.shape, np.uint32))
-    assert not scene_light.facing_up(sky, camera).any()
+    assert not light_file.facing_up(sky, camera).any()
 
 
 @pytest.mark.parametrize("gradient", [0.0, 0.6, 1.0])
@@ -96,7 +185,7 @@ def test_subsurface_scattering_has_a_metric_width(
         px=np.zeros(camera.shape),
     )
     values = {"subsurface": 0.01}
-    out = scene_light.leave(view, Strengths(nominal=camera, values=values)).laser_e
+    out = light_file.leave(view, Strengths(nominal=camera, values=values)).laser_e
     offset = np.arange(camera.width) - 47
     variance = (out.sum(0) * offset**2).sum() / out.sum()
     assert variance == pytest.approx((120 * 0.01 / depth_m) ** 2, rel=0.03)
