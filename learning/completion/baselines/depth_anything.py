@@ -15,11 +15,10 @@ from starling.learning.completion.alignment import align_inverse_depth, normalis
 from starling.learning.completion.diffusion.weights import find_weights, read_network
 from starling.learning.completion.method import Completed, CompletionFrame, unknown_sigma
 from starling.learning.networks.device import device
-from starling.patterns.errors import refuse
+from starling.patterns.errors import in_interval, refuse
 
 PUBLISHED = "depth-anything/Depth-Anything-V2-Small-hf"
 _FILES = ("config.json", "model.safetensors")
-_SHORTEST_PX = 518  # Shorter side of the network's input, about, as published.
 # Greatest depth of the result [m]. The 98th percentile of the sensor's depth replaces it where that
 # is greater, as in streets.
 _FARTHEST_M = 20.0
@@ -37,6 +36,10 @@ class DepthAnything:
 
     name: ClassVar[str] = "depth-anything"
     network: Any  # A `DepthAnythingForDepthEstimation`.
+    shortest_px: int = 518  # Shorter side of the network's input, about, as published.
+
+    def __post_init__(self) -> None:
+        in_interval("shortest_px", self.shortest_px, 1, 16384)
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame of any size.
@@ -45,7 +48,7 @@ class DepthAnything:
             InputError: if the depth cannot be aligned (`alignment.least_squares`).
         """
         height, width = frame.shape
-        ratio = _SHORTEST_PX / min(height, width)
+        ratio = self.shortest_px / min(height, width)
         patch = self.network.config.patch_size
         rows, columns = (max(1, round(side * ratio / patch)) * patch for side in frame.shape)
         resized = cv2.resize(frame.rgb, (columns, rows), interpolation=cv2.INTER_CUBIC)

@@ -229,3 +229,5 @@ def test_settings_refused() -> None:
                 make(**named, **{name: 0})
     with pytest.raises(InputError, match=r"^count must be in \["):
         marigold.Marigold(pipeline=nothing, count=0)
+    with pytest.raises(InputError, match=r"^shortest_px must be in \["):
+        depth_anything.DepthAnything(network=nothing, shortest_px=0)
