@@ -54,8 +54,8 @@ def text(scores: Mapping[str, Any]) -> str:
     """
     counts = ", ".join(f"{count} {kind}" for kind, count in scores["cases"].items())
     answers = [
-        f"{truth}: " + ", ".join(f"{name} {count}" for name, count in said.items())
-        for truth, said in scores["confusion"].items()
+        f"{truth}: " + ", ".join(f"{name} {count}" for name, count in named.items())
+        for truth, named in scores["confusion"].items()
     ]
     failures = [
         f"case {case['case']}, set {case['scenes']}: {case['truth']}: reported {case['said']}"
