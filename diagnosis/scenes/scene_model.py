@@ -292,8 +292,7 @@ def load_scene_model(
     if size != (sensor.height, sensor.width):
         rule = f"must be of the sensor's size, {sensor.height} x {sensor.width}"
         raise refuse(f"scene {captured.name}", rule, size, "Give the sensor of these captures.")
-    if fitted is None:
-        fitted = fit_scene.fit_geometry(reference, sensor)
+    fitted = fit_scene.fit_geometry(reference, sensor) if fitted is None else fitted
     reference = fit_scene.correct_reference(reference, fitted)
     sensor = fit_scene.apply_to_sensor(sensor, fitted)
     # The light estimate needs dots at their true place, so it comes after the geometry.
