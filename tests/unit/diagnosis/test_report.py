@@ -6,7 +6,6 @@ import base64
 import dataclasses
 import json
 import re
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,10 +14,6 @@ import pytest
 from starling.diagnosis import command
 from starling.diagnosis.report import figures, sentences
 from starling.diagnosis.report.page import page
-from starling.diagnosis.report.scene_section import scene_images
-from starling.diagnosis.scenes.observation import StereoObservation, expect
-from starling.diagnosis.scenes.request import Request
-from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.where import maps, rules, swap
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.discrimination import Discrimination
@@ -37,8 +32,6 @@ from tests.unit.diagnosis.made_diagnosis import (
     segment_result,
 )
 from tests.unit.diagnosis.read_page import Reader
-from tests.unit.diagnosis.test_features import GROUND
-from tests.unit.diagnosis.test_where import pair_of
 
 
 def test_page_is_self_contained():
@@ -380,23 +373,3 @@ def test_printed_text_ends_with_paths():
     assert "Effects of the scene, not written to a sensor file: ambient, motion" in (
         command.as_text(result)
     )
-
-
-class FakeSubject:
-    """A scene model whose images are brighter with effects."""
-
-    name, real, strata, against = "attic", real()[0], GROUND, None
-    request = SceneModel.request
-
-    def observe(self, request: Request) -> StereoObservation:
-        return pair_of(request.seed, 1.0 + len(request.effects), 0.02)
-
-
-def test_example_scene_has_common_noise_before_and_after():
-    scene: Any = FakeSubject()
-    each = scene_images(scene, {"a": 1.0})
-    assert each.scene == "attic" and each.after is not None
-    before, after = (expect(item, StereoObservation) for item in (each.before, each.after))
-    assert after.left.mean() > 1.5 * before.left.mean()
-    np.testing.assert_array_equal(before.ours_px, after.ours_px)
-    assert scene_images(scene, {}).after is None

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from starling.diagnosis.report import pictures
+from starling.diagnosis.report.scene_section import scene_images
+from starling.diagnosis.scenes.observation import StereoObservation, expect
+from starling.diagnosis.scenes.request import Request
+from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.where import maps
 from starling.diagnosis.where.maps import GapMap
 from starling.sim.report import elements
 from starling.sim.report.elements import Bar
 from starling.sim.report.pictures import grey_limits
+from tests.unit.diagnosis.made_diagnosis import real
 from tests.unit.diagnosis.test_features import DISPARITY, GROUND
+from tests.unit.diagnosis.test_where import pair_of
 
 NAN = float("nan")
 
@@ -76,3 +83,23 @@ def test_infrared_is_drawn_on_one_scale():
     assert images[0].shape[1] == 640
     assert decoded(pictures.infrared(dark, limits, zoomed=True)).shape[:2] == (60, 540)
     assert decoded(pictures.infrared(dark[:, :120], limits, zoomed=True)).shape[:2] == (240, 288)
+
+
+class FakeSubject:
+    """A scene model whose images are brighter with effects."""
+
+    name, real, strata, against = "attic", real()[0], GROUND, None
+    request = SceneModel.request
+
+    def observe(self, request: Request) -> StereoObservation:
+        return pair_of(request.seed, 1.0 + len(request.effects), 0.02)
+
+
+def test_example_scene_has_common_noise_before_and_after():
+    scene: Any = FakeSubject()
+    each = scene_images(scene, {"a": 1.0})
+    assert each.scene == "attic" and each.after is not None
+    before, after = (expect(item, StereoObservation) for item in (each.before, each.after))
+    assert after.left.mean() > 1.5 * before.left.mean()
+    np.testing.assert_array_equal(before.ours_px, after.ours_px)
+    assert scene_images(scene, {}).after is None
