@@ -12,7 +12,7 @@ import itertools
 import numpy as np
 import pytest
 
-from starling.calibration.photometry import light_model, noise
+from starling.calibration.photometry import light_model, noise, photometry_fit, weights
 from starling.calibration.photometry.noise import fit_noise, noise_bound_dn
 from starling.calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
 from starling.calibration.photometry.photon_transfer import fit_photon_transfer
@@ -100,6 +100,37 @@ def test_unknown_reflectance_leaves_ratio_and_black_level(off: bool) -> None:
     assert "reflectance cannot be separated" in text
     assert "left.lens.vignetting and reflectance" in text
     assert f"{AMBIENT} and projector.haze" not in text
+
+
+def test_weights_use_the_mean_reflectance_of_two_tiles_around(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A brighter tile changes the reflectance in the weights of 5 x 5 tiles and of no other."""
+    factors: list[np.ndarray] = []
+    weight = weights.weight
+
+    def record(image, column, factor, **options):
+        if image.side == "left":
+            factors.append(factor)
+        return weight(image, column, factor, **options)
+
+    monkeypatch.setattr(weights, "weight", record)
+    plain = observed()
+    assert plain.left is not None
+    brighter = plain.left.copy()
+    brighter[96:112, 160:176] *= 1.1  # Tile (6, 10).
+    initial = None
+    for level in (plain.left, brighter):
+        observation = dataclasses.replace(plain, left=level)
+        images = light_model.images([observation], START, fitted_layers(), {})
+        case = photometry_fit._case(images, START, PARAMETERS, eliminate=True, means=True)
+        initial = initial or case.values
+        photometry_fit._equations(case, initial)
+    first, second = factors
+    rows, columns = np.nonzero((first != second)[8::16, 8::16])
+    assert sorted({*rows}) == [4, 5, 6, 7, 8]
+    assert sorted({*columns}) == [8, 9, 10, 11, 12]
+    assert len(rows) == 25
 
 
 def test_wrong_reflectance_is_detected() -> None:
