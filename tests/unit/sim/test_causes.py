@@ -60,6 +60,15 @@ def test_signal_below_twice_the_noise_is_too_little(
     assert found[Reason.LOW_SIGNAL] == dark
 
 
+@pytest.mark.parametrize(("ratio", "dark"), [(1.99, True), (2.01, False)])
+def test_the_step_of_the_codes_is_noise(device: Imager, ratio: float, dark: bool) -> None:
+    """Rounding to a step deviates by the step over the root of 12."""
+    silent = dataclasses.replace(device, read_noise_e=0.0)
+    step_e = 1 / silent.dn_per_electron
+    electrons = ratio * step_e / np.sqrt(12)
+    assert reasons(silent, electrons, np.zeros(SHAPE, np.uint8))[Reason.LOW_SIGNAL] == dark
+
+
 @pytest.mark.parametrize(("full", "saturated"), [(20, False), (21, True)])
 def test_a_quarter_of_full_pixels_saturates_a_window(
     device: Imager, full: int, saturated: bool
@@ -87,6 +96,20 @@ def test_overlap_ends_half_a_pixel_left_of_the_right_image(
     depth_m = sensor.fx_px * baseline_m / (3 - match_px)
     masks = causes.geometric_causes(truth(depth_m), sensor)
     assert bool(masks[Reason.OUTSIDE_OVERLAP][0, 3]) == outside
+
+
+def test_the_edge_of_the_right_image_is_inside(sensor: Sensor) -> None:
+    """A point 1 m away has a disparity of 3.5 px exactly."""
+    wide = dataclasses.replace(sensor, baseline_m=3.5 / sensor.fx_px, baseline_error=0.0)
+    outside = causes.geometric_causes(truth(1.0), wide)[Reason.OUTSIDE_OVERLAP]
+    assert outside[0, :3].all() and not outside[0, 3:].any()
+
+
+def test_the_true_baseline_decides_the_overlap(sensor: Sensor) -> None:
+    """The error of the stored baseline moves the right imager."""
+    wide = dataclasses.replace(sensor, baseline_m=3.5 / sensor.fx_px, baseline_error=0.2)
+    outside = causes.geometric_causes(truth(1.0), wide)[Reason.OUTSIDE_OVERLAP]
+    assert outside[0, :4].all() and not outside[0, 4:].any()
 
 
 def test_occlusion_counts_inside_the_overlap_alone(sensor: Sensor) -> None:

@@ -212,11 +212,11 @@ def test_left_right_compares_whole_winners_or_smoothed_ones() -> None:
     setting = replace(D4XX, checks=replace(D4XX.checks, left_right_px=0.5, left_right_mean_px=0))
     shape = (1, 30)
 
-    def pair(right_best: int, right_offset: float) -> Winners:
+    def pair(right_best: int, right_offset: float, best: int = 4) -> Winners:
         plain = winners()._asdict()
         fields = {name: np.broadcast_to(values, shape) for name, values in plain.items()}
         fields |= {
-            "best": np.full(shape, 4, np.int16),
+            "best": np.full(shape, best, np.int16),
             "right_best": np.full(shape, right_best, np.int16),
             "right_offset": np.full(shape, right_offset, np.float32),
         }
@@ -230,8 +230,13 @@ def test_left_right_compares_whole_winners_or_smoothed_ones() -> None:
     assert matching._left_right(pair(4, 0.6), mean)[inside].all()
     assert not matching._left_right(pair(5, -0.6), mean)[inside].any()
     assert matching._left_right(pair(-1, 0.0), mean)[inside].all()
-    zero = replace(setting, min_disparity_px=0)
-    assert not matching._left_right(pair(4, 0.0), zero)[inside].any()
+    for best in (0, 1, 2):  # The marker of a missing match agrees with no disparity.
+        assert matching._left_right(pair(-1, 0.0, best), setting)[inside].all()
+    shifted = replace(setting, min_disparity_px=3)
+    assert not matching._left_right(pair(4, 0.0), shifted)[inside].any()
+    np.testing.assert_array_equal(
+        matching._left_right(pair(-1, 0.0), shifted), np.broadcast_to(np.arange(30) >= 7, shape)
+    )
 
 
 @pytest.mark.parametrize("least_px", [0, 5])
