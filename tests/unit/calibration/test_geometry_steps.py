@@ -49,7 +49,7 @@ def test_a_solution_is_in_the_units_of_the_parameters() -> None:
 
 
 class Fit:
-    """Stands for the renderer, the initial values and the solver of a fit."""
+    """Replaces the renderer, the initial values and the solver of a fit."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, correlation: float) -> None:
         self.predicted: list[tuple[Any, Any, int]] = []
@@ -178,13 +178,13 @@ def test_a_step_weighs_shifts_against_the_prior() -> None:
 def test_correlation_is_read_at_the_rounded_shift() -> None:
     """x is the last axis; shifts out of range have no correlation."""
     maps = np.arange(25, dtype=np.float32).reshape(1, 5, 5)
-    one = _Windows(maps=maps, slopes=np.eye(2)[None])
-    assert one.reach == 2
+    window = _Windows(maps=maps, slopes=np.eye(2)[None])
+    assert window.reach == 2
     shifts = [(0, 0), (1.4, -0.6), (2, 2), (-2, -2), (2.6, 0), (0, -2.6), (-2.6, 0), (0, 2.6)]
-    values = [float(start._correlation_at(one, np.array(shift))[0]) for shift in shifts]
+    values = [float(start._correlation_at(window, np.array(shift))[0]) for shift in shifts]
     assert values == [12, 8, 24, 0, 0, 0, 0, 0]
     maps[:] = 7
-    assert start._correlation_at(one, np.array([-2, -2]))[0] == 7
+    assert start._correlation_at(window, np.array([-2, -2]))[0] == 7
 
 
 @pytest.mark.parametrize("radius", [2, 4])

@@ -141,9 +141,9 @@ def test_the_variance_of_residuals_is_measured_by_level() -> None:
     fitted = eliminated(level, np.sqrt(true))
     fitted.residual[rng.random(level.shape) < 0.02] = 300.0
     variance = residuals._fit_variance(fitted, level, np.ones(level.shape, bool))
-    for at in (1.0, 30.0, 120.0):
-        expected = 2.0 + 0.3 * at + 0.004 * at**2
-        result = float(variance.at_level(np.full((1, 1), at, np.float32))[0, 0])
+    for light in (1.0, 30.0, 120.0):
+        expected = 2.0 + 0.3 * light + 0.004 * light**2
+        result = float(variance.at_level(np.full((1, 1), light, np.float32))[0, 0])
         assert result == pytest.approx(expected, rel=0.12)
 
 
@@ -235,8 +235,8 @@ def test_residuals_of_the_true_sensor_have_unit_variance() -> None:
         predicted_view(level), size_px=16, blur_px=0.0, variance=None
     )
     (variance,) = normal.variances
-    at = float(variance.at_level(np.full((1, 1), 60, np.float32))[0, 0])
-    assert at == pytest.approx(4.0, rel=0.15)
+    measured = float(variance.at_level(np.full((1, 1), 60, np.float32))[0, 0])
+    assert measured == pytest.approx(4.0, rel=0.15)
     assert normal.deviation == pytest.approx(4.0, rel=0.15)
     assert 0.7 < normal.cost / normal.freedom < 1.05  # Robust: below the squares.
     assert abs(normal.gradient[0] / normal.information[0, 0]) < 0.02

@@ -120,9 +120,9 @@ def test_cells_end_half_a_pixel_outside_the_right_image(
     assert not inside or cells[4, column] == 7
 
 
-@pytest.mark.parametrize(("off_px", "kept"), [(1.49, True), (-1.49, True), (1.51, False)])
+@pytest.mark.parametrize(("off_px", "accepted"), [(1.49, True), (-1.49, True), (1.51, False)])
 def test_differences_above_one_and_a_half_pixels_are_wrong_matches(
-    monkeypatch: pytest.MonkeyPatch, off_px: float, kept: bool
+    monkeypatch: pytest.MonkeyPatch, off_px: float, accepted: bool
 ) -> None:
     """A difference is captured minus simulated disparity."""
     image = np.zeros((18, 32), np.float32)
@@ -132,8 +132,8 @@ def test_differences_above_one_and_a_half_pixels_are_wrong_matches(
     monkeypatch.setattr(warp_fit, "_match_pair", lambda left, *_: pairs[left])
     seen = SimpleNamespace(left="captured", right="right", stage=None)
     cells = warp_fit.difference(seen, SENSOR)  # pyright: ignore[reportArgumentType]
-    assert np.isfinite(cells).all() == kept
-    assert not kept or cells == pytest.approx(off_px, abs=1e-6)
+    assert np.isfinite(cells).all() == accepted
+    assert not accepted or cells == pytest.approx(off_px, abs=1e-6)
 
 
 def test_the_mean_over_rooms_is_smoothed() -> None:

@@ -11,7 +11,7 @@ import pytest
 from starling.patterns import InputError
 from starling.sim.reason import Reason
 from starling.sim.sensor.matcher import D4XX, FAST, CensusSemiGlobal
-from starling.sim.stereo import checks, matching, opencv, support
+from starling.sim.stereo import census, checks, matching, opencv, support
 from starling.sim.stereo.matching import LEAST_PX, TEN_BITS, match, readable
 from starling.sim.stereo.semiglobal import Winners
 from tests.unit.sim.test_matching import shifted_pair
@@ -188,6 +188,27 @@ def winners(**changes: Any) -> Winners:
         "neighbour": np.full((1, 1), 9000, np.uint16),
     }
     return Winners(**(fields | {name: np.array([[value]]) for name, value in changes.items()}))
+
+
+@pytest.mark.parametrize("census_px", [3, 9, 11])
+def test_a_census_compares_half_of_its_window_with_the_centre(census_px: int) -> None:
+    """A chequerboard without the centre, symmetric about it; the bits fit one word."""
+    pairs = {tuple(map(int, pair)) for pair in census.offsets(census_px)}
+    assert len(pairs) == len(census.offsets(census_px)) == (census_px**2 - 1) // 2 <= 64
+    assert (0, 0) not in pairs
+    assert pairs == {(-y, -x) for y, x in pairs}
+    assert max(abs(y) for y, _ in pairs) == max(abs(x) for _, x in pairs) == census_px // 2
+
+
+def test_a_bit_tells_a_darker_neighbour_beyond_the_tolerance() -> None:
+    """Bit k belongs to offset k; a difference of the tolerance is none."""
+    offsets = census.offsets(3)
+    for number, (y, x) in enumerate(offsets):
+        for level, bit in ((69, 1), (70, 0)):
+            image = np.full((7, 7), 100, np.uint16)
+            image[3 + y, 3 + x] = level
+            bits = census.census(image, census_px=3, tolerance=30)
+            assert int(bits[3, 3]) == bit << number
 
 
 ENGINE = CensusSemiGlobal(second_peak=2.0, neighbour_peak=3.0)

@@ -93,7 +93,7 @@ class Renders:
 
 
 class Loaded:
-    """Stands for a loaded scene."""
+    """Replaces a loaded scene."""
 
     count = 0
 
@@ -191,9 +191,9 @@ def test_the_noise_of_dark_current_is_that_of_the_exposure(layers: Layers, senso
 
 
 def test_depth_is_registered_if_requested(layers: Layers, sensor: Sensor) -> None:
-    asked = with_values(sensor, [("post.registered", True)])
-    shot = simulate.expose(layers, SCENE, asked)
-    np.testing.assert_array_equal(shot.registered_m, register(shot.depth.depth_m, asked))
+    registered = with_values(sensor, [("post.registered", True)])
+    shot = simulate.expose(layers, SCENE, registered)
+    np.testing.assert_array_equal(shot.registered_m, register(shot.depth.depth_m, registered))
     assert simulate.expose(layers, SCENE, sensor).registered_m is None
 
 
@@ -248,8 +248,8 @@ def test_seeds_and_frames_reach_light_optics_and_electronics(
     first = simulate.infrared(layers, SCENE, sensor, seed=0, frame=0)
     np.testing.assert_array_equal(default.left, first.left)
     speckled = with_values(sensor, [("projector.speckle_contrast", 0.3)])
-    one, two = (simulate.infrared(layers, SCENE, speckled, seed=seed) for seed in (1, 2))
-    assert (one.electrons != two.electrons).any()
+    first, second = (simulate.infrared(layers, SCENE, speckled, seed=seed) for seed in (1, 2))
+    assert (first.electrons != second.electrons).any()
     flickering = with_values(sensor, [("projector.flicker", 0.3)])
     totals = {
         float(simulate.infrared(layers, SCENE, flickering, seed=seed, frame=frame).electrons.sum())
