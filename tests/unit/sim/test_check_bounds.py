@@ -10,7 +10,7 @@ import pytest
 
 from starling.patterns import InputError
 from starling.sim.reason import Reason
-from starling.sim.sensor.matcher import D4XX, FAST, CensusSemiGlobal
+from starling.sim.sensor.matcher import D4XX, FAST, Block, CensusSemiGlobal, Checks, Matcher
 from starling.sim.stereo import census, checks, matching, opencv, support
 from starling.sim.stereo.matching import LEAST_PX, TEN_BITS, match, readable
 from starling.sim.stereo.semiglobal import Winners
@@ -143,6 +143,16 @@ def test_a_hole_at_the_border_is_ambiguous() -> None:
 def test_opencv_disparities_at_the_end_of_the_search_are_missing() -> None:
     fixed = np.array([[4 * 16 - 1, 4 * 16, 4 * 16 + 1]], np.int16)
     np.testing.assert_array_equal(opencv.decode(fixed, 4), np.float32([[NAN, NAN, 4 + 1 / 16]]))
+
+
+def test_the_block_engine_leaves_flat_areas_to_the_texture_check() -> None:
+    """OpenCV's own threshold of texture is off."""
+    image = np.full((40, 120), 50, np.uint8)
+    image[:, :60] = np.random.default_rng(0).integers(0, 255, (40, 60))
+    matcher = Matcher(engine=Block(), checks=Checks(), search_px=32)
+    assert isinstance(matcher.engine, Block)
+    disparity, _ = opencv.compute(image, image, matcher, matcher.engine)
+    assert np.isfinite(disparity[:, 80:]).mean() > 0.4
 
 
 @pytest.mark.parametrize("side", range(2))
