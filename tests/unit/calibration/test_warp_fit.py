@@ -151,6 +151,17 @@ def test_the_mean_over_rooms_is_smoothed() -> None:
     assert warp_fit._smooth_rooms(rooms)[0, 0] == pytest.approx(4.0)
 
 
+def test_cells_at_the_border_are_smoothed_inwards_alone() -> None:
+    """Nothing outside the image counts: the mean of a ramp is one-sided at its ends."""
+    ramp = np.broadcast_to(np.arange(9.0), (2, 9, 9))
+    smoothed = warp_fit._smooth_rooms(ramp)[4]
+    share = np.exp(-np.arange(4) ** 2 / (2 * 0.7**2))
+    inwards = (share * np.arange(4)).sum() / share.sum()
+    assert smoothed[0] == pytest.approx(inwards, rel=0.02)
+    assert smoothed[8] == pytest.approx(8 - inwards, rel=0.02)
+    np.testing.assert_allclose(smoothed[3:6], [3, 4, 5], atol=1e-6)
+
+
 def test_a_warp_is_written_with_four_decimals() -> None:
     cells = np.full((2, 3), 0.12345678)
     moved = warp_fit._with_warp(SENSOR, cells)
