@@ -155,7 +155,7 @@ def test_cells_at_the_border_are_smoothed_inwards_alone() -> None:
     """Nothing outside the image counts: the mean of a ramp is one-sided at its ends."""
     ramp = np.broadcast_to(np.arange(9.0), (2, 9, 9))
     smoothed = warp_fit._smooth_rooms(ramp)[4]
-    share = np.exp(-np.arange(4) ** 2 / (2 * 0.7**2))
+    share = np.exp(-(np.arange(4) ** 2) / (2 * 0.7**2))
     inwards = (share * np.arange(4)).sum() / share.sum()
     assert smoothed[0] == pytest.approx(inwards, rel=0.02)
     assert smoothed[8] == pytest.approx(8 - inwards, rel=0.02)

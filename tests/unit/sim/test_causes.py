@@ -118,6 +118,21 @@ def test_occlusion_counts_inside_the_overlap_alone(sensor: Sensor) -> None:
     assert (masks[Reason.OCCLUDED] | masks[Reason.OUTSIDE_OVERLAP]).all()
 
 
+def test_unlit_and_hidden_surfaces_are_shadowed_and_occluded(sensor: Sensor) -> None:
+    """A pixel without surface is neither; a pixel that both devices reach has no cause."""
+    scene = truth(5.0)
+    scene.depth_m[0] = np.nan
+    for mask in (scene.lit, scene.right_sees):
+        mask[:2] = False
+    masks = causes.geometric_causes(scene, sensor)
+    outside = masks[Reason.OUTSIDE_OVERLAP]
+    rows = np.broadcast_to(np.arange(SHAPE[0])[:, None], SHAPE)
+    np.testing.assert_array_equal(masks[Reason.NO_SURFACE], rows == 0)
+    np.testing.assert_array_equal(masks[Reason.SHADOWED], rows == 1)
+    np.testing.assert_array_equal(masks[Reason.OCCLUDED] | outside, (rows == 1) | outside)
+    assert not outside[0].any() and masks[Reason.OCCLUDED][1, 10:].all()
+
+
 def test_no_shadow_without_projector(sensor: Sensor) -> None:
     dark = dataclasses.replace(sensor, projector=dataclasses.replace(sensor.projector, power_w=0.0))
     assert causes.geometric_causes(truth(lit=False), sensor)[Reason.SHADOWED].all()

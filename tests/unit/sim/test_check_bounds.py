@@ -72,10 +72,10 @@ def test_an_island_is_bounded_by_larger_steps(step_px: float, removed: bool) -> 
     np.testing.assert_array_equal(mask, (field > 5) & removed)
 
 
-def test_small_disparities_are_no_speckle_by_value() -> None:
-    """Values near 0 are distinct from the marker of missing ones."""
-    field = np.zeros((12, 20), np.float32)
-    field[:, 10:] = 0.5
+@pytest.mark.parametrize("disparity_px", [0.0, 0.5, 1.0, 16.0])
+def test_no_disparity_is_a_speckle_by_its_value(disparity_px: float) -> None:
+    """The marker of missing disparities is distinct from every disparity."""
+    field = np.full((12, 20), disparity_px, np.float32)
     field[3, 3] = np.nan
     assert not checks.speckle(field, count=6, step_px=1.0).any()
 
