@@ -16,7 +16,7 @@ from starling.calibration.least_squares.uncertainty import Uncertainty
 from starling.patterns.errors import InputError
 from starling.sim.sensor import presets
 
-SENSOR = presets.load("d415")
+SENSOR = presets.load("d435")
 ROWS = parameters.free(("baseline", "focal"), SENSOR)
 SPREAD = 0.7
 

@@ -90,6 +90,26 @@ def test_differences_belong_to_cells_of_the_right_image() -> None:
     np.testing.assert_array_equal(down[:, 5], np.arange(18))
 
 
+def test_the_deviation_is_that_of_the_mean_over_rooms(
+    captured: list[Observation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rooms at 0.1 and 0.3 px: mean 0.2 in each of two rounds, standard error 0.1."""
+    memories = []
+
+    def measured(observation, sensor, *, memory):
+        memories.append(memory)
+        return np.full((ROWS, COLUMNS), 0.1 if observation is captured[0] else 0.3)
+
+    monkeypatch.setattr(warp_fit, "difference", measured)
+    result = fit_warp(captured, SENSOR)
+    (estimate,) = result.estimates
+    assert estimate.sd == pytest.approx(0.1)
+    assert result.covariance == pytest.approx(0.01)
+    np.testing.assert_allclose(result.sensor.right.alignment.warp_px, -0.4, atol=1e-4)
+    assert len(memories) == 4 and len({id(memory) for memory in memories}) == 1
+    assert memories[0].most == 2
+
+
 @pytest.mark.parametrize(("pixels", "known"), [(19, False), (20, True)])
 def test_a_cell_needs_a_fifth_of_its_pixels(pixels: int, known: bool) -> None:
     """Cells of 320x180 pixels have 10 x 10 of them."""

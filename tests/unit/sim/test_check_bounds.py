@@ -10,7 +10,15 @@ import pytest
 
 from starling.patterns import InputError
 from starling.sim.reason import Reason
-from starling.sim.sensor.matcher import D4XX, FAST, Block, CensusSemiGlobal, Checks, Matcher
+from starling.sim.sensor.matcher import (
+    D4XX,
+    FAST,
+    Block,
+    CensusSemiGlobal,
+    Checks,
+    Matcher,
+    SemiGlobalBlock,
+)
 from starling.sim.stereo import census, checks, matching, opencv, support
 from starling.sim.stereo.matching import LEAST_PX, TEN_BITS, match, readable
 from starling.sim.stereo.semiglobal import Winners
@@ -123,9 +131,10 @@ def test_an_occlusion_is_about_as_wide_as_its_step(
     step_px: float, width_px: int, disagree: bool
 ) -> None:
     """The step exceeds 1 px, and the hole is at most 2 px wider than twice the step."""
-    row = np.full((1, 30), 10, np.float32)
+    row = np.full((1, 30), 50, np.float32)  # Only the two neighbours of the hole count.
+    row[0, 7] = 10
     row[0, 8 : 8 + width_px] = np.nan
-    row[0, 8 + width_px :] += np.float32(step_px)
+    row[0, 8 + width_px] = 10 + np.float32(step_px)
     masks = opencv._causes(row)
     np.testing.assert_array_equal(masks[0], np.isnan(row) & disagree)
     np.testing.assert_array_equal(masks[1], np.isnan(row) & (not disagree))
@@ -153,6 +162,16 @@ def test_the_block_engine_leaves_flat_areas_to_the_texture_check() -> None:
     assert isinstance(matcher.engine, Block)
     disparity, _ = opencv.compute(image, image, matcher, matcher.engine)
     assert np.isfinite(disparity[:, 80:]).mean() > 0.4
+
+
+def test_opencv_searches_all_disparities_from_the_first_column_on() -> None:
+    """Also with a smallest disparity: columns right of the disparity have depth."""
+    left, right = shifted_pair(20)
+    for engine in (SemiGlobalBlock(), Block()):
+        matcher = Matcher(engine=engine, checks=FAST.checks, search_px=32, min_disparity_px=16)
+        disparity, _ = opencv.compute(left, right, matcher, engine)
+        assert disparity.shape == left.shape
+        assert (np.abs(disparity[8:-8, 30:44] - 20) < 0.5).mean() > 0.9
 
 
 @pytest.mark.parametrize("side", range(2))
