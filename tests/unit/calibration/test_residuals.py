@@ -61,6 +61,12 @@ def test_both_imagers_share_clusters(tiles_off: int) -> None:
     assert clustered("right", 17, float("nan")) == clustered("left", 17, 0.0)
 
 
+def test_a_cluster_spans_three_tiles_of_this_image() -> None:
+    """Its side is 7.5 % of the width, in whole tiles."""
+    numbers = [clustered("left", tile, 0.0) for tile in range(7)]
+    assert numbers[0] == numbers[1] == numbers[2] < numbers[3] == numbers[5] < numbers[6]
+
+
 def test_the_main_body_of_a_tile_is_used() -> None:
     body = np.full((SIZE, 2 * SIZE), 3, np.uint32)
     body[:, :6] = 1

@@ -282,6 +282,7 @@ def test_left_right_compares_whole_winners_or_smoothed_ones() -> None:
     assert matching._left_right(pair(-1, 0.0), mean)[inside].all()
     for best in (0, 1, 2):  # The marker of a missing match agrees with no disparity.
         assert matching._left_right(pair(-1, 0.0, best), setting)[inside].all()
+    assert not matching._left_right(pair(0, 0.0, 0), setting)[inside].any()
     shifted = replace(setting, min_disparity_px=3)
     assert not matching._left_right(pair(4, 0.0), shifted)[inside].any()
     np.testing.assert_array_equal(
