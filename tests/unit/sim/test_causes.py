@@ -56,8 +56,8 @@ def test_signal_below_twice_the_noise_is_too_little(
     floor = np.zeros(SHAPE, np.float32)
     read_e = float(causes.imager.noise_e(device, floor, 0.008)[CENTRE])
     noise_e = float(np.hypot(read_e, step_e / np.sqrt(12)))
-    found = reasons(device, ratio * noise_e, np.zeros(SHAPE, np.uint8))
-    assert found[Reason.LOW_SIGNAL] == dark
+    result = reasons(device, ratio * noise_e, np.zeros(SHAPE, np.uint8))
+    assert result[Reason.LOW_SIGNAL] == dark
 
 
 @pytest.mark.parametrize(("ratio", "dark"), [(1.99, True), (2.01, False)])
