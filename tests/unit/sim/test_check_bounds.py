@@ -22,6 +22,7 @@ from starling.sim.sensor.matcher import (
 from starling.sim.stereo import census, checks, matching, opencv, support
 from starling.sim.stereo.matching import LEAST_PX, TEN_BITS, match, readable
 from starling.sim.stereo.semiglobal import Winners
+from tests.unit.sim.test_matching import _slow_cost as slow_cost
 from tests.unit.sim.test_matching import shifted_pair
 
 NAN = np.float32(np.nan)
@@ -307,3 +308,17 @@ def test_texture_counts_only_if_requested() -> None:
     assert matching._support(left, disparity, on).all()
     disparity[:, 20:] = 9
     assert np.flatnonzero(matching._support(left, disparity, off)[5]).tolist() == [19, 20]
+
+
+@pytest.mark.parametrize(("weight", "cap_dn"), [(1.0, 9.0), (0.5, 100.0), (0.0, 9.0)])
+def test_cost_of_brightness_matches_the_slow_reference(weight: float, cap_dn: float) -> None:
+    """Differences of brightness count with their weight, up to the cap."""
+    left, right = shifted_pair(9, shape=(16, 40))
+    right = np.clip(right.astype(int) + 12, 0, 255).astype(np.uint8)
+    engine = CensusSemiGlobal(
+        support_px=5, difference_weight=weight, difference_cap_dn=cap_dn, tolerance_dn=0.5
+    )
+    setting = Matcher(engine=engine, search_px=16)
+    fast = np.empty((16, 40, 16), np.uint16)
+    matching.support_cost(left, right, setting, engine)(0, fast)
+    np.testing.assert_array_equal(fast, slow_cost(left, right, engine, 0, 16))

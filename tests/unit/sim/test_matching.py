@@ -279,20 +279,6 @@ def test_cost_matches_the_slow_reference(shift, step):
         np.testing.assert_array_equal(fast, slow[start : start + 13])
 
 
-@pytest.mark.parametrize(("weight", "cap_dn"), [(1.0, 9.0), (0.5, 100.0), (0.0, 9.0)])
-def test_cost_of_brightness_matches_the_slow_reference(weight, cap_dn):
-    """Differences of brightness count with their weight, up to the cap."""
-    left, right = shifted_pair(9, shape=(16, 40))
-    right = np.clip(right.astype(int) + 12, 0, 255).astype(np.uint8)
-    engine = CensusSemiGlobal(
-        support_px=5, difference_weight=weight, difference_cap_dn=cap_dn, tolerance_dn=0.5
-    )
-    setting = Matcher(engine=engine, search_px=16)
-    fast = np.empty((16, 40, 16), np.uint16)
-    cost_volume(left, right, setting, engine)(0, fast)
-    np.testing.assert_array_equal(fast, _slow_cost(left, right, engine, 0, 16))
-
-
 def test_arms_end_at_a_step_of_brightness_and_at_the_border():
     level = np.full((9, 20), 100, np.uint16)
     level[:, 8:] = 200
