@@ -213,15 +213,13 @@ def _nearest_peaks(
         down, across = np.unravel_index(int(neighbourhood.argmax()), neighbourhood.shape)
         top, left = int(y - radius + down), int(x - radius + across)
         height[number] = neighbourhood.max()
-        shift[number] = left - reach, top - reach
-        if 0 < left < 2 * reach and 0 < top < 2 * reach:
-            correlation = windows.maps[number]
-            shift[number, 0] += _vertex(
-                correlation[top, left - 1], correlation[top, left], correlation[top, left + 1]
-            )
-            shift[number, 1] += _vertex(
-                correlation[top - 1, left], correlation[top, left], correlation[top + 1, left]
-            )
+        correlation = windows.maps[number]  # The peak is at least a pixel off the border.
+        shift[number, 0] = (left - reach) + _vertex(
+            correlation[top, left - 1], correlation[top, left], correlation[top, left + 1]
+        )
+        shift[number, 1] = (top - reach) + _vertex(
+            correlation[top - 1, left], correlation[top, left], correlation[top + 1, left]
+        )
     return shift, height
 
 

@@ -12,7 +12,8 @@ import itertools
 import numpy as np
 import pytest
 
-from starling.calibration.photometry import light_model, noise
+from starling.calibration.photometry import light_model, noise, photometry_fit
+from starling.calibration.photometry import prediction as predictions
 from starling.calibration.photometry.noise import fit_noise, noise_bound_dn
 from starling.calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
 from starling.calibration.photometry.photon_transfer import fit_photon_transfer
@@ -83,6 +84,37 @@ def test_unknown_reflectance_leaves_ratio_and_black_level(off: bool) -> None:
         np.testing.assert_allclose(prediction.residual_dn, expected, atol=1e-3)
     assert sensor.right.lens.vignetting == sensor.left.lens.vignetting
     assert sensor.projector.power_w == values["projector.power_w"] == START.projector.power_w
+
+
+def test_weights_use_the_mean_reflectance_of_two_tiles_around(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A brighter tile changes the reflectance in the weights of 5 x 5 tiles and of no other."""
+    factors: list[np.ndarray] = []
+    weight = predictions.weight
+
+    def record(image, column, factor, **options):
+        if image.side == "left":
+            factors.append(factor)
+        return weight(image, column, factor, **options)
+
+    monkeypatch.setattr(predictions, "weight", record)
+    plain = observed()
+    assert plain.left is not None
+    brighter = plain.left.copy()
+    brighter[96:112, 160:176] *= 1.1  # Tile (6, 10).
+    initial = None
+    for level in (plain.left, brighter):
+        observation = dataclasses.replace(plain, left=level)
+        images = light_model.images([observation], START, fitted_layers())
+        case = photometry_fit._case(images, START, PARAMETERS, means=True)
+        initial = initial or case.values
+        photometry_fit._equations(case, initial)
+    first, second = factors
+    rows, columns = np.nonzero((first != second)[8::16, 8::16])
+    assert sorted({*rows}) == [4, 5, 6, 7, 8]
+    assert sorted({*columns}) == [8, 9, 10, 11, 12]
+    assert len(rows) == 25
 
 
 def test_wrong_reflectance_does_not_change_the_fit() -> None:

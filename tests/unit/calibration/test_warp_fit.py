@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -87,3 +88,129 @@ def test_differences_belong_to_cells_of_the_right_image() -> None:
     rows = np.broadcast_to(np.arange(36)[:, None] // 2, (36, 64)).astype(np.float32)
     down = warp_fit._medians(rows, disparity)
     np.testing.assert_array_equal(down[:, 5], np.arange(18))
+
+
+def test_the_deviation_is_that_of_the_mean_over_rooms(
+    captured: list[Observation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rooms at 0.1 and 0.3 px: mean 0.2 in each of two rounds, standard error 0.1."""
+    memories = []
+
+    def measured(observation, sensor, *, memory):
+        memories.append(memory)
+        return np.full((ROWS, COLUMNS), 0.1 if observation is captured[0] else 0.3)
+
+    monkeypatch.setattr(warp_fit, "difference", measured)
+    result = fit_warp(captured, SENSOR)
+    (estimate,) = result.estimates
+    assert estimate.sd == pytest.approx(0.1)
+    assert result.covariance == pytest.approx(0.01)
+    np.testing.assert_allclose(result.sensor.right.alignment.warp_px, -0.4, atol=1e-4)
+    assert len(memories) == 4 and len({id(memory) for memory in memories}) == 1
+    assert memories[0].most == 2
+
+
+@pytest.mark.parametrize(("pixels", "known"), [(19, False), (20, True)])
+def test_a_cell_needs_a_fifth_of_its_pixels(pixels: int, known: bool) -> None:
+    """Cells of 320x180 pixels have 10 x 10 of them."""
+    values = np.full((180, 320), np.nan, np.float32)
+    block = np.full(100, np.nan, np.float32)
+    block[:pixels] = np.arange(pixels)
+    values[50:60, 100:110] = block.reshape(10, 10)
+    cells = warp_fit._medians(values, np.zeros(values.shape, np.float32))
+    assert cells.shape == (ROWS, COLUMNS)
+    assert np.isfinite(cells[5, 10]) == known
+    assert np.isfinite(cells).sum() == known
+    assert not known or cells[5, 10] == np.median(np.arange(pixels))
+
+
+@pytest.mark.parametrize(("match_px", "inside"), [(-0.4, True), (-0.6, False)])
+@pytest.mark.parametrize("side", [0, 1])
+def test_cells_end_half_a_pixel_outside_the_right_image(
+    match_px: float, inside: bool, side: int
+) -> None:
+    """A single pixel of a small image fills a cell."""
+    values = np.full((18, 32), np.nan, np.float32)
+    disparity = np.zeros(values.shape, np.float32)
+    column = (0, 31)[side]
+    values[4, column] = 7
+    disparity[4, column] = -match_px if side == 0 else match_px
+    cells = warp_fit._medians(values, disparity)
+    assert (cells == 7).sum() == inside
+    assert not inside or cells[4, column] == 7
+
+
+@pytest.mark.parametrize(("off_px", "accepted"), [(1.49, True), (-1.49, True), (1.51, False)])
+def test_differences_above_one_and_a_half_pixels_are_wrong_matches(
+    monkeypatch: pytest.MonkeyPatch, off_px: float, accepted: bool
+) -> None:
+    """A difference is captured minus simulated disparity."""
+    image = np.zeros((18, 32), np.float32)
+    pairs = {"captured": image + np.float32(off_px), "simulated": image}
+    simulated = {"left": "simulated", "right": "right"}
+    monkeypatch.setattr(warp_fit.heldout, "simulate", lambda *_: (simulated, None))
+    monkeypatch.setattr(warp_fit, "_match_pair", lambda left, *_: pairs[left])
+    seen = SimpleNamespace(left="captured", right="right", stage=None)
+    cells = warp_fit.difference(seen, SENSOR)  # pyright: ignore[reportArgumentType]
+    assert np.isfinite(cells).all() == accepted
+    assert not accepted or cells == pytest.approx(off_px, abs=1e-6)
+
+
+def test_the_mean_over_rooms_is_smoothed() -> None:
+    """Cells that fewer than two rooms know take the value of their neighbours."""
+    rooms = np.full((3, 9, 9), np.nan)
+    rooms[:2, :, :5] = [[[1.0]], [[3.0]]]
+    rooms[2, :, 5:] = 50.0
+    cells = warp_fit._smooth_rooms(rooms)
+    np.testing.assert_allclose(cells[:, :7], 2.0)
+    assert not warp_fit._smooth_rooms(np.full((2, 9, 9), np.nan)).any()
+    rooms[:2, 4, 2] = 12.0  # One cell is 10 above its surroundings.
+    bump = warp_fit._smooth_rooms(rooms)[:, 2] - 2
+    assert bump[4] == pytest.approx(10 / (2 * np.pi * 0.7**2), rel=0.1)
+    rooms[2, :, :5] = 8.0  # A third room: the mean counts rooms.
+    assert warp_fit._smooth_rooms(rooms)[0, 0] == pytest.approx(4.0)
+
+
+def test_cells_at_the_border_are_smoothed_inwards_alone() -> None:
+    """Nothing outside the image counts: the mean of a ramp is one-sided at its ends."""
+    ramp = np.broadcast_to(np.arange(9.0), (2, 9, 9))
+    smoothed = warp_fit._smooth_rooms(ramp)[4]
+    share = np.exp(-(np.arange(4) ** 2) / (2 * 0.7**2))
+    inwards = (share * np.arange(4)).sum() / share.sum()
+    assert smoothed[0] == pytest.approx(inwards, rel=0.02)
+    assert smoothed[8] == pytest.approx(8 - inwards, rel=0.02)
+    np.testing.assert_allclose(smoothed[3:6], [3, 4, 5], atol=1e-6)
+
+
+def test_a_warp_is_written_with_four_decimals() -> None:
+    cells = np.full((2, 3), 0.12345678)
+    moved = warp_fit._with_warp(SENSOR, cells)
+    assert moved.right.alignment.warp_px == ((0.1235,) * 3,) * 2
+    assert moved.left == SENSOR.left
+    np.testing.assert_allclose(warp_fit._cells(moved, (4, 6)), 0.1235, atol=1e-6)
+    np.testing.assert_array_equal(warp_fit._cells(SENSOR, (4, 6)), np.zeros((4, 6)))
+
+
+def test_a_root_mean_square_of_nothing_is_infinite() -> None:
+    assert warp_fit._rms(np.array([3.0, -4.0])) == pytest.approx(np.sqrt(12.5))
+    assert np.isinf(warp_fit._rms(np.empty(0)))
+
+
+@pytest.mark.parametrize(("ceiling_bits", "kind"), [(8, np.uint8), (10, np.uint16)])
+def test_pairs_are_matched_in_the_imagers_codes(
+    monkeypatch: pytest.MonkeyPatch, ceiling_bits: int, kind: type
+) -> None:
+    """Levels are rounded and clipped to the codes of the imager."""
+    sensor = replace(SENSOR, left=replace(SENSOR.left, bit_depth=ceiling_bits))
+    pairs: list[np.ndarray] = []
+
+    def matched(left, right, matcher, *, memory):
+        pairs.extend((left, right))
+        return SimpleNamespace(disparity_px="disparity")
+
+    monkeypatch.setattr(warp_fit, "match", matched)
+    levels = np.array([[-3.0, 2.6, 1e5]])
+    assert warp_fit._match_pair(levels, levels + 1, sensor) == "disparity"
+    highest = 2**ceiling_bits - 1
+    assert [image.dtype for image in pairs] == [kind, kind]
+    assert pairs[0].tolist() == [[0, 3, highest]] and pairs[1].tolist() == [[0, 4, highest]]

@@ -144,7 +144,15 @@ def test_fitted_parameters_and_unmatched_dots_are_reported():
 
 @pytest.mark.parametrize(
     "times, says",
-    [((1.0, 1.0), ""), ((1.5, 1.5), "frame.json records"), ((1.0, 2.0), "2.00 times")],
+    [
+        ((1.0, 1.0), ""),
+        ((1.009, 1.009), ""),  # Equal means within 1 %, of the sensor and of one another.
+        ((1.011, 1.011), "frame.json records"),
+        ((1.0, 1.009), ""),
+        ((1.0, 1.011), "1.01 times"),
+        ((1.5, 1.5), "frame.json records"),
+        ((1.0, 2.0), "2.00 times"),
+    ],
 )
 def test_recorded_exposures_are_compared_with_the_sensor(times, says):
     imager = SENSOR.left

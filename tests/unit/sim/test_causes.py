@@ -56,8 +56,17 @@ def test_signal_below_twice_the_noise_is_too_little(
     floor = np.zeros(SHAPE, np.float32)
     read_e = float(causes.imager.noise_e(device, floor, 0.008)[CENTRE])
     noise_e = float(np.hypot(read_e, step_e / np.sqrt(12)))
-    found = reasons(device, ratio * noise_e, np.zeros(SHAPE, np.uint8))
-    assert found[Reason.LOW_SIGNAL] == dark
+    result = reasons(device, ratio * noise_e, np.zeros(SHAPE, np.uint8))
+    assert result[Reason.LOW_SIGNAL] == dark
+
+
+@pytest.mark.parametrize(("ratio", "dark"), [(1.99, True), (2.01, False)])
+def test_the_step_of_the_codes_is_noise(device: Imager, ratio: float, dark: bool) -> None:
+    """Rounding to a step deviates by the step over the root of 12."""
+    silent = dataclasses.replace(device, read_noise_e=0.0)
+    step_e = 1 / silent.dn_per_electron
+    electrons = ratio * step_e / np.sqrt(12)
+    assert reasons(silent, electrons, np.zeros(SHAPE, np.uint8))[Reason.LOW_SIGNAL] == dark
 
 
 @pytest.mark.parametrize(("full", "saturated"), [(20, False), (21, True)])
@@ -89,10 +98,39 @@ def test_overlap_ends_half_a_pixel_left_of_the_right_image(
     assert bool(masks[Reason.OUTSIDE_OVERLAP][0, 3]) == outside
 
 
+def test_the_edge_of_the_right_image_is_inside(sensor: Sensor) -> None:
+    """A point 1 m away has a disparity of 3.5 px exactly."""
+    wide = dataclasses.replace(sensor, baseline_m=3.5 / sensor.fx_px, baseline_error=0.0)
+    outside = causes.geometric_causes(truth(1.0), wide)[Reason.OUTSIDE_OVERLAP]
+    assert outside[0, :3].all() and not outside[0, 3:].any()
+
+
+def test_the_true_baseline_decides_the_overlap(sensor: Sensor) -> None:
+    """The error of the stored baseline moves the right imager."""
+    wide = dataclasses.replace(sensor, baseline_m=3.5 / sensor.fx_px, baseline_error=0.2)
+    outside = causes.geometric_causes(truth(1.0), wide)[Reason.OUTSIDE_OVERLAP]
+    assert outside[0, :4].all() and not outside[0, 4:].any()
+
+
 def test_occlusion_counts_inside_the_overlap_alone(sensor: Sensor) -> None:
     masks = causes.geometric_causes(truth(0.5, right_sees=False), sensor)
     assert not (masks[Reason.OCCLUDED] & masks[Reason.OUTSIDE_OVERLAP]).any()
     assert (masks[Reason.OCCLUDED] | masks[Reason.OUTSIDE_OVERLAP]).all()
+
+
+def test_unlit_and_hidden_surfaces_are_shadowed_and_occluded(sensor: Sensor) -> None:
+    """A pixel without surface is neither; a pixel that both devices reach has no cause."""
+    scene = truth(5.0)
+    scene.depth_m[0] = np.nan
+    for mask in (scene.lit, scene.right_sees):
+        mask[:2] = False
+    masks = causes.geometric_causes(scene, sensor)
+    outside = masks[Reason.OUTSIDE_OVERLAP]
+    rows = np.broadcast_to(np.arange(SHAPE[0])[:, None], SHAPE)
+    np.testing.assert_array_equal(masks[Reason.NO_SURFACE], rows == 0)
+    np.testing.assert_array_equal(masks[Reason.SHADOWED], rows == 1)
+    np.testing.assert_array_equal(masks[Reason.OCCLUDED] | outside, (rows == 1) | outside)
+    assert not outside[0].any() and masks[Reason.OCCLUDED][1, 10:].all()
 
 
 def test_no_shadow_without_projector(sensor: Sensor) -> None:

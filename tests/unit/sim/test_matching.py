@@ -219,6 +219,9 @@ def test_selection_matches_the_slow_reference(monkeypatch, seed, shift):
             )
             margin = 100 * (others.min() / total[y, x, best] - 1)
             assert result.margin_pct[y, x] == pytest.approx(margin, abs=0.01)
+            assert result.second[y, x] == others.min() - total[y, x, best]
+            sides = total[y, x, [max(best - 1, 0), min(best + 1, search - 1)]]
+            assert result.neighbour[y, x] == sides.max() - total[y, x, best]
             if 0 < best < search - 1:
                 three = cost[y, x, best - 1 : best + 2].astype(int)
                 assert result.offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)

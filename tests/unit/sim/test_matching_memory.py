@@ -36,7 +36,7 @@ def test_checks_and_refinement_reuse_the_search(searches: list[int]) -> None:
     memory, (left, right) = Memory(1), pair(1)
     strict = dataclasses.replace(
         MATCHER,
-        engine=dataclasses.replace(MATCHER.engine, second_peak=40.0),
+        engine=dataclasses.replace(MATCHER.engine, second_peak=40.0, neighbour_peak=30.0),
         checks=dataclasses.replace(MATCHER.checks, uniqueness=60.0, speckle_count=0),
     )
     for matcher in (MATCHER, strict, MATCHER):

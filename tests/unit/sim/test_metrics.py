@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from starling.sim.stereo.filled import filled
 
 from starling.patterns.errors import InputError
 from starling.sim import metrics
@@ -98,3 +101,58 @@ def test_errors_below_are_bad_and_holes_count_where_asked() -> None:
     assert whole.ndp_iou == 0.0
     part = metrics.disparity_figures(ours, reference, scored, holes_of_px=reference)
     assert part.ndp_iou == 1.0
+
+
+def test_unknown_pixels_take_the_nearest_known_value() -> None:
+    values = np.array([[1.0, np.nan, np.nan, np.nan, 5.0]], np.float32)
+    np.testing.assert_array_equal(
+        filled(values, np.isfinite(values))[0, [0, 1, 3, 4]], [1.0, 1.0, 5.0, 5.0]
+    )
+    known = np.ones((2, 2), np.float32)
+    assert filled(known, np.ones((2, 2), bool)) is known
+
+
+def test_a_map_without_a_known_pixel_cannot_be_filled() -> None:
+    message = "reference depth must be known somewhere; got no pixel. Check truth.png."
+    with pytest.raises(InputError, match=re.escape(message)):
+        filled(np.zeros((2, 2), np.float32), np.zeros((2, 2), bool))
+
+
+@pytest.mark.parametrize(("step_px", "edge"), [(1.0, False), (-1.0, False), (1.01, True)])
+def test_a_step_of_one_pixel_is_no_edge(step_px: float, edge: bool) -> None:
+    truth = np.full((12, 20), 10, np.float64)
+    truth[:, 10:] += step_px
+    assert metrics.depth_edges(truth).any() == edge
+    assert metrics.depth_edges(truth.T).any() == edge
+
+
+@pytest.mark.parametrize(("off_px", "bad"), [(1.0, False), (1.01, True)])
+def test_an_error_of_one_pixel_is_not_bad(off_px: float, bad: bool) -> None:
+    reference = np.full((4, 200), 10.0)
+    ours = reference.copy()
+    ours[0] += off_px
+    figures = metrics.disparity_figures(ours, reference, np.ones(reference.shape, bool))
+    assert figures.bad1_pct == (25 if bad else 0)
+
+
+def test_a_shift_is_found_without_a_matcher() -> None:
+    """The excluded border may hold anything."""
+    wide = np.random.default_rng(0).random((40, 90))
+    wide = np.apply_along_axis(np.convolve, 1, wide, np.hanning(9), mode="same")
+    left, right = wide[:, 3:83].copy(), wide[:, :80].copy()
+    left[:, :6] = right[:6] = 50.0
+    shift_px = metrics.shift_px(left, right, near_px=-2.7, margin_px=12)
+    assert shift_px == pytest.approx(-3.0, abs=1e-3)
+
+
+def test_refusals_name_all_arrays_and_a_remedy() -> None:
+    truth = np.full((10, 228), 5.0)
+    scored = metrics.scored_pixels(truth)
+    shapes = "got (5, 228) and (10, 228) and (10, 228). Compare maps of one view."
+    names = "disparity_px and reference_px and scored must share one shape; "
+    with pytest.raises(InputError, match=re.escape(names + shapes)):
+        metrics.disparity_figures(truth[:5], truth, scored)
+    with pytest.raises(InputError, match=r"got 0\. Take a scene with known truth\."):
+        metrics.disparity_figures(truth, truth, np.zeros(truth.shape, bool))
+    with pytest.raises(InputError, match="disparity_px and holes_of_px and holes_where must"):
+        metrics.disparity_figures(truth, truth, scored, holes_of_px=truth[:5])

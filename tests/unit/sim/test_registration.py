@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from starling.patterns import InputError
+from starling.sim.geometry import frames
 from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Colour, Sensor
 from starling.sim.stereo import registration
@@ -80,6 +81,27 @@ def test_holes_remain_and_points_behind_the_camera_are_ignored() -> None:
     seen = registration.register(depth, _sensor((0.0, 0.0, 0.0)))
     assert np.isnan(seen[11:20, 5:-5]).all()
     assert np.isnan(registration.register(_box(), _sensor((0.0, 0.0, 2.5)))).all()
+
+
+def test_a_rotated_camera_sees_the_points_where_they_project() -> None:
+    """Each depth pixel's point is found at its pixel of the colour camera, at its depth there."""
+    sensor = _sensor((0.03, -0.02, 0.01))
+    assert sensor.colour is not None
+    colour = dataclasses.replace(
+        sensor.colour, rotation_deg=(4.0, -3.0, 5.0), fx_px=90.0, fy_px=110.0, cx_px=70.0
+    )
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
+    depth = (2 + 0.002 * columns - 0.003 * rows).astype(np.float32)
+    seen = registration.register(depth, dataclasses.replace(sensor, colour=colour))
+    rays = np.stack([(columns - 80) / 100, (rows - 60) / 100, np.ones(SIZE), 1 / depth], -1)
+    pose = frames.pose(colour.position_m, colour.rotation_deg)
+    x, y, z, _ = np.moveaxis((rays * depth[..., None]) @ np.linalg.inv(pose).T, -1, 0)
+    u = np.rint(x / z * 90 + 70).astype(int)
+    v = np.rint(y / z * 110 + 60).astype(int)
+    inside = (u >= 0) & (u < SIZE[1]) & (v >= 0) & (v < SIZE[0])
+    assert inside.mean() > 0.6
+    np.testing.assert_allclose(seen[v[inside], u[inside]], z[inside], atol=0.012)
+    assert abs(np.median(seen[v[inside], u[inside]] - z[inside])) < 0.006
 
 
 def test_a_sensor_without_colour_camera_is_refused() -> None:
