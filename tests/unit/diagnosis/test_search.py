@@ -131,6 +131,19 @@ def test_a_pruned_effect_takes_its_interaction_with_it():
     np.testing.assert_allclose(pruned.predict().change, alone, atol=1e-9)
 
 
+@pytest.mark.parametrize("share", [0.5, 0.6])
+def test_a_compromise_between_two_effects_is_removed_once_both_are_found(share: float):
+    """Alone, the compromise gains more than each effect."""
+    mixed = share * EFFECTS["veil"].change + (1 - share) * EFFECTS["crosstalk"].change
+    compromise = Signature(candidate("dot_blur"), VALUES, mixed)
+    table, truth = FakeTable({**EFFECTS, "dot_blur": compromise}), {"veil": 0.5, "crosstalk": 0.4}
+    likelihood = likelihood_of(truth, 7, table=table)
+    fits = [fit(signature, likelihood, FOLDS) for signature in table.signatures.values()]
+    assert max(fits, key=lambda fitted: fitted.total).name == "dot_blur"
+    result = search.search_effects(context(table, likelihood), fits, fits)
+    assert result.settings == pytest.approx(truth, rel=0.1)
+
+
 def test_a_further_parameter_of_an_accepted_effect_is_added_if_a_gap_remains():
     truth = SECOND_PROJECTOR.change({"second_projector": 0.6, "second_projector.x": 0.4})
     assert truth is not None
