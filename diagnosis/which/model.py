@@ -13,7 +13,8 @@ from starling.diagnosis.which.response import PredictedChange, Signature
 from starling.diagnosis.which.table import FeatureTable
 from starling.sim.effects.effect import Value
 
-ROUNDS = 3  # Rounds of fitting each effect given the others.
+_ROUNDS = 3  # Rounds of fitting each effect given the others.
+SUFFICIENT_SHARE = 0.5  # Share of the threshold for one effect that alone explains a gap.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -52,6 +53,19 @@ class SearchContext:
         unexplained = self.likelihood.unexplained(predicted)
         return total_size(unexplained, self.likelihood.weight) <= self.explained_below
 
+    def least_gain(self, model: EffectModel) -> float:
+        """Return the least gain of an effect of a model.
+
+        The threshold separates an effect from no gap. If a gap is evident and one effect explains
+        it, the verdict that no known effect explains it would be wrong: less gain suffices.
+        """
+        sufficient = (
+            len(model.terms) == 1
+            and self.is_explained(model.predict())
+            and not self.is_explained(self.likelihood.no_change)
+        )
+        return (SUFFICIENT_SHARE if sufficient else 1.0) * self.threshold
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectModel:
@@ -85,32 +99,12 @@ class EffectModel:
         used = {term.name for term in self.terms}
         return [signature for signature in signatures if signature.name not in used]
 
-    def subset(self, numbers: Sequence[int], interaction: PredictedChange) -> EffectModel:
-        """Keep some of the effects, at their strengths.
-
-        Args:
-            numbers: indices of the effects.
-            interaction: interaction of these.
-        """
-        terms = tuple(self.terms[number] for number in numbers)
-        return EffectModel(terms, tuple(self.places[number] for number in numbers), interaction)
-
-    def extended(self, addition: Fit) -> EffectModel:
-        """Add an effect at its fitted strength."""
-        return EffectModel(
-            (*self.terms, addition.signature), (*self.places, addition.place), self.interaction
-        )
-
-    def exchanged(self, number: int, replacement: Fit) -> EffectModel:
-        """Replace one effect by another at its fitted strength.
-
-        Args:
-            number: index of the replaced effect.
-            replacement: fit of the other effect.
-        """
-        terms, places = list(self.terms), list(self.places)
-        terms[number], places[number] = replacement.signature, replacement.place
-        return EffectModel(tuple(terms), tuple(places), self.interaction)
+    def with_effect(self, addition: Fit, *, instead_of: int | None = None) -> EffectModel:
+        """Add an effect at its fitted strength, or put it in the place of another one."""
+        number = len(self.terms) if instead_of is None else instead_of
+        terms = (*self.terms[:number], addition.signature, *self.terms[number + 1 :])
+        places = (*self.places[:number], addition.place, *self.places[number + 1 :])
+        return EffectModel(terms, places, self.interaction)
 
     def gain_over(self, reference: EffectModel, likelihood: Likelihood) -> float:
         """Compute the gain in log-likelihood over another model, summed over scenes."""
@@ -141,12 +135,18 @@ def fit_and_simulate(context: SearchContext, model: EffectModel) -> EffectModel 
     return model
 
 
+def without_effect(number: int, model: EffectModel, context: SearchContext) -> EffectModel | None:
+    """Remove one effect, and fit and simulate the others again."""
+    terms = (*model.terms[:number], *model.terms[number + 1 :])
+    places = (*model.places[:number], *model.places[number + 1 :])
+    return fit_and_simulate(context, EffectModel(terms, places, context.likelihood.no_change))
+
+
 def _fit_strengths(likelihood: Likelihood, model: EffectModel) -> EffectModel:
     """Fit each effect given the others, in several rounds."""
     all_scenes = [np.ones(len(likelihood.gap), bool)]
-    for _ in range(ROUNDS if len(model.terms) > 1 else 1):
+    for _ in range(_ROUNDS if len(model.terms) > 1 else 1):
         for number, term in enumerate(model.terms):
             fitted = fit(term, likelihood, all_scenes, background=model.predict(without=number))
-            places = (*model.places[:number], fitted.place, *model.places[number + 1 :])
-            model = EffectModel(model.terms, places, model.interaction)
+            model = model.with_effect(fitted, instead_of=number)
     return model

@@ -1,7 +1,7 @@
 """Search for the effects that explain a gap, by held-out gain and joint simulation.
 
-Effects are added to a model while held-out scenes gain. Accepted effects are simulated together,
-and compared with other candidates in their place.
+Effects are added to a model while it gains enough, and removed if held-out scenes do not gain
+enough. They are simulated together, and compared with other candidates in their place.
 """
 
 from __future__ import annotations
@@ -9,33 +9,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from starling.diagnosis.scenes.rooms import resample_rooms
 from starling.diagnosis.which.fit import Fit
-from starling.diagnosis.which.model import EffectModel, SearchContext, fit_and_simulate
-from starling.diagnosis.which.response import PredictedChange, Signature
-from starling.diagnosis.which.steps import (
-    ATTEMPTS,
+from starling.diagnosis.which.model import (
     SUFFICIENT_SHARE,
-    add_parameters,
-    exchange,
+    EffectModel,
+    SearchContext,
+    fit_and_simulate,
+)
+from starling.diagnosis.which.response import Signature
+from starling.diagnosis.which.steps import (
+    Removal,
+    accept,
     grow,
-    is_sufficient,
     promising_fits,
     prune,
-    start,
-    without_effect,
 )
 from starling.diagnosis.which.strengths import refine
 from starling.diagnosis.which.table import Rows
 from starling.sim.effects.effect import Stage, Value
 
 _LEVEL = 0.9  # Confidence level of intervals.
-_DRAWS = 400  # Bootstrap resamples of rooms.
 _MARGIN_SHARE = 0.1  # Share of an effect's own gain by which it must exceed a rival.
 _EQUAL_COST = 3.0  # Difference of log-likelihoods that is negligible: odds of 20 to 1.
-_RIVAL_PROBABILITY = 0.05  # Probability that a candidate is as good, from which it is a rival.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -75,82 +70,57 @@ def search_effects(
         alone: all candidates fitted alone, best first.
     """
     likelihood = context.likelihood
+    empty = EffectModel((), (), likelihood.no_change)
     refined = refine([fitted.signature for fitted in promising], context, likelihood.no_change)
     known = {fitted.name for fitted in refined}
     rest = [fitted for fitted in alone if fitted.name not in known]
     signatures = [fitted.signature for fitted in (*refined, *rest)]
-    model = grow(start(refined, context, alone), context, signatures)
-    if not context.is_explained(model.predict()):
-        exchanged = exchange(model, context, signatures)
-        if exchanged is not model:
-            model = grow(exchanged, context, signatures)
-    if not context.is_explained(model.predict()):
-        completed = add_parameters(model, context, alone)
-        if completed is not model:
-            model = prune(completed, context)
-    model = _prefer_sensor(_prune_held_out(model, context), context, signatures)
+    singles = (
+        empty.with_effect(fitted)
+        for fitted in refined
+        if fitted.total >= SUFFICIENT_SHARE * context.threshold
+    )
+    model = accept(singles, empty, context) or empty
+    model, removals = prune(grow(model, context, signatures), context)
+    model, removals = _prefer_sensor(model, removals, context, signatures)
+    predicted = model.predict()
     return SearchResult(
         accepted=tuple(
-            _accept(number, model, context, signatures) for number in range(len(model.terms))
+            _describe(
+                removal.fit, _replacements(number, model, removal, context, signatures), context
+            )
+            for number, removal in enumerate(removals)
         ),
         threshold=context.threshold,
         alone=tuple(alone),
-        residual=likelihood.residual(model.predict()),
-        unexplained=likelihood.unexplained(model.predict()),
+        residual=likelihood.residual(predicted),
+        unexplained=likelihood.unexplained(predicted),
     )
 
 
-def _prune_held_out(model: EffectModel, context: SearchContext) -> EffectModel:
-    """Remove effects whose held-out gain, simulated with the others, is no longer sufficient."""
-    while model.terms:
-        sufficient = is_sufficient(model, context)
-        least = (SUFFICIENT_SHARE if sufficient else 1) * context.threshold
-        gains = [_refit(number, model, context)[0].total for number in range(len(model.terms))]
-        worst = int(np.argmin(gains))
-        if gains[worst] >= least or (reduced := without_effect(worst, model, context)) is None:
-            break
-        model = reduced
-    return model
-
-
-def _refit(
-    number: int, model: EffectModel, context: SearchContext
-) -> tuple[Fit, PredictedChange | None]:
-    """Fit one effect given the others; its gain counts from a simulation without it.
-
-    Also return the change without it; None if the sensor cannot have the others alone.
-    """
-    reduced = without_effect(number, model, context)
-    reference = None if reduced is None else reduced.predict()
-    background = model.predict(without=number)
-    fitted = context.fit(model.terms[number], background=background, reference=reference)
-    return fitted, reference
-
-
 def _prefer_sensor(
-    model: EffectModel, context: SearchContext, signatures: Sequence[Signature]
-) -> EffectModel:
+    model: EffectModel,
+    removals: list[Removal],
+    context: SearchContext,
+    signatures: Sequence[Signature],
+) -> tuple[EffectModel, list[Removal]]:
     """Replace effects of the scene by equally likely effects of the sensor.
 
     It is less plausible that every surface differs from its description than that, for example, the
     sensor's exposure differs.
     """
-    for number, term in enumerate(model.terms):
-        if term.candidate.effect.stage is not Stage.SCENE:
+    for number, removal in enumerate(removals):
+        if not _is_of_scene(removal.fit):
             continue
-        current, replacements = _replacements(number, model, context, signatures)
-        least = max(context.threshold, current.total - _EQUAL_COST)
-        likely = [
-            fitted for fitted in replacements if fitted.total > least and not _is_of_scene(fitted)
-        ]
-        for fitted in sorted(likely, key=lambda fitted: -fitted.total)[:ATTEMPTS]:
-            proposal = fit_and_simulate(context, model.exchanged(number, fitted))
-            if proposal is not None:
-                gain = proposal.gain_over(model, context.likelihood)
-                if gain > -_EQUAL_COST:
-                    model = proposal
-                    break
-    return model
+        least = max(context.threshold, removal.fit.total - _EQUAL_COST)
+        for fitted in _replacements(number, model, removal, context, signatures):
+            if fitted.total <= least or _is_of_scene(fitted):
+                continue
+            proposal = fit_and_simulate(context, model.with_effect(fitted, instead_of=number))
+            if proposal and proposal.gain_over(model, context.likelihood) > -_EQUAL_COST:
+                pruned = prune(proposal, context)
+                return _prefer_sensor(*pruned, context, signatures)
+    return model, removals
 
 
 def _is_of_scene(fitted: Fit) -> bool:
@@ -158,34 +128,36 @@ def _is_of_scene(fitted: Fit) -> bool:
 
 
 def _replacements(
-    number: int, model: EffectModel, context: SearchContext, signatures: Sequence[Signature]
-) -> tuple[Fit, list[Fit]]:
-    """Fit one effect of the model, and the other candidates in its place.
+    number: int,
+    model: EffectModel,
+    removal: Removal,
+    context: SearchContext,
+    signatures: Sequence[Signature],
+) -> list[Fit]:
+    """Fit the other candidates in the place of one effect.
 
     The candidates are refined only if the model explains the gap: a surrogate needs no exact rival.
     """
-    current, reference = _refit(number, model, context)
     background = model.predict(without=number)
     # The interaction may explain much; a candidate must gain on top of it to be worth refining.
     promising = promising_fits(model.unused(signatures), context, background=background)
     fits = [
-        context.fit(fitted.signature, background=background, reference=reference)
+        context.fit(fitted.signature, background=background, reference=removal.reference)
         for fitted in promising
     ]
     if not context.is_explained(model.predict()):
-        return current, fits
-    signatures = [fitted.signature for fitted in fits]
-    leader_gain = current.total
-    return current, refine(
-        signatures, context, background, reference=reference, leader_gain=leader_gain
+        return sorted(fits, key=lambda fitted: -fitted.total)
+    return refine(
+        [fitted.signature for fitted in fits],
+        context,
+        background,
+        reference=removal.reference,
+        leader_gain=removal.fit.total,
     )
 
 
-def _accept(
-    number: int, model: EffectModel, context: SearchContext, signatures: Sequence[Signature]
-) -> AcceptedEffect:
+def _describe(current: Fit, replacements: Sequence[Fit], context: SearchContext) -> AcceptedEffect:
     """Describe an effect of the final model: its fit, interval and rivals."""
-    current, replacements = _replacements(number, model, context, signatures)
     rivals = _rivals(current, replacements, context)
     return AcceptedEffect(
         fit=current,
@@ -196,7 +168,7 @@ def _accept(
 
 
 def _rivals(current: Fit, replacements: Sequence[Fit], context: SearchContext) -> tuple[Fit, ...]:
-    """Select candidates that gain nearly as much as an effect, or as much within the scatter.
+    """Select candidates that gain nearly as much as an effect.
 
     To be distinguished from a candidate, an effect must exceed its gain by the threshold. It must
     also exceed it by a share of its own gain, because no effect is simulated exactly.
@@ -204,14 +176,5 @@ def _rivals(current: Fit, replacements: Sequence[Fit], context: SearchContext) -
     accepted = current.total >= context.threshold
     least = (1 if accepted else SUFFICIENT_SHARE) * context.threshold
     margin = max(least, _MARGIN_SHARE * current.total)
-    times = resample_rooms(context.rooms, _DRAWS, np.random.default_rng(0))
-    rivals = [
-        fitted
-        for fitted in replacements
-        if fitted.total > max(0.0, current.total - margin)
-        or (
-            fitted.total > 0
-            and np.mean(times @ (fitted.gain - current.gain) >= 0) > _RIVAL_PROBABILITY
-        )
-    ]
-    return tuple(sorted(rivals, key=lambda fitted: -fitted.total))
+    near = [fitted for fitted in replacements if fitted.total > max(0.0, current.total - margin)]
+    return tuple(sorted(near, key=lambda fitted: -fitted.total))

@@ -113,7 +113,7 @@ def test_an_effect_fitted_to_its_base_is_pruned():
     likelihood = likelihood_of({"crosstalk": 0.4}, 7)
     terms = (EFFECTS["crosstalk"], EFFECTS["veil"])
     both = EffectModel(terms, (1.67, 0.0), likelihood.no_change)
-    pruned = steps.prune(both, context(FakeTable(), likelihood))
+    pruned, _ = steps.prune(both, context(FakeTable(), likelihood))
     assert list(pruned.settings) == ["crosstalk"]
     assert pruned.settings["crosstalk"] == pytest.approx(0.4, rel=0.1)
 
@@ -124,32 +124,24 @@ def test_a_pruned_effect_takes_its_interaction_with_it():
     likelihood = likelihood_of({"veil": 0.5}, 7)
     interaction = PredictedChange(0.2 * np.ones((SCENES, FEATURES)))
     both = EffectModel((EFFECTS["veil"], EFFECTS["crosstalk"]), (2.0, 0.0), interaction)
-    pruned = steps.prune(both, context(table, likelihood))
+    pruned, _ = steps.prune(both, context(table, likelihood))
     assert list(pruned.settings) == ["veil"]
     alone = table.change(pruned.settings)
     assert alone is not None
     np.testing.assert_allclose(pruned.predict().change, alone, atol=1e-9)
 
 
-def test_a_compromise_is_exchanged_for_an_effect_that_gains_more_with_the_rest():
-    """It stays if it is the truth, or if the sensor cannot have the better effect."""
-    half = 0.7 * EFFECTS["veil"].change + 0.3 * EFFECTS["read_noise"].change
-    compromise = Signature(candidate("dot_blur"), VALUES, half)
-    table: Any = FakeTable({**EFFECTS, "dot_blur": compromise})
-
-    def exchange(*truths: dict[str, float]) -> tuple[EffectModel, EffectModel]:
-        likelihood = BASE.likelihood(sum(map(table.change, truths)) + noise(7), ONES)
-        data = context(table, likelihood)
-        start = EffectModel((compromise, EFFECTS["crosstalk"]), (2.0, 1.0), likelihood.no_change)
-        model = fit_and_simulate(data, start)
-        assert model is not None
-        return model, steps.exchange(model, data, SIGNATURES)
-
-    _, exchanged = exchange({"veil": 0.5, "crosstalk": 0.4})
-    assert exchanged.settings == pytest.approx({"veil": 0.5, "crosstalk": 0.4}, rel=0.1)
-    for truths in ([{"dot_blur": 0.5, "crosstalk": 0.4}], [{"veil": 1.0}, {"crosstalk": 0.4}]):
-        before, after = exchange(*truths)
-        assert after is before
+@pytest.mark.parametrize("share", [0.5, 0.6])
+def test_a_compromise_between_two_effects_is_removed_once_both_are_found(share: float):
+    """Alone, the compromise gains more than each effect."""
+    mixed = share * EFFECTS["veil"].change + (1 - share) * EFFECTS["crosstalk"].change
+    compromise = Signature(candidate("dot_blur"), VALUES, mixed)
+    table, truth = FakeTable({**EFFECTS, "dot_blur": compromise}), {"veil": 0.5, "crosstalk": 0.4}
+    likelihood = likelihood_of(truth, 7, table=table)
+    fits = [fit(signature, likelihood, FOLDS) for signature in table.signatures.values()]
+    assert max(fits, key=lambda fitted: fitted.total).name == "dot_blur"
+    result = search.search_effects(context(table, likelihood), fits, fits)
+    assert result.settings == pytest.approx(truth, rel=0.1)
 
 
 def test_a_further_parameter_of_an_accepted_effect_is_added_if_a_gap_remains():
@@ -172,12 +164,11 @@ def test_a_further_parameter_is_added_once():
     assert truth is not None
     likelihood = BASE.likelihood(noise(7) + truth, ONES)
     data = context(SECOND_PROJECTOR, likelihood)
-    alone = [fit(signature, likelihood, FOLDS) for signature in (POWER, POSITION)]
     model = fit_and_simulate(data, EffectModel((POWER,), (2.0,), likelihood.no_change))
     assert model is not None
-    once = steps.add_parameters(model, data, alone)
+    once = steps.grow(model, data, [POWER, POSITION])
     assert [term.name for term in once.terms] == [POWER.name, POSITION.name]
-    assert steps.add_parameters(once, data, alone) is once
+    assert list(steps._parameters(once, data, [POWER, POSITION])) == []
 
 
 def test_an_effect_that_explains_an_evident_gap_needs_half_of_the_threshold():
