@@ -28,7 +28,7 @@ import numpy as np
 from starling.diagnosis.scenes.request import CAPTURED, Request
 from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model, with_capture
 from starling.diagnosis.validation.adapters import light_sets, own_depth
-from starling.diagnosis.validation.adapters.cameras import check_camera
+from starling.diagnosis.validation.adapters.cameras import builtin_camera
 from starling.diagnosis.validation.camera import nominal
 from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.protocol import limits, shoot
@@ -247,7 +247,7 @@ def make_light(work: Path) -> Path:
     """Render the scenes once."""
     light = work / "light"
     if not light.exists():
-        light_sets.write(light, SCENES, camera(*SIZE))
+        light_sets.write(light, SCENES, builtin_camera(*SIZE))
     return light
 
 
@@ -288,7 +288,7 @@ def screen_cases(
                 for model, scene in zip(models, scenes, strict=True)
             ]
         else:
-            sensor = camera(*SIZE)
+            sensor = builtin_camera(*SIZE)
             models = [load_scene_model(scene, sensor) for scene in scenes]
         if case.settings and all(ROWS[name].kind == "post" for name in case.settings):
             table, screening = screen_segment(
@@ -300,7 +300,7 @@ def screen_cases(
             screened = screen_segment(Segment.IMAGE, models, cache=work / "cache")
             table, screening = screened
             for truth in SIMULATED:
-                captured = table.simulate_device(truth, number=DEVICE)
+                captured = table.rows(table.request(truth, seed=DEVICE, device=DEVICE))
                 yield truth, "pair", counting(table, captured), screening
         table, screening = screened
         yield case.settings, case.kind, counting(table.with_captures(models)), screening
@@ -366,7 +366,7 @@ def make_captures(work: Path, light: Path, case: Case) -> Path:
     if not captures.exists():
         temporary = captures.with_name("part")
         shoot.shoot(light, case, temporary, frames=FRAMES)
-        own_depth.write(temporary.parent, camera(*SIZE))
+        own_depth.write(temporary.parent, builtin_camera(*SIZE))
         shoot.postprocess(temporary, case, nominal.read(light / nominal.FILE))
         temporary.rename(captures)
     return captures
