@@ -13,6 +13,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.sensor import structure
 from starling.sim.sensor.sensor import Sensor
@@ -24,6 +25,7 @@ _Row = tuple[float, float, float, float]
 
 # Largest relative difference of focal lengths and baseline between calibrations of one device.
 _SAME_LENGTH = 0.02
+_ROUNDING = 1e-3  # Tolerance of the rotation of `colour_from_left`, which devices give rounded.
 _SAME_CENTRE = 0.005  # Largest difference of the principal points, relative to the width.
 
 
@@ -60,7 +62,8 @@ class CaptureInfo:
         if self.black_level_dn is not None:
             errors.in_interval("black_level_dn", self.black_level_dn, 0.0, 65535.0)
         if self.colour_from_left is not None:
-            _check_rigid(np.array(self.colour_from_left))
+            pose = np.array(self.colour_from_left)
+            frames.refuse_not_rigid("colour_from_left", pose, rounding=_ROUNDING)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -122,12 +125,3 @@ def dumps(info: CaptureInfo) -> str:
     table = structure.to_table(info)
     extra = table.pop("extra", {})
     return tomli_w.dumps({**table, **extra})
-
-
-def _check_rigid(pose: np.ndarray) -> None:
-    rotation = pose[:3, :3]
-    rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3)
-    if not np.isfinite(pose).all() or not rigid or list(pose[3]) != [0, 0, 0, 1]:
-        raise errors.refuse(
-            "colour_from_left", "must be rigid, [R t; 0 1]", pose.tolist(), "Give four rows."
-        )

@@ -14,6 +14,36 @@ from starling.patterns import errors
 Pose = NDArray[np.float64]  # (4, 4) rigid transform, named `to_from`: x_to = to_from @ x_from.
 
 _MITSUBA_FROM_OPENCV = np.diag([-1.0, -1.0, 1.0, 1.0])
+_ROUNDING = 1e-6  # Default tolerance of a rotation's orthonormality.
+_FARTHEST_M = 1e7  # Limit of the shift; world coordinates of maps are smaller [m].
+
+
+def refuse_not_rigid(name: str, pose: Pose, *, rounding: float = _ROUNDING) -> None:
+    """Refuse a (4, 4) matrix that is not `[R t; 0 0 0 1]` with R orthonormal of determinant +1.
+
+    Args:
+        name: name of the pose in error messages.
+        pose: (4, 4) matrix from a file or a caller.
+        rounding: tolerance of the orthonormality.
+
+    Raises:
+        InputError: if it is scaled, mirrored, singular, not finite, or shifted beyond 1e7 m.
+    """
+    rotation = pose[:3, :3]
+    # No entry of a rotation exceeds 1. The squares of larger entries may overflow.
+    bounded = bool(np.abs(rotation).max() <= 1 + rounding)
+    if not bounded or np.abs(rotation @ rotation.T - np.eye(3)).max() > rounding:
+        rule = f"must be rigid, its rotation orthonormal to {rounding:g}"
+        raise errors.refuse(name, rule, pose.tolist(), "Give all digits, and metres as unit.")
+    if np.linalg.det(rotation) < 0:
+        advice = "x is right, y down and z forward."
+        raise errors.refuse(name, "must turn, not mirror", pose.tolist(), advice)
+    for value in pose[:3, 3].tolist():
+        errors.in_interval(f"shift of {name}", value, -_FARTHEST_M, _FARTHEST_M)
+    if pose[3].tolist() != [0, 0, 0, 1]:
+        raise errors.refuse(
+            f"last row of {name}", "must be 0 0 0 1", pose[3].tolist(), "Is it transposed?"
+        )
 
 
 def rotation(rotation_deg: tuple[float, float, float]) -> NDArray[np.float64]:

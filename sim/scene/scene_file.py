@@ -23,6 +23,7 @@ import numpy as np
 import tomli_w
 
 from starling.patterns import errors
+from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.sensor import structure
 
@@ -30,9 +31,6 @@ FILE = "scene.toml"
 
 _Row = tuple[float, float, float, float]
 Rows = tuple[_Row, _Row, _Row, _Row]  # A 4x4 matrix, row by row.
-
-_ROUNDING = 1e-6  # Tolerance of a rotation's orthonormality.
-_FARTHEST_M = 1e7  # Limit of the shift; world coordinates of maps are smaller [m].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -63,7 +61,7 @@ class SceneFile:
             raise errors.refuse(
                 "scene", "must name a scene", repr(self.scene), "Give a builtin name or a file."
             )
-        _check_rigid(np.array(self.left_from_world, np.float64))
+        frames.refuse_not_rigid("left_from_world", np.array(self.left_from_world, np.float64))
 
     @property
     def world_from_left(self) -> Pose:
@@ -102,30 +100,3 @@ def _from_table(table: Mapping[str, Any]) -> SceneFile:
     )
     rest = {key: value for key, value in table.items() if key != "materials"}
     return dataclasses.replace(structure.from_table(SceneFile, rest), materials=materials)
-
-
-def _check_rigid(pose: Pose) -> None:
-    """Refuse a pose that is not `[R t; 0 0 0 1]` with R orthonormal of determinant +1."""
-    rotation = pose[:3, :3]
-    # No entry of a rotation exceeds 1. The squares of larger entries may overflow.
-    bounded = bool(np.abs(rotation).max() <= 1 + _ROUNDING)
-    if not bounded or np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROUNDING:
-        raise errors.refuse(
-            "left_from_world",
-            f"must be rigid, its rotation orthonormal to {_ROUNDING:g}",
-            pose.tolist(),
-            "Give all digits, and metres as unit.",
-        )
-    if np.linalg.det(rotation) < 0:
-        raise errors.refuse(
-            "left_from_world",
-            "must turn, not mirror",
-            pose.tolist(),
-            "x is right, y down and z forward.",
-        )
-    for value in pose[:3, 3].tolist():
-        errors.in_interval("shift of left_from_world", value, -_FARTHEST_M, _FARTHEST_M)
-    if pose[3].tolist() != [0, 0, 0, 1]:
-        raise errors.refuse(
-            "last row of left_from_world", "must be 0 0 0 1", pose[3].tolist(), "Is it transposed?"
-        )

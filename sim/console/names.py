@@ -1,0 +1,50 @@
+"""Names in data as file names: one component, inside its folder, different for different names."""
+
+from __future__ import annotations
+
+import hashlib
+import unicodedata
+
+_PLAIN = frozenset("-_.,+=@~ ()[]")  # Characters that stay, besides letters and digits.
+_LONGEST = 120  # Bytes of an escaped name; file systems allow 255, and suffixes are added.
+_DIGITS = 16  # Hexadecimal digits of the hash that ends a shortened name.
+
+
+def file_name(name: str) -> str:
+    """Turn a name from data into one component of a path.
+
+    Letters, digits and usual punctuation stay. All other characters become `%` and the hexadecimal
+    digits of their UTF-8 bytes, as in a URL, and so does a dot or space at an end. Long names are
+    shortened, and end in a hash. Different names give different file names.
+
+    Args:
+        name: any text, for example the room of a capture.
+
+    Example:
+        >>> file_name("kitchen 2")
+        'kitchen 2'
+        >>> file_name("../../etc")
+        '%2E.%2F..%2Fetc'
+    """
+    plain = "".join(character if _stays(character) else _escaped(character) for character in name)
+    if plain[:1] in (".", " "):
+        plain = _escaped(plain[0]) + plain[1:]
+    if plain[-1:] in (".", " "):
+        plain = plain[:-1] + _escaped(plain[-1])
+    if not plain:
+        return "%"
+    if len(plain.encode()) <= _LONGEST:
+        return plain
+    short = plain.encode()[: _LONGEST - _DIGITS - 1].decode(errors="ignore")
+    digest = hashlib.sha256(name.encode(errors="surrogatepass")).hexdigest()[:_DIGITS]
+    return f"{short}%{digest}"
+
+
+def _stays(character: str) -> bool:
+    if character in _PLAIN:
+        return True
+    return character.isalnum() and unicodedata.is_normalized("NFC", character)
+
+
+def _escaped(character: str) -> str:
+    return "".join(f"%{byte:02X}" for byte in character.encode(errors="surrogatepass"))

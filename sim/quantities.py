@@ -1,0 +1,52 @@
+"""Plausible ranges of physical quantities, for values from files and flags.
+
+A value of the right type and sign can still be impossible, mostly because its unit differs. The
+ranges are wide: they exclude wrong units and inverted matrices, no real device.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from starling.patterns import errors
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Range:
+    """Closed range of a quantity, and the likely cause of a value outside."""
+
+    low: float
+    high: float
+    remedy: str
+
+
+QUANTITIES = {
+    "image_side_px": Range(low=1, high=16384, remedy="Give the image size [px]."),
+    # A fisheye of 170 degrees has 0.04 image widths; a telescope of 0.1 degrees has 570.
+    "focal_widths": Range(low=0.02, high=1000, remedy="Give pixels, of the matrix and no inverse."),
+    "principal_point_px": Range(low=-1e5, high=1e5, remedy="Give the principal point [px]."),
+    # Endoscopes have millimetres, rigs on vehicles a few metres.
+    "baseline_m": Range(low=5e-4, high=10, remedy="Left imager first; give metres."),
+    "depth_unit_m": Range(low=1e-7, high=0.1, remedy="Give the step of depth.png [m]."),
+    "time_s": Range(low=0, high=1e10, remedy="Give seconds: divide nanoseconds by 1e9."),
+    # Some loggers write 0 for an unknown exposure or gain.
+    "exposure_s": Range(low=0, high=100, remedy="Give seconds."),
+    "gain": Range(low=0, high=1e5, remedy="Give a factor, or the device's own number."),
+    "laser_power": Range(low=0, high=1e5, remedy="Give the device's own number, mW or percent."),
+    "count": Range(low=1, high=1e9, remedy="Give fewer."),
+}
+
+
+def check(name: str, value: float, quantity: str) -> None:
+    """Refuse a value outside the plausible range of its quantity.
+
+    Args:
+        name: name of the value in the user's words: `baseline_m`.
+        value: value in the quantity's unit.
+        quantity: key of `QUANTITIES`.
+
+    Raises:
+        InputError: if the value is no finite number, or is implausible.
+    """
+    plausible = QUANTITIES[quantity]
+    errors.in_interval(name, value, plausible.low, plausible.high, plausible.remedy)
