@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from starling.sim.console.names import file_name
 
 any_text = st.text(max_size=300)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from starling.patterns.errors import InputError
 from starling.sim.captures import frame_record
 from starling.sim.geometry import frames

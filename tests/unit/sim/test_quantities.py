@@ -3,6 +3,7 @@
 import math
 
 import pytest
+
 from starling.patterns.errors import InputError
 from starling.sim import quantities
 from starling.sim.quantities import QUANTITIES
