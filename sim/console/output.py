@@ -8,7 +8,7 @@ import shutil
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import Protocol
 
@@ -85,6 +85,7 @@ class OutputFolder:
 
     def write_by(self, name: str, writer: Callable[[Path], object]) -> None:
         """Call `writer` with the path of one file to write; raises as `write`."""
+        _refuse_outside(name)
         path = self._partial / name
         with refused(self.path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -108,6 +109,14 @@ class OutputFolder:
     def _remove_traces(self) -> None:
         shutil.rmtree(self._partial, ignore_errors=True)
         _remove_empty(self._made_parents)
+
+
+def _refuse_outside(name: str) -> None:
+    """Refuse a name that leaves its folder; `names.file_name` makes a component of any text."""
+    path = PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts or not path.parts or "\0" in name:
+        advice = "Rename the room, scene or object."
+        raise errors.refuse("output file", "must stay in its folder", repr(name), advice)
 
 
 def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
