@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from dataclasses import dataclass, field
@@ -13,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim import files
+from starling.sim.captures import frame_record, png
 from starling.sim.captures import info as capture_info
-from starling.sim.captures import png
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.captures.png import GreyImage
 from starling.sim.scene import scene_file
@@ -128,16 +128,7 @@ class CapturedScene:
         path = folder / f"{name}.png"
         if not os.path.lexists(path):
             return None
-        image = png.read(path, name)
-        if image.shape != self.info.shape:
-            height, width = image.shape
-            raise errors.refuse(
-                name,
-                f"must be {self.info.width}x{self.info.height} as {capture_info.FILE} says",
-                f"{path}, {width}x{height}",
-                "Correct the one that is wrong.",
-            )
-        return image
+        return png.read(path, name, shape=self.info.shape)
 
     def _depth(self, folder: Path, name: str) -> NDArray[np.float32] | None:
         code = self._image(folder, name)
@@ -240,7 +231,7 @@ def _scene(path: Path, info: CaptureInfo) -> CapturedScene:
     camera_file = path / capture_info.OWN
     info = capture_info.read(camera_file) if os.path.lexists(camera_file) else info
     room = path / "room"
-    name = _text(room).strip() if os.path.lexists(room) else path.name
+    name = files.read_text(room).strip() if os.path.lexists(room) else path.name
     return CapturedScene(
         name=path.name, room=name or path.name, path=path, info=info, frames=tuple(frames)
     )
@@ -255,28 +246,9 @@ def _list(path: Path) -> list[Path]:
         ) from error
 
 
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise errors.refuse(path.name, "must be readable", path, f"{error.strerror}.") from error
-    except UnicodeDecodeError as error:
-        raise errors.refuse(path.name, "must be UTF-8 text", path, "Write it again.") from error
-
-
 def _record(folder: Path) -> dict[str, Any]:
-    path = folder / "frame.json"
-    if not os.path.lexists(path):
-        return {}
-    try:
-        record = json.loads(_text(path))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, errors.InputError):
-            raise
-        raise errors.refuse("frame.json", "must be JSON", path, f"{error}.") from error
-    if not isinstance(record, dict):
-        raise errors.refuse("frame.json", "must be one object", path, "Write {...}.")
-    return record
+    path = folder / frame_record.FILE
+    return frame_record.parse(files.read_bytes(path), path) if os.path.lexists(path) else {}
 
 
 def _check_pair(folder: Path, left: GreyImage | None, right: GreyImage | None, name: str) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from starling.patterns import errors
-from starling.sim import quantities
+from starling.sim import files, quantities
 from starling.sim.geometry import frames
 
 FILE = "frame.json"
@@ -38,8 +38,9 @@ def parse(data: bytes, path: Path) -> dict[str, Any]:
     Raises:
         InputError: if the content is no JSON object, or a known key has an impossible value.
     """
+    text = files.decode(data, path)
     try:
-        record = json.loads(data.decode("utf-8-sig"))
+        record = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise errors.refuse(FILE, "must be JSON", path, f"{error}.") from error
     if not isinstance(record, dict):

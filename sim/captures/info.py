@@ -13,6 +13,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim import files
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.sensor import structure
@@ -107,7 +108,7 @@ def read(path: Path) -> CaptureInfo:
         InputError: if the file is missing or no TOML, lacks a required key, or has an invalid
             value. Unknown keys are preserved in `extra`.
     """
-    return structure.read_toml(path, from_table)
+    return files.read_toml(path, from_table)
 
 
 def from_table(table: Mapping[str, Any]) -> CaptureInfo:

@@ -19,19 +19,21 @@ _COLOUR_TYPES = {0: "grey", 2: "colour", 3: "palette", 4: "grey with alpha", 6: 
 _WIDEST = 16384  # Larger sizes in a header indicate a damaged file [px].
 
 
-def read(path: Path, name: str) -> GreyImage:
+def read(path: Path, name: str, *, shape: tuple[int, int] | None = None) -> GreyImage:
     """Read a grey PNG without any conversion.
 
     Args:
         path: the file.
         name: name of the image in error messages: `ir_left`.
+        shape: size (h, w) by the set's `capture.toml`; another size in the header is refused before
+            pixels are decoded. None allows any size.
 
     Returns:
         (h, w) uint8 or uint16.
 
     Raises:
-        InputError: if the file is missing, no PNG, truncated, damaged, empty, in colour, or has
-            neither 8 nor 16 bits.
+        InputError: if the file is missing, no PNG, truncated, damaged, empty, in colour, has
+            neither 8 nor 16 bits, or is of another size.
     """
     try:
         data = path.read_bytes()
@@ -39,7 +41,7 @@ def read(path: Path, name: str) -> GreyImage:
         raise errors.refuse(
             name, "must be a readable PNG file", path, f"{error.strerror}."
         ) from error
-    bits = _checked_bits(data, path, name)
+    bits = _checked_bits(data, path, name, shape)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -73,7 +75,7 @@ def encode_colour(image: NDArray[np.uint8]) -> bytes:
     return cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes()
 
 
-def _checked_bits(data: bytes, path: Path, name: str) -> int:
+def _checked_bits(data: bytes, path: Path, name: str, shape: tuple[int, int] | None) -> int:
     """Check the file's structure, because decoders pad truncated files; return the bit depth."""
     if not data:
         raise errors.refuse(name, "must be a PNG file", f"{path}, an empty file", "Copy it again.")
@@ -89,6 +91,10 @@ def _checked_bits(data: bytes, path: Path, name: str) -> int:
         raise _damaged(path, name, "no image header")
     width, height, bits, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
     _check_kind(path, name, width, height, bits, colour)
+    if shape is not None and (height, width) != shape:
+        rule = f"must be {shape[1]}x{shape[0]} as capture.toml says"
+        advice = "Correct the one that is wrong."
+        raise errors.refuse(name, rule, f"{path}, {width}x{height}", advice)
     size = height * (1 + width * bits // 8)  # Each row starts with the number of its filter.
     if not interlaced and not _inflates_to(pixels, size):
         raise _damaged(path, name, "too little pixel data")

@@ -13,7 +13,7 @@ from typing import Any, Literal, Protocol, TypeVar, get_args
 import numpy as np
 
 from starling.patterns import errors
-from starling.sim import randomness
+from starling.sim import files, randomness
 from starling.sim.datasets import draw
 from starling.sim.datasets.draw import Draw, Fixed, refuse_unknown, text, weight
 from starling.sim.datasets.source import Setting, Source, read_source
@@ -21,7 +21,7 @@ from starling.sim.effects import setting
 from starling.sim.effects.effect import Value
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
-from starling.sim.sensor import edits, presets, structure
+from starling.sim.sensor import edits, presets
 
 Layer = Literal["infrared", "truth", "reason", "rgb", "exr"]  # Depth is always written.
 Missing = Literal["stop", "skip"]
@@ -76,7 +76,7 @@ def read(path: Path) -> Plan:
         InputError: if the file is missing or no TOML, a key is unknown, or a range is invalid for
             the sensor.
     """
-    return structure.read_toml(path, lambda table: from_table(table, path.absolute().parent))
+    return files.read_toml(path, lambda table: from_table(table, path.absolute().parent))
 
 
 def from_table(table: Mapping[str, Any], folder: Path) -> Plan:

@@ -23,6 +23,7 @@ import numpy as np
 import tomli_w
 
 from starling.patterns import errors
+from starling.sim import files
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.sensor import structure
@@ -76,7 +77,7 @@ def read(path: Path) -> SceneFile:
         InputError: if the file is missing or not TOML, or if a key is missing or unknown. Also if
             the pose is not rigid, or a reflectance is outside [0, 1].
     """
-    return structure.read_toml(path, _from_table)
+    return files.read_toml(path, _from_table)
 
 
 def dumps(file: SceneFile) -> str:

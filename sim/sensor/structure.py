@@ -6,12 +6,10 @@ In a union of dataclasses the key `kind` holds the class's name.
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 import types
 import typing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any, TypeVar
 
 from starling.patterns import errors
@@ -71,28 +69,6 @@ def from_table(cls: type[T], table: Mapping[str, Any], name: str = "") -> T:
         if not optional and field.name not in values:
             raise errors.refuse(_join(name, field.name), "must be given", "nothing", "Add the key.")
     return cls(**values)
-
-
-def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
-    """Read a TOML file and build an object from its table.
-
-    Args:
-        path: the file; error messages start with its name.
-        build: builds the result from the table.
-
-    Raises:
-        InputError: if the file is missing or no TOML; also as `build`, with the path in front.
-    """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise errors.refuse(path.name, "must be readable", path, f"{error.strerror}.") from error
-    except (ValueError, RecursionError) as error:  # No TOML, no UTF-8, or nested too deep.
-        raise errors.refuse(path.name, "must be TOML", path, f"{error}.") from error
-    try:
-        return build(table)
-    except errors.InputError as error:
-        raise errors.InputError(f"{path}: {error}") from error
 
 
 def edit(tree: T, path: str, value: Any, name: str = "") -> T:

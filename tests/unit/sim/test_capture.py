@@ -132,10 +132,10 @@ def test_info_must_be_text(small_set: Path) -> None:
 
 
 def test_info_must_be_readable(small_set: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(self: Path, encoding: str) -> str:
+    def fail(self: Path) -> bytes:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "read_text", fail)
+    monkeypatch.setattr(Path, "read_bytes", fail)
     with pytest.raises(InputError, match=r"capture.toml must be readable; .*Permission denied"):
         capture.open_set(small_set)
 

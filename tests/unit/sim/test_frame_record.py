@@ -99,10 +99,15 @@ def test_an_impossible_value_is_refused_with_file_and_key(record: Any, message: 
     assert str(PATH) in str(refused.value)
 
 
-@pytest.mark.parametrize("data", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b'{"gain": nul}'])
+@pytest.mark.parametrize("data", [b"", b"{", b"[" * 100_000, b'{"gain": nul}'])
 def test_content_that_is_no_json_is_refused(data: bytes) -> None:
     with pytest.raises(InputError, match=r"frame\.json must be JSON"):
         frame_record.parse(data, PATH)
+
+
+def test_other_encodings_are_refused() -> None:
+    with pytest.raises(InputError, match=r"frame\.json must be UTF-8 text"):
+        frame_record.parse(b"\xff\xfe", PATH)
 
 
 @pytest.mark.filterwarnings("ignore:.*left_from_world is not finite")

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from starling.patterns import InputError, errors
-from starling.sim.sensor import structure
+from starling.sim import files
 
 
 def _width(table: dict[str, Any]) -> int:
@@ -20,7 +20,7 @@ def _width(table: dict[str, Any]) -> int:
 def test_file_is_built_from_its_table(tmp_path: Path) -> None:
     path = tmp_path / "box.toml"
     path.write_text("width = 3")
-    assert structure.read_toml(path, _width) == 3
+    assert files.read_toml(path, _width) == 3
 
 
 @pytest.mark.parametrize(
@@ -38,4 +38,4 @@ def test_unreadable_files_are_refused(content: bytes | None, message: str, tmp_p
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(InputError, match=message):
-        structure.read_toml(path, _width)
+        files.read_toml(path, _width)

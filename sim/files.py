@@ -1,0 +1,70 @@
+"""Reading of files, with the file's name in error messages."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from starling.patterns import errors
+
+T = TypeVar("T")
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a file.
+
+    Raises:
+        InputError: if it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise errors.refuse(path.name, "must be readable", path, f"{error.strerror}.") from error
+
+
+def read_text(path: Path) -> str:
+    """Read a UTF-8 text.
+
+    Raises:
+        InputError: if the file cannot be read, or is not UTF-8.
+    """
+    return decode(read_bytes(path), path)
+
+
+def decode(data: bytes, path: Path) -> str:
+    """Decode UTF-8; a byte order mark is skipped.
+
+    Raises:
+        InputError: if the data are not UTF-8.
+    """
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise errors.refuse(path.name, "must be UTF-8 text", path, "Save it again.") from error
+
+
+def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
+    """Read a TOML file and build an object from its table.
+
+    Args:
+        path: the file; error messages start with its name.
+        build: builds the result from the table.
+
+    Raises:
+        InputError: if the file is missing or no TOML; also as `build`, with the path in front.
+    """
+    return parse_toml(read_bytes(path), path, build)
+
+
+def parse_toml(data: bytes, path: Path, build: Callable[[dict[str, Any]], T]) -> T:
+    """Parse TOML and build an object; raises as `read_toml`. A byte order mark is skipped."""
+    try:
+        table = tomllib.loads(data.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # No TOML, no UTF-8, or nested too deep.
+        raise errors.refuse(path.name, "must be TOML", path, f"{error}.") from error
+    try:
+        return build(table)
+    except errors.InputError as error:
+        raise errors.InputError(f"{path}: {error}") from error
