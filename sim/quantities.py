@@ -23,10 +23,10 @@ class Range:
 QUANTITIES = {
     "image_side_px": Range(low=1, high=16384, remedy="Give the image size [px]."),
     # A fisheye of 170 degrees has 0.04 image widths; a telescope of 0.1 degrees has 570.
-    "focal_widths": Range(low=0.02, high=1000, remedy="Give pixels, of the matrix and no inverse."),
+    "focal_widths": Range(low=0.02, high=1e4, remedy="Give pixels; is the matrix inverted?"),
     "principal_point_px": Range(low=-1e5, high=1e5, remedy="Give the principal point [px]."),
     # Endoscopes have millimetres, rigs on vehicles a few metres.
-    "baseline_m": Range(low=5e-4, high=10, remedy="Left imager first; give metres."),
+    "baseline_m": Range(low=5e-4, high=10, remedy="The left imager comes first; give metres."),
     "depth_unit_m": Range(low=1e-7, high=0.1, remedy="Give the step of depth.png [m]."),
     "time_s": Range(low=0, high=1e10, remedy="Give seconds: divide nanoseconds by 1e9."),
     # Some loggers write 0 for an unknown exposure or gain.
@@ -48,5 +48,20 @@ def check(name: str, value: float, quantity: str) -> None:
     Raises:
         InputError: if the value is no finite number, or is implausible.
     """
-    plausible = QUANTITIES[quantity]
-    errors.in_interval(name, value, plausible.low, plausible.high, plausible.remedy)
+    _check(name, value, QUANTITIES[quantity], scale=1)
+
+
+def check_focal(name: str, value_px: float, width: int) -> None:
+    """Refuse a focal length [px] that is implausible for an image of `width` pixels.
+
+    Raises:
+        InputError: as `check`.
+    """
+    _check(name, value_px, QUANTITIES["focal_widths"], scale=width)
+
+
+def _check(name: str, value: float, plausible: Range, *, scale: float) -> None:
+    if 0 < plausible.low < 1:
+        errors.positive(name, value, plausible.remedy)
+    low, high = plausible.low * scale, plausible.high * scale
+    errors.in_interval(name, value, low, high, plausible.remedy)

@@ -13,7 +13,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from starling.patterns import errors
-from starling.sim import files
+from starling.sim import files, quantities
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.sensor import structure
@@ -56,10 +56,8 @@ class CaptureInfo:
 
     def __post_init__(self) -> None:
         Pinhole.from_camera(self)  # Validates the intrinsics.
-        errors.positive(
-            "baseline_m", self.baseline_m, "The left imager comes first: give the distance [m]."
-        )
-        errors.positive("depth_unit_m", self.depth_unit_m, "Give the step of depth.png [m].")
+        quantities.check("baseline_m", self.baseline_m, "baseline_m")
+        quantities.check("depth_unit_m", self.depth_unit_m, "depth_unit_m")
         if self.black_level_dn is not None:
             errors.in_interval("black_level_dn", self.black_level_dn, 0.0, 65535.0)
         if self.colour_from_left is not None:

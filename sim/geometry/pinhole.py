@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from starling.patterns import errors
+from starling.sim import quantities
 from starling.sim.arrays import Image
 
 
@@ -25,13 +25,11 @@ class Pinhole:
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
-            errors.in_interval(name, getattr(self, name), 1, 16384, "Give the image size [px].")
+            quantities.check(name, getattr(self, name), "image_side_px")
         for name in ("fx_px", "fy_px"):
-            errors.positive(name, getattr(self, name), "Give the focal length [px].")
+            quantities.check_focal(name, getattr(self, name), self.width)
         for name in ("cx_px", "cy_px"):
-            errors.in_interval(
-                name, getattr(self, name), -1e5, 1e5, "Give the principal point [px]."
-            )
+            quantities.check(name, getattr(self, name), "principal_point_px")
 
     @classmethod
     def from_camera(cls, camera: Any) -> Pinhole:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from starling.patterns import errors
+from starling.sim import quantities
 from starling.sim.sensor.matcher import whole
 
 HoleFilling = Literal["off", "left", "farthest", "nearest"]  # Neighbour that fills a hole.
@@ -34,8 +35,7 @@ class Post:
     registered: bool = False  # Also compute depth in the colour camera's image.
 
     def __post_init__(self) -> None:
-        errors.positive("post.depth_unit_m", self.depth_unit_m)
-        errors.in_interval("post.depth_unit_m", self.depth_unit_m, 0.0, 0.1, "Give metres.")
+        quantities.check("post.depth_unit_m", self.depth_unit_m, "depth_unit_m")
         errors.in_interval("post.near_m", self.near_m, 0.0, 1e3)
         errors.in_interval("post.far_m", self.far_m, 0.0, 1e3)
         if self.far_m <= self.near_m:

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from starling.patterns import errors
+from starling.sim import quantities
 from starling.sim.sensor.imager import Alignment as Alignment
 from starling.sim.sensor.imager import Imager as Imager
 from starling.sim.sensor.imager import Lens as Lens
@@ -38,7 +39,7 @@ class Colour:
         for name in ("width", "height"):
             errors.in_interval(f"colour.{name}", getattr(self, name), 32, 8192)
         for name in ("fx_px", "fy_px"):
-            errors.positive(f"colour.{name}", getattr(self, name))
+            quantities.check_focal(f"colour.{name}", getattr(self, name), self.width)
         errors.in_interval("colour.cx_px", self.cx_px, -self.width, 2 * self.width)
         errors.in_interval("colour.cy_px", self.cy_px, -self.height, 2 * self.height)
         for axis, value in zip("xyz", self.position_m, strict=True):
@@ -80,12 +81,10 @@ class Sensor:
         for name in ("width", "height"):
             errors.in_interval(name, getattr(self, name), 32, 8192)
         for name in ("fx_px", "fy_px"):
-            errors.positive(name, getattr(self, name))
+            quantities.check_focal(name, getattr(self, name), self.width)
         errors.in_interval("cx_px", self.cx_px, -self.width, 2 * self.width)
         errors.in_interval("cy_px", self.cy_px, -self.height, 2 * self.height)
-        errors.positive(
-            "baseline_m", self.baseline_m, "The left imager comes first: give the distance [m]."
-        )
+        quantities.check("baseline_m", self.baseline_m, "baseline_m")
         errors.in_interval("baseline_error", self.baseline_error, -0.2, 0.2, "Give a share: 0.01.")
         errors.in_interval("unit", self.unit, 0, 2**31 - 1)
         errors.one_of("kind", self.kind, ("stereo", "structured_light"))

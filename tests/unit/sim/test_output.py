@@ -255,7 +255,7 @@ def test_own_input_is_refused(tmp_path: Path, out: str) -> None:
 
 @pytest.mark.parametrize("name", ["../a", "a/../../b", "/tmp/a", "", ".", "a\0b"])
 def test_a_file_outside_the_output_folder_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match="output file must stay in its folder"):
-        with OutputFolder(tmp_path / "out") as folder:
-            folder.write(name, b"")
+    refused = pytest.raises(InputError, match="output file must stay in its folder")
+    with refused, OutputFolder(tmp_path / "out") as folder:
+        folder.write(name, b"")
     assert not list(tmp_path.iterdir())
