@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -43,6 +44,19 @@ def decode(data: bytes, path: Path) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise errors.refuse(path.name, "must be UTF-8 text", path, "Save it again.") from error
+
+
+def parse_json(data: bytes, path: Path) -> Any:
+    """Parse JSON; a byte order mark is skipped.
+
+    Raises:
+        InputError: if the data are no UTF-8 or no JSON.
+    """
+    text = decode(data, path)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise errors.refuse(path.name, "must be JSON", path, f"{error}.") from error
 
 
 def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:

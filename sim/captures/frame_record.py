@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -38,11 +37,7 @@ def parse(data: bytes, path: Path) -> dict[str, Any]:
     Raises:
         InputError: if the content is no JSON object, or a known key has an impossible value.
     """
-    text = files.decode(data, path)
-    try:
-        record = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise errors.refuse(FILE, "must be JSON", path, f"{error}.") from error
+    record = files.parse_json(data, path)
     if not isinstance(record, dict):
         raise errors.refuse(FILE, "must be one object", path, "Write {...}.")
     try:

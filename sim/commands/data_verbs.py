@@ -53,7 +53,7 @@ def generate(
 def verify(captures: Positional[Path], *, sample: int = 8, common: Shared = Common()) -> None:
     """Check a data set: verify every checksum, and regenerate a random sample of views.
 
-    The exit code is 1 if a frame is missing, duplicated or different.
+    Every damage is listed. The exit code is 1 if there is any.
 
     Example: starling verify out/set --sample 20
 
@@ -69,7 +69,7 @@ def verify(captures: Positional[Path], *, sample: int = 8, common: Shared = Comm
     with progress.on_stderr() as track:
         result = verification.verify(captures, sample=sample, track=track)
     shell.say(result, json=common.json)
-    if result["missing"] or result["duplicate"] or result["differing"]:
+    if result["findings"] or result["missing"] or result["duplicate"] or result["differing"]:
         sys.exit(1)
 
 

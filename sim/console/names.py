@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import unicodedata
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
 
 _PLAIN = frozenset("-_.,+=@~ ()[]")  # Characters that stay, besides letters and digits.
 _LONGEST = 120  # Bytes of an escaped name; file systems allow 255, and suffixes are added.
@@ -36,8 +39,32 @@ def file_name(name: str) -> str:
     if len(plain.encode()) <= _LONGEST:
         return plain
     short = plain.encode()[: _LONGEST - _DIGITS - 1].decode(errors="ignore")
-    digest = hashlib.sha256(name.encode(errors="surrogatepass")).hexdigest()[:_DIGITS]
-    return f"{short}%{digest}"
+    return f"{short}%{_digest(name)}"
+
+
+def distinct_names(paths: Iterable[Path]) -> dict[Path, str]:
+    """Name each path by its stem, and by as many folders before it as make the names differ.
+
+    Example:
+        >>> distinct_names([Path("a/mesh.ply"), Path("b/mesh.ply"), Path("b/cup.ply")]).values()
+        dict_values(['a-mesh', 'b-mesh', 'cup'])
+    """
+    known = sorted(set(paths))
+    names = {path: path.stem for path in known}
+    for depth in range(2, max((len(path.parts) for path in known), default=0) + 1):
+        counts = Counter(names.values())
+        for path in known:
+            if counts[names[path]] > 1:
+                names[path] = "-".join((*path.parts[-depth:-1], path.stem)).lstrip("/-")
+    counts = Counter(names.values())
+    return {
+        path: name if counts[name] == 1 else f"{name}-{_digest(str(path))[:6]}"
+        for path, name in names.items()
+    }
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:_DIGITS]
 
 
 def _stays(character: str) -> bool:

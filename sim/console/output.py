@@ -111,10 +111,17 @@ class OutputFolder:
         _remove_empty(self._made_parents)
 
 
+def is_inside(name: str) -> bool:
+    """Return whether a relative path with forward slashes stays inside its folder."""
+    path = PurePosixPath(name)
+    return (
+        not path.is_absolute() and ".." not in path.parts and bool(path.parts) and "\0" not in name
+    )
+
+
 def _refuse_outside(name: str) -> None:
     """Refuse a name that leaves its folder; `names.file_name` makes a component of any text."""
-    path = PurePosixPath(name)
-    if path.is_absolute() or ".." in path.parts or not path.parts or "\0" in name:
+    if not is_inside(name):
         advice = "Rename the room, scene or object."
         raise errors.refuse("output file", "must stay in its folder", repr(name), advice)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import time
-import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import tomli_w
 
 from starling.patterns import errors
+from starling.sim import files
 from starling.sim.console import progress
 from starling.sim.console.threads import cores
 from starling.sim.datasets import index, render_view, set_folder
@@ -78,10 +80,11 @@ def generate(
             for result in _tracked(results, remaining, track):
                 folder.put(result)
                 new += len(result.rows)
+            _refuse_changed(text(plan, parsed, layout, shard_frames), out)
             folder.finish({"verb": "generate", "layout": layout})
         figures = set_folder.figures(out)
     seconds = time.perf_counter() - started
-    wanted = parsed.count - parsed.frames * len(figures["skipped"])
+    wanted = parsed.count - parsed.frames * len(figures.skipped)
     frames, missing, duplicate = index.count_frames(index.read(out), wanted)
     return {
         "out": str(out),
@@ -89,11 +92,18 @@ def generate(
         "missing": missing,
         "duplicate": duplicate,
         "differing": None,
-        "skipped": figures["skipped"],
+        "skipped": [dataclasses.asdict(view) for view in figures.skipped],
         "frames_per_s": new / seconds if new else None,
-        "bytes_per_frame": figures["bytes"] / frames if frames else None,
+        "bytes_per_frame": figures.bytes / frames if frames else None,
         "seconds": round(seconds, 3),
     }
+
+
+def _refuse_changed(now: str, out: Path) -> None:
+    """Refuse to finish a set whose plan, meshes or sensor files changed during the run."""
+    if files.read_text(out / set_folder.PLAN) != now:
+        rule, advice = "must stay the same during the run", "Generate the set again."
+        raise errors.refuse("files of the plan", rule, out, advice)
 
 
 def _tracked(
@@ -113,15 +123,15 @@ def text(path: Path, plan: Plan, layout: Layout, shard_frames: int) -> str:
         layout: layout of the set.
         shard_frames: frames per archive and per task.
     """
-    files = {str(file): file.stat().st_size for file in _files(plan)}
+    digests = {str(file): _digest(file) for file in _files(plan)}
     run = {
         "folder": str(path.absolute().parent),
         "layout": layout,
         "shard_frames": shard_frames,
         "variant": str(backend.mitsuba().variant()),
     }
-    table = tomllib.loads(path.read_text(encoding="utf-8"))
-    return tomli_w.dumps({"plan": table, "run": run, "files": files})
+    table = files.read_toml(path, dict)
+    return tomli_w.dumps({"plan": table, "run": run, "files": digests})
 
 
 def _files(plan: Plan) -> list[Path]:
@@ -133,3 +143,8 @@ def _files(plan: Plan) -> list[Path]:
         if isinstance(source, Captured):
             files |= {path / "truth.png" for path in source.paths}
     return sorted(path for path in files if path.is_file())
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -5,12 +5,53 @@ from __future__ import annotations
 import io
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from starling.patterns import errors
+from starling.sim.console import output
+from starling.sim.sensor import structure
 
 FILE = "index.parquet"
+
+
+_NULLABLE = ("exposure_s", "gain")  # A structured-light sensor has neither.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class IndexRow:
+    """Columns of the index."""
+
+    frame: int
+    view: int
+    scene: int
+    repeat: int
+    name: str  # VIEW/REPEAT
+    room: str
+    sensor: str
+    seed: int
+    ndp_rate: float  # Share of pixels without depth.
+    mean_dn: float  # Mean of the left infrared image [DN].
+    exposure_s: float | None = None
+    gain: float | None = None
+    shard: str  # Archive that holds the frame; empty for folders.
+    files: tuple[str, ...]  # Files of this frame, by path in the set.
+    bytes: int
+    sha256: str  # See `render_view.fingerprint`.
+
+
+def check_row(row: Any, file: Path) -> dict[str, Any]:
+    """Check a row from a file.
+
+    Raises:
+        InputError: if a key is missing or unknown, a value has another type, or a file's name leads
+            out of the set.
+    """
+    known = {key: value for key, value in row.items() if value is not None} if row else row
+    structure.from_table(IndexRow, known)
+    _check_names(row, file)
+    return row
 
 
 def encode(rows: Iterable[dict[str, Any]]) -> bytes:
@@ -20,31 +61,29 @@ def encode(rows: Iterable[dict[str, Any]]) -> bytes:
         InputError: if pyarrow is not installed.
     """
     pa, parquet = _pyarrow()
-    columns = {
-        "frame": pa.int64(),
-        "view": pa.int64(),
-        "scene": pa.int64(),
-        "repeat": pa.int32(),
-        "name": pa.string(),
-        "room": pa.string(),
-        "sensor": pa.string(),
-        "seed": pa.int64(),
-        "ndp_rate": pa.float64(),
-        "mean_dn": pa.float64(),
-        "exposure_s": pa.float64(),
-        "gain": pa.float64(),
-        "shard": pa.string(),
-        "files": pa.list_(pa.string()),
-        "bytes": pa.int64(),
-        "sha256": pa.string(),
-    }
     ordered = sorted(rows, key=lambda row: row["frame"])
     table = pa.table(
-        {name: pa.array([row[name] for row in ordered], kind) for name, kind in columns.items()}
+        {name: pa.array([row[name] for row in ordered], kind) for name, kind in _columns(pa)}
     )
     buffer = io.BytesIO()
     parquet.write_table(table, buffer, compression="zstd")
     return buffer.getvalue()
+
+
+def _columns(pa: Any) -> list[tuple[str, Any]]:
+    """List the names and types of the columns."""
+    whole, number, text = pa.int64(), pa.float64(), pa.string()
+    return [
+        *((name, whole) for name in ("frame", "view", "scene")),
+        ("repeat", pa.int32()),
+        *((name, text) for name in ("name", "room", "sensor")),
+        ("seed", whole),
+        *((name, number) for name in ("ndp_rate", "mean_dn", *_NULLABLE)),
+        ("shard", text),
+        ("files", pa.list_(text)),
+        ("bytes", whole),
+        ("sha256", text),
+    ]
 
 
 def read(path: Path) -> list[dict[str, Any]]:
@@ -54,7 +93,8 @@ def read(path: Path) -> list[dict[str, Any]]:
         path: the set's folder.
 
     Raises:
-        InputError: if it has no index, the index is damaged, or pyarrow is not installed.
+        InputError: if it has no index, or pyarrow is not installed. Also if the index is damaged,
+            lacks a column, or names a file outside the set.
     """
     pa, parquet = _pyarrow()
     file = path / FILE
@@ -62,10 +102,30 @@ def read(path: Path) -> list[dict[str, Any]]:
         advice = "Is it a finished set of starling generate?"
         raise errors.refuse("set", f"must have an {FILE}", path, advice)
     try:
-        return parquet.read_table(file).to_pylist()
-    except (OSError, pa.ArrowException) as error:
-        reason = str(error).splitlines()[0]
-        raise errors.refuse(FILE, "must be a Parquet file", file, f"{reason}.") from error
+        table = parquet.read_table(file)
+        rows = table.to_pylist()
+    except Exception as error:  # A damaged file raises errors of many types.
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise errors.refuse(FILE, "must be a Parquet file", file, f"{reason}.") from None
+    for name, kind in _columns(pa):
+        if name not in table.column_names:
+            raise errors.refuse(FILE, f"must have the column {name}", file, "Generate it again.")
+        column = table.column(name)
+        if column.type != kind or (column.null_count and name not in _NULLABLE):
+            rule = f"must have a column {name} of {kind} without gaps"
+            raise errors.refuse(FILE, rule, f"{column.type} in {file}", "Generate it again.")
+    for row in rows:
+        _check_names(row, file)
+    return rows
+
+
+def _check_names(row: Mapping[str, Any], file: Path) -> None:
+    """Refuse names of files that could lie outside the set."""
+    names = [row["name"], *row["files"], *([row["shard"]] if row["shard"] else [])]
+    for name in names:
+        if not isinstance(name, str) or not output.is_inside(name):
+            rule = "must name files in the set"
+            raise errors.refuse(FILE, rule, f"{name!r} in {file}", "Is it damaged?")
 
 
 def count_frames(rows: Sequence[Mapping[str, Any]], wanted: int) -> tuple[int, int, int]:

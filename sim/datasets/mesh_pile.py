@@ -41,6 +41,7 @@ class RestingMesh:
 
     name: str  # Name of its body.
     path: Path
+    mesh: str  # Path inside the source's folder, with forward slashes.
     world_from_mesh: Pose  # Rigid, translation in metres.
     reflectance: float
 
@@ -66,6 +67,7 @@ def scene(pile: Pile, sensor: Sensor) -> tuple[Scene, tuple[RestingMesh, ...]]:
         RestingMesh(
             name=f"{path.stem} {number}",
             path=path,
+            mesh=path.relative_to(pile.folder).as_posix(),
             world_from_mesh=frames.pose((float(x), 0.0, float(z))) @ pose,
             reflectance=reflectance,
         )

@@ -5,6 +5,7 @@ Scene, camera, pose and seed of a view depend only on the view's number.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,9 +15,10 @@ import numpy as np
 
 from starling.patterns import errors
 from starling.sim import files, randomness
+from starling.sim.console.names import distinct_names
 from starling.sim.datasets import draw
 from starling.sim.datasets.draw import Draw, Fixed, refuse_unknown, text, weight
-from starling.sim.datasets.source import Setting, Source, read_source
+from starling.sim.datasets.source import SceneFiles, Setting, Source, read_source
 from starling.sim.effects import setting
 from starling.sim.effects.effect import Value
 from starling.sim.geometry import frames
@@ -35,6 +37,7 @@ class SensorPlan:
     """A camera, and the values that are drawn for each view."""
 
     preset: str  # Preset name or sensor file.
+    name: str = ""  # Distinct name in the index; empty takes the file's stem.
     weight: float = 1.0
     fields: Mapping[str, Draw] = field(default_factory=dict)  # By dotted path, as for `--set`.
     effects: Mapping[str, Draw] = field(default_factory=dict)  # By name, as for `--effect`.
@@ -99,16 +102,36 @@ def from_table(table: Mapping[str, Any], folder: Path) -> Plan:
         **numbers,
         layers=_layers(table.get("layers", ["infrared", "truth"])),
         missing=missing,
-        sources=tuple(
-            read_source(entry, folder, f"source {number}")
-            for number, entry in enumerate(_listed(table, "source"), 1)
+        sources=_distinct_rooms(
+            [
+                read_source(entry, folder, f"source {number}")
+                for number, entry in enumerate(_listed(table, "source"), 1)
+            ]
         ),
-        sensors=tuple(
-            _sensor(entry, folder, f"sensor {number}")
-            for number, entry in enumerate(_listed(table, "sensor"), 1)
+        sensors=_distinct_sensors(
+            [
+                _sensor(entry, folder, f"sensor {number}")
+                for number, entry in enumerate(_listed(table, "sensor"), 1)
+            ]
         ),
         pose=_pose(table.get("pose", {})),
     )
+
+
+def _distinct_rooms(sources: Sequence[Source]) -> tuple[Source, ...]:
+    """Give files with equal names different rooms, also in different sources."""
+    paths = [path for source in sources if isinstance(source, SceneFiles) for path in source.paths]
+    rooms = distinct_names(paths)
+    return tuple(
+        dataclasses.replace(source, rooms=rooms) if isinstance(source, SceneFiles) else source
+        for source in sources
+    )
+
+
+def _distinct_sensors(sensors: Sequence[SensorPlan]) -> tuple[SensorPlan, ...]:
+    """Give sensor files with equal names different names in the index."""
+    names = distinct_names(Path(sensor.preset) for sensor in sensors)
+    return tuple(dataclasses.replace(sensor, name=names[Path(sensor.preset)]) for sensor in sensors)
 
 
 def _whole(table: Mapping[str, Any], name: str, least: int, default: int | None) -> int:
@@ -210,6 +233,7 @@ class PlannedView:
     room: str
     setting: Setting
     preset: str
+    sensor: str  # Name of the preset or sensor file in the index.
     fields: Mapping[str, Any]  # Fields of the sensor, by dotted path.
     effects: Mapping[str, Value]
     own_from_left: Pose  # Pose in the frame of the scene's own left imager.
@@ -239,6 +263,7 @@ def view(plan: Plan, number: int) -> PlannedView:
         room=setting.room,
         setting=setting,
         preset=sensor.preset,
+        sensor=sensor.name or Path(sensor.preset).stem,
         fields={
             path: draw.drawn(_rng(plan, number, f"field {path}"))
             for path, draw in sensor.fields.items()

@@ -153,7 +153,7 @@ def _write_frame(
             **facts(shot, sensor),
             "seed": planned.seed,
             "view": planned.number,
-            "preset": Path(planned.preset).stem,
+            "preset": planned.sensor,
             "set": dict(planned.fields),
             "effects": dict(planned.effects),
             "left_from_world": left_from_world.tolist(),
@@ -161,7 +161,8 @@ def _write_frame(
             "objects": [
                 {
                     "body": rested.name,
-                    "mesh": rested.path.name,
+                    "mesh": rested.mesh,
+                    "sha256": _mesh_digest(rested.path),
                     "left_from_mesh": (left_from_world @ rested.world_from_mesh).tolist(),
                 }
                 for rested in loaded.resting
@@ -180,7 +181,7 @@ def _row(
         "repeat": repeat,
         "name": f"{planned.name}/{repeat}",
         "room": planned.room,
-        "sensor": Path(planned.preset).stem,
+        "sensor": planned.sensor,
         "seed": planned.seed,
         "ndp_rate": float(1 - shot.depth.valid.mean()),
         "mean_dn": float(shot.ir_left.mean()),
@@ -190,6 +191,11 @@ def _row(
         "bytes": sum(map(len, files.values())),
         "sha256": fingerprint(files),
     }
+
+
+@lru_cache(maxsize=256)
+def _mesh_digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def fingerprint(files: Mapping[str, bytes]) -> str:

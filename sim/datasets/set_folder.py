@@ -4,25 +4,67 @@ from __future__ import annotations
 
 import difflib
 import fcntl
-import json
+import re
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
 from starling.patterns import errors
+from starling.sim import files
 from starling.sim.captures import info as capture_info
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.console import output, record
 from starling.sim.datasets import index, shard
 from starling.sim.datasets.workers import TaskResult
+from starling.sim.sensor import structure
 
 Layout = Literal["folders", "shards"]
 
 PLAN = "plan.toml"  # The plan as read, and everything else that determines the set.
+CHECKSUMS = "SHA256SUMS"  # Of the set's own files, as `sha256sum -c` reads it.
+_HEX = re.compile("[0-9a-f]{64}")
 _PARTS = ".parts"  # Folder with the rows of each complete task.
 _LOCK = ".lock"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SkippedView:
+    """A view whose scene is missing."""
+
+    view: int
+    why: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SetFigures:
+    """Figures in the record of a finished set."""
+
+    frames: int
+    bytes: int
+    skipped: tuple[SkippedView, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SetRun:
+    """Arguments that determine a set, besides the plan."""
+
+    folder: str  # Folder at which the plan's relative paths start.
+    layout: Layout
+    shard_frames: int
+    variant: str  # Variant of Mitsuba.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SetOrigin:
+    """Content of `plan.toml`: everything that determines a set."""
+
+    plan: dict  # type: ignore[type-arg]  # Table for `plan.from_table`.
+    run: SetRun
+    files: dict = field(default_factory=dict)  # type: ignore[type-arg]  # SHA-256 by path.
 
 
 class SetFolder:
@@ -34,7 +76,11 @@ class SetFolder:
 
     def done(self) -> set[int]:
         """Return the numbers of the complete tasks."""
-        return {int(part.stem) for part in (self.path / _PARTS).glob("*.json")}
+        return {int(part.stem) for part in self._parts()}
+
+    def _parts(self) -> list[Path]:
+        folder = self.path / _PARTS
+        return sorted(part for part in folder.glob("*.json") if part.stem.isdecimal())
 
     def put(self, result: TaskResult) -> None:
         """Write the result of a task: first its files, then the mark of completeness.
@@ -69,8 +115,7 @@ class SetFolder:
         Raises:
             InputError: as `put`, or if pyarrow is not installed.
         """
-        parts = sorted((self.path / _PARTS).glob("*.json"))
-        results = [json.loads(part.read_bytes()) for part in parts]
+        results = [_read_part(part) for part in self._parts()]
         frames = [row for result in results for row in result["rows"]]
         skipped = [view for result in results for view in result["skipped"]]
         figures = {
@@ -78,9 +123,14 @@ class SetFolder:
             "bytes": sum(row["bytes"] for row in frames),
             "skipped": skipped,
         }
-        self._write(index.FILE, index.encode(frames))
         text = record.dumps({**summary, "versions": record.versions(), "figures": figures})
-        self._write(output.RECORD, text.encode())
+        contents = {index.FILE: index.encode(frames), output.RECORD: text.encode()}
+        self._write(index.FILE, contents[index.FILE])
+        for name in (capture_info.FILE, PLAN):
+            contents[name] = (self.path / name).read_bytes()
+        lines = [f"{sha256(contents[name]).hexdigest()}  {name}\n" for name in sorted(contents)]
+        self._write(CHECKSUMS, "".join(lines).encode())
+        self._write(output.RECORD, contents[output.RECORD])  # It marks the set as finished.
         with output.refused(self.path):
             shutil.rmtree(self.path / _PARTS)
 
@@ -103,7 +153,29 @@ class SetFolder:
         part.rename(self.path / name)
 
 
-def figures(path: Path) -> dict[str, Any]:
+def _read_part(path: Path) -> dict[str, Any]:
+    """Read the rows and skipped views of a complete task.
+
+    Raises:
+        InputError: if the file is damaged.
+    """
+    try:
+        part = files.parse_json(files.read_bytes(path), path)
+        if not isinstance(part, dict) or set(part) != {"rows", "skipped"}:
+            raise errors.refuse(path.name, "must hold rows and skipped", repr(part)[:80], "")
+        for row in part["rows"]:
+            index.check_row(row, path)
+        for view in part["skipped"]:
+            structure.from_table(SkippedView, view)
+    except (errors.InputError, TypeError, AttributeError) as error:
+        advice = "Delete it: its task is then repeated."
+        raise errors.refuse(
+            "part of the set", "must be whole", f"{path}: {error}", advice
+        ) from None
+    return part
+
+
+def figures(path: Path) -> SetFigures:
     """Return the frames, bytes and skipped views of a finished set.
 
     Raises:
@@ -111,10 +183,39 @@ def figures(path: Path) -> dict[str, Any]:
     """
     file = path / output.RECORD
     try:
-        return json.loads(file.read_bytes())["figures"]
-    except (OSError, ValueError, KeyError) as error:
+        content = files.parse_json(files.read_bytes(file), file)
+        if not isinstance(content, dict) or "figures" not in content:
+            raise errors.refuse(output.RECORD, "must have figures", repr(content)[:80], "")
+        return structure.from_table(SetFigures, content["figures"], "figures")
+    except errors.InputError as error:
         rule, advice = f"must have its {output.RECORD}", "Is it a finished set of generate?"
         raise errors.refuse("set", rule, f"{path}: {error}", advice) from error
+
+
+def origin(path: Path) -> SetOrigin:
+    """Read the set's `plan.toml`.
+
+    Raises:
+        InputError: if the file is missing or damaged.
+    """
+    try:
+        return files.read_toml(path / PLAN, lambda table: structure.from_table(SetOrigin, table))
+    except errors.InputError as error:
+        advice = "Copy it again, or verify the original."
+        raise errors.refuse("set", f"must have its {PLAN}", f"{path}: {error}", advice) from error
+
+
+def checksums(path: Path) -> dict[str, str]:
+    """Read the SHA-256 of the set's own files by name, in hexadecimal digits.
+
+    Raises:
+        InputError: if the file is missing or damaged.
+    """
+    lines = files.read_text(path / CHECKSUMS).splitlines()
+    words = [line.split("  ", 1) for line in lines]
+    if not words or not all(len(pair) == 2 and _HEX.fullmatch(pair[0]) for pair in words):
+        raise errors.refuse(CHECKSUMS, "must list checksums", path, "Copy it again.")
+    return {name: digest for digest, name in words}
 
 
 @contextmanager
@@ -145,7 +246,7 @@ def opened(path: Path, plan: str, layout: Layout) -> Iterator[SetFolder]:
             rule, advice = "must be used by one run at a time", "End the other run, or wait for it."
             raise errors.refuse("out", rule, path, advice) from error
         if begun:
-            _refuse_other(plan_file.read_text(encoding="utf-8"), plan, path)
+            _refuse_other(files.read_text(plan_file), plan, path)
         with output.refused(path):
             if (path / output.RECORD).is_file():
                 shutil.rmtree(path / _PARTS)

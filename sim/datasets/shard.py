@@ -8,11 +8,15 @@ equal bytes.
 from __future__ import annotations
 
 import io
+import re
 import tarfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 
+from starling.patterns.errors import InputError, refuse
 from starling.sim.datasets.render_view import RenderedView
+
+_MEMBER = re.compile(r"[^/.]+/[0-9]+\.[^/]+")  # VIEW/REPEAT.FILE
 
 
 def name(number: int) -> str:
@@ -46,19 +50,37 @@ def _samples(view: RenderedView) -> Iterator[tuple[str, bytes]]:
             yield f"{view.name}/{repeat}.{file}", data
 
 
-def unpack(archive: bytes) -> dict[str, bytes]:
+def unpack(archive: bytes, name: str = "shard") -> dict[str, bytes]:
     """Return the files of a shard by path in a capture set.
 
     Args:
         archive: bytes from `pack`.
+        name: name of the archive in error messages.
+
+    Raises:
+        InputError: if the bytes are no archive, are cut short, or hold a member that is no regular
+            file of a frame.
     """
-    files: dict[str, bytes] = {}
-    with tarfile.open(fileobj=io.BytesIO(archive), mode="r") as read:
-        for member in read:
-            file = read.extractfile(member)
-            assert file is not None  # The archive holds regular files only.
-            files |= _placed(member.name, file.read())
-    return files
+    contents: dict[str, bytes] = {}
+    try:
+        with tarfile.open(fileobj=io.BytesIO(archive), mode="r:") as read:
+            for member in read:
+                file = read.extractfile(member) if member.isreg() else None
+                data = b"" if file is None else file.read()
+                if file is None or len(data) != member.size or not _MEMBER.fullmatch(member.name):
+                    raise _refuse_archive(name, f"the member {member.name[:80]!r}")
+                contents |= _placed(member.name, data)
+    except InputError:
+        raise
+    except Exception as error:  # tarfile raises errors of many types for damaged archives.
+        raise _refuse_archive(name, str(error) or type(error).__name__) from None
+    if not contents:
+        raise _refuse_archive(name, "no member")
+    return contents
+
+
+def _refuse_archive(name: str, value: str) -> InputError:
+    return refuse(name, "must be a tar archive of frames", value, "Copy it again.")
 
 
 def _placed(member: str, data: bytes) -> Mapping[str, bytes]:

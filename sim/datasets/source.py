@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from starling.patterns import errors
+from starling.sim.console.names import distinct_names
 from starling.sim.datasets import draw
 from starling.sim.datasets.draw import Draw, Fixed, Range, refuse_unknown, text, weight
 
@@ -30,6 +31,7 @@ class SceneSpecifier:
 class Pile:
     """Meshes to drop onto a table."""
 
+    folder: Path  # Meshes are identified by their path inside it.
     paths: tuple[Path, ...]
     reflectances: tuple[float, ...]
     seed: int
@@ -56,11 +58,12 @@ class SceneFiles:
 
     weight: float
     paths: tuple[Path, ...]
+    rooms: Mapping[Path, str]  # Distinct names of the files.
 
     def chosen(self, rng: np.random.Generator) -> SceneSpecifier:
         """Draw a scene."""
         path = self.paths[int(rng.integers(len(self.paths)))]
-        return SceneSpecifier(text=str(path), room=path.stem)
+        return SceneSpecifier(text=str(path), room=self.rooms[path])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,6 +85,7 @@ class Dropped:
     """Tables with meshes of a folder on them; a mesh can occur more than once."""
 
     weight: float
+    folder: Path
     paths: tuple[Path, ...]
     count: Draw
     reflectance: Draw
@@ -92,6 +96,7 @@ class Dropped:
         numbers = rng.integers(len(self.paths), size=count)
         seed = int(rng.integers(2**31))
         return Pile(
+            folder=self.folder,
             paths=tuple(self.paths[number] for number in numbers),
             reflectances=tuple(float(self.reflectance.drawn(rng)) for _ in numbers),
             seed=seed,
@@ -142,7 +147,7 @@ def _files(table: Mapping[str, Any], folder: Path, name: str) -> SceneFiles:
     paths = tuple(folder / word for word in words)
     for path in paths:
         _refuse_other(path, _FILES, f"{name}.paths")
-    return SceneFiles(weight=weight(table, name), paths=paths)
+    return SceneFiles(weight=weight(table, name), paths=paths, rooms=distinct_names(paths))
 
 
 def _captured(table: Mapping[str, Any], folder: Path, name: str) -> Captured:
@@ -172,7 +177,13 @@ def _dropped(table: Mapping[str, Any], folder: Path, name: str) -> Dropped:
         raise errors.refuse(f"{name}.count", "must be whole", "a range", "Add whole = true.")
     if isinstance(count, Fixed) and type(count.value) is not int:
         raise errors.refuse(f"{name}.count", "must be whole", count.value, "Round it.")
-    return Dropped(weight=weight(table, name), paths=paths, count=count, reflectance=reflectance)
+    return Dropped(
+        weight=weight(table, name),
+        folder=where,
+        paths=paths,
+        count=count,
+        reflectance=reflectance,
+    )
 
 
 def _refuse_other(path: Path, suffixes: tuple[str, ...], name: str) -> None:

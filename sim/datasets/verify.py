@@ -2,27 +2,41 @@
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import time
-import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from starling.patterns import errors
+from starling.patterns.errors import InputError
+from starling.sim import files
 from starling.sim.captures import info as capture_info
-from starling.sim.console import progress
+from starling.sim.console import output, progress
 from starling.sim.datasets import index, render_view, set_folder, shard
 from starling.sim.datasets import plan as plans
 from starling.sim.datasets.plan import Plan
 from starling.sim.datasets.render_view import Row, fingerprint, render
 
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Finding:
+    """One damage of a set."""
+
+    file: str  # File, archive or frame, by path in the set.
+    problem: str
+
 
 def verify(
     path: Path, *, sample: int = 8, track: progress.Progress = progress.silent
 ) -> dict[str, Any]:
-    """Recompute every frame's checksum, and regenerate a random sample of views.
+    """Recompute every checksum, and regenerate a random sample of views.
 
     Args:
         path: folder of a finished set.
@@ -30,50 +44,106 @@ def verify(
         track: wraps the loops.
 
     Returns:
-        `{"frames", "missing", "duplicate", "differing", "frames_per_s", "bytes_per_frame"}`.
-        `missing` counts frames of the plan that have no row or no files, except skipped views.
-        `differing` counts frames whose files do not match the index or the regenerated ones.
+        `{"frames", "missing", "duplicate", "differing", "findings", "frames_per_s",
+        "bytes_per_frame"}`. `missing` counts frames of the plan that have no row or no files,
+        except skipped views. `differing` counts frames whose files do not match the index or the
+        regenerated ones. `findings` lists every damage as `{"file", "problem"}`.
 
     Raises:
-        InputError: if the set is not finished, or its plan cannot be read.
+        InputError: if the folder holds no file of a finished set, or pyarrow is not installed.
     """
     started = time.perf_counter()
-    rows = index.read(path)
-    origin = _origin(path)
-    lost: set[int] = set()
-    differing: set[int] = set()
-    for files, group in _grouped(path, rows, track):
-        for row in group:
-            if not all(name in files for name in row["files"]):
-                lost.add(row["frame"])
-            elif fingerprint({name: files[name] for name in row["files"]}) != row["sha256"]:
-                differing.add(row["frame"])
-    plan = plans.from_table(origin["plan"], Path(origin["run"]["folder"]))
-    skipped = {entry["view"] for entry in set_folder.figures(path)["skipped"]}
-    frames, missing, duplicate = index.count_frames(rows, plan.count - plan.frames * len(skipped))
-    differing |= _irreproducible(path, plan, rows, sample, track) if sample else set()
+    index.refuse_without()
+    _refuse_no_set(path)
+    findings: list[Finding] = []
+    _check_own_files(path, findings)
+    rows = _attempt(findings, index.FILE, lambda: index.read(path)) or []
+    lost, differing = _check_frames(path, rows, findings, track)
+    figures = _attempt(findings, output.RECORD, lambda: set_folder.figures(path))
+    plan = _attempt(findings, set_folder.PLAN, lambda: _plan(path))
+    wanted = len({row["frame"] for row in rows})
+    if plan is not None:
+        wanted = plan.count - plan.frames * (0 if figures is None else len(figures.skipped))
+        if sample:
+            differing |= _irreproducible(path, plan, rows, sample, findings, track)
+    frames, missing, duplicate = index.count_frames(rows, wanted)
+    if missing or duplicate:
+        problem = f"lacks {missing} frames of the plan, and repeats {duplicate}"
+        findings.append(Finding(file=index.FILE, problem=problem))
     return {
         "frames": frames,
         "missing": missing + len(lost),
         "duplicate": duplicate,
         "differing": len(differing),
+        "findings": [dataclasses.asdict(finding) for finding in findings],
         "frames_per_s": len(rows) / (time.perf_counter() - started),
         "bytes_per_frame": sum(row["bytes"] for row in rows) / max(len(rows), 1),
     }
 
 
-def _origin(path: Path) -> Mapping[str, Any]:
-    """Read the set's `plan.toml`."""
+def _refuse_no_set(path: Path) -> None:
+    names = (index.FILE, output.RECORD, set_folder.PLAN, set_folder.CHECKSUMS)
+    if not any((path / name).is_file() for name in names):
+        advice = "Is it a finished set of generate?"
+        raise errors.refuse("set", f"must have its {output.RECORD}", path, advice)
+
+
+def _attempt(findings: list[Finding], file: str, read: Callable[[], T]) -> T | None:
+    """Read a part of the set; report its refusal as a finding."""
     try:
-        return tomllib.loads((path / set_folder.PLAN).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        rule = f"must have its {set_folder.PLAN}"
-        advice = "Copy it again, or verify the original."
-        raise errors.refuse("set", rule, f"{path}: {error}", advice) from error
+        return read()
+    except InputError as error:
+        findings.append(Finding(file=file, problem=str(error)))
+        return None
+
+
+def _check_own_files(path: Path, findings: list[Finding]) -> None:
+    """Compare the set's own files with their checksums."""
+    known = _attempt(findings, set_folder.CHECKSUMS, lambda: set_folder.checksums(path)) or {}
+    own = (capture_info.FILE, set_folder.PLAN, index.FILE, output.RECORD)
+    for name in own if known else ():
+        data = _attempt(findings, name, lambda name=name: files.read_bytes(path / name))
+        if data is None:
+            continue
+        if name not in known:
+            problem = f"is not listed in {set_folder.CHECKSUMS}"
+        elif hashlib.sha256(data).hexdigest() != known[name]:
+            problem = f"differs from its checksum in {set_folder.CHECKSUMS}"
+        else:
+            continue
+        findings.append(Finding(file=name, problem=problem))
+    info = path / capture_info.FILE
+    _attempt(findings, capture_info.FILE, lambda: capture_info.read(info))
+
+
+def _check_frames(
+    path: Path, rows: Sequence[Row], findings: list[Finding], track: progress.Progress
+) -> tuple[set[int], set[int]]:
+    """Compare the files of all frames with the index; return lost and differing frames."""
+    lost: set[int] = set()
+    differing: set[int] = set()
+    for existing, group in _grouped(path, rows, findings, track):
+        for row in group:
+            absent = [name for name in row["files"] if name not in existing]
+            if absent:
+                lost.add(row["frame"])
+                problem = f"lacks {', '.join(absent)}"
+            elif fingerprint({name: existing[name] for name in row["files"]}) != row["sha256"]:
+                differing.add(row["frame"])
+                problem = "differs from its checksum in the index"
+            else:
+                continue
+            findings.append(Finding(file=row["name"], problem=problem))
+    return lost, differing
+
+
+def _plan(path: Path) -> Plan:
+    origin = set_folder.origin(path)
+    return plans.from_table(origin.plan, Path(origin.run.folder))
 
 
 def _grouped(
-    path: Path, rows: Sequence[Row], track: progress.Progress
+    path: Path, rows: Sequence[Row], findings: list[Finding], track: progress.Progress
 ) -> Iterator[tuple[Mapping[str, bytes], Sequence[Row]]]:
     """Yield the existing files of each archive or view, with their rows."""
     groups: dict[str, list[Row]] = {}
@@ -81,28 +151,42 @@ def _grouped(
         groups.setdefault(row["shard"] or row["name"].partition("/")[0], []).append(row)
     for group in track(list(groups.values()), "checksums"):
         archive = group[0]["shard"]
-        if not archive:
-            names = [name for row in group for name in row["files"]]
-            existing = [name for name in names if (path / name).is_file()]
-            yield {name: (path / name).read_bytes() for name in existing}, group
-        elif (path / archive).is_file():
-            yield shard.unpack((path / archive).read_bytes()), group
-        else:
-            yield {}, group
+        if archive:
+            yield _attempt(findings, archive, lambda name=archive: _unpack(path, name)) or {}, group
+            continue
+        names = [name for row in group for name in row["files"]]
+        existing = [name for name in names if (path / name).is_file()]
+        yield {name: files.read_bytes(path / name) for name in existing}, group
+
+
+def _unpack(path: Path, name: str) -> dict[str, bytes]:
+    return shard.unpack(files.read_bytes(path / name), name)
 
 
 def _irreproducible(
-    path: Path, plan: Plan, rows: Sequence[Row], sample: int, track: progress.Progress
+    path: Path,
+    plan: Plan,
+    rows: Sequence[Row],
+    sample: int,
+    findings: list[Finding],
+    track: progress.Progress,
 ) -> set[int]:
     """Regenerate a random sample of views; return the frames that differ."""
-    views = sorted({row["view"] for row in rows})
+    views = sorted({row["view"] for row in rows if row["view"] < plan.scenes * plan.views})
     chosen = np.random.default_rng(plan.seed).permutation(len(views))[:sample]
-    info = capture_info.read(path / capture_info.FILE)
+    info_file = path / capture_info.FILE
+    info = _attempt([], capture_info.FILE, lambda: capture_info.read(info_file))
+    if info is None:  # `_check_own_files` has reported it.
+        return set()
     render_view.load_scene.cache_clear()  # Files may have changed since this process read them.
     before = {row["frame"]: row["sha256"] for row in rows}
     differing: set[int] = set()
     for number in track([views[place] for place in sorted(chosen)], "regenerated"):
-        for row in render(plan, number, info, path).rows:
+        view = f"view {number}"
+        rendered = _attempt(findings, view, lambda n=number: render(plan, n, info, path))
+        for row in () if rendered is None else rendered.rows:
             if before.get(row["frame"]) != row["sha256"]:
                 differing.add(row["frame"])
+                problem = "differs from the regenerated frame"
+                findings.append(Finding(file=row["name"], problem=problem))
     return differing

@@ -324,18 +324,76 @@ def test_verify_finds_missing_duplicate_and_changed_frames(
     rows = [{**row, "sha256": "0"} if row["frame"] == 0 else row for row in index.read(out)]
     (out / index.FILE).write_bytes(index.encode(rows))
     assert verify(out, sample=10)["differing"] == 1
-    for name, message in (
-        ("starling.json", "set must have its starling.json"),
-        ("plan.toml", "set must have its plan.toml"),
-        (index.FILE, "set must have an index.parquet"),
-    ):
-        (out / name).unlink()
-        with pytest.raises(InputError, match=message):
-            verify(out, sample=0)
     (out / index.FILE).write_bytes(b"parquet")
     with pytest.raises(InputError, match=r"index.parquet must be a Parquet file"):
         index.read(out)
+    with pytest.raises(InputError, match=r"set must have its starling.json"):
+        verify(tmp_path, sample=0)
     capsys.readouterr()
+
+
+OWN_FILES = ("capture.toml", "plan.toml", "index.parquet", "starling.json", "SHA256SUMS")
+
+
+@pytest.mark.parametrize("name", OWN_FILES)
+@pytest.mark.parametrize("damage", ["absent", "empty", "other", "changed"])
+def test_verify_reports_damage_of_every_own_file(
+    whole: Path, tmp_path: Path, name: str, damage: str
+):
+    out = tmp_path / "set"
+    shutil.copytree(whole, out)
+    data = (out / name).read_bytes()
+    (out / "0000005" / "0" / "depth.png").unlink()
+    if damage == "absent":
+        (out / name).unlink()
+    else:
+        place = data.index(b"a", len(data) // 2)
+        changed = data[:place] + b"b" + data[place + 1 :]
+        (out / name).write_bytes({"empty": b"", "other": b"[]", "changed": changed}[damage])
+    findings = verify(out, sample=0)["findings"]
+    files = {finding["file"] for finding in findings}
+    assert {name, "SHA256SUMS"} & files
+    if name != "index.parquet":  # The frames are checked although another file is damaged.
+        assert "0000005/0" in files
+    assert command_line.main(["verify", str(out), "--sample", "0"]) == 1
+
+
+def test_damaged_archives_are_findings(plan: Path, tmp_path: Path):
+    out = tmp_path / "set"
+    generate(plan, out, workers=1, shard_frames=4, layout="shards")
+    archives = sorted(out.glob("*.tar"))
+    archives[0].write_bytes(archives[0].read_bytes()[:5000])
+    archives[1].unlink()
+    archives[2].write_bytes(b"")
+    report = verify(out, sample=0)
+    assert report["missing"] == 12
+    assert {archive.name for archive in archives[:3]} <= {
+        finding["file"] for finding in report["findings"]
+    }
+
+
+def test_damaged_part_of_an_unfinished_set_is_refused_by_name(plan: Path, tmp_path: Path):
+    for number, content in enumerate((b"[]", b"{}", b"\xff", b'{"rows": [{}], "skipped": []}')):
+        out = tmp_path / str(number)
+        generate(plan, out, workers=1, shard_frames=4)
+        (out / "starling.json").unlink()
+        (out / ".parts").mkdir()
+        (out / ".parts" / "000000.json").write_bytes(content)
+        with pytest.raises(InputError, match=r"part of the set must be whole; .*000000\.json"):
+            generate(plan, out, workers=1, shard_frames=4)
+
+
+def test_mesh_replaced_by_another_of_equal_size_is_another_set(plan: Path, tmp_path: Path):
+    folder = tmp_path / "copy"
+    shutil.copytree(plan.parent, folder)
+    copied = folder / plan.name
+    generate(copied, tmp_path / "set", workers=1, shard_frames=4)
+    mesh = folder / "things" / "box.ply"
+    data = bytearray(mesh.read_bytes())
+    data[-1] ^= 1
+    mesh.write_bytes(bytes(data))
+    with pytest.raises(InputError, match=r"plan must be that of .*box\.ply"):
+        generate(copied, tmp_path / "set", workers=1, shard_frames=4)
 
 
 def test_missing_pyarrow_or_ray_is_refused_with_advice(monkeypatch: Any, tmp_path: Path):

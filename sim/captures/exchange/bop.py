@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -82,22 +83,36 @@ def export(captures: CaptureSet, meshes: Path, folder: Folder) -> int:
 
 
 def _models(captures: CaptureSet, meshes: Path) -> dict[str, trimesh.Trimesh]:
-    """Load the meshes [m] of all objects in any frame, by file name."""
-    names = {
-        shown["mesh"]
+    """Load the meshes [m] of all objects in any frame, by path inside `meshes`."""
+    digests = {
+        shown["mesh"]: shown.get("sha256")
         for scene in captures.scenes
-        for shown in scene.frame(scene.frames[0]).record.get("objects", [])
+        for shown in scene.record(scene.frames[0]).get("objects", [])
     }
-    if not names:
+    if not digests:
         advice = "Generate it with a source of kind dropped."
         raise refuse("captures", "must show objects", captures.path, advice)
     models = {}
-    for name in names:
-        paths = sorted(meshes.rglob(name))
-        if not paths:
-            raise refuse("meshes", f"must hold {name}", meshes, "Give the plan's folder.")
-        models[name] = solids.join([part for _, part in sources.mesh_parts(paths[0])])
+    for name, digest in digests.items():
+        path = _mesh_file(meshes, name)
+        if digest is not None and sha256(path.read_bytes()).hexdigest() != digest:
+            rule = f"must hold the {name} that was rendered"
+            raise refuse("meshes", rule, f"another content in {path}", "Restore the file.")
+        models[name] = solids.join([part for _, part in sources.mesh_parts(path)])
     return models
+
+
+def _mesh_file(meshes: Path, name: str) -> Path:
+    """Find a mesh by its path inside the folder, or by a file name that occurs once."""
+    if (meshes / name).is_file():
+        return meshes / name
+    paths = sorted(meshes.rglob(name)) if "/" not in name else []
+    if not paths:
+        raise refuse("meshes", f"must hold {name}", meshes, "Give the plan's folder.")
+    if len(paths) > 1:
+        rule, advice = f"must hold one file {name}", "Give the folder with the right one."
+        raise refuse("meshes", rule, f"{len(paths)} in {meshes}", advice)
+    return paths[0]
 
 
 def _scene(

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from starling.sim.console.names import file_name
+from starling.sim.console.names import distinct_names, file_name
 
 any_text = st.text(max_size=300)
 
@@ -42,3 +42,29 @@ def test_usual_names_stay(name: str) -> None:
 )
 def test_other_characters_are_escaped(name: str, written: str) -> None:
     assert file_name(name) == written
+
+
+paths = st.lists(st.sampled_from(["a", "b", "c"]), min_size=1, max_size=4).map(
+    lambda parts: Path("/", *parts, "mesh.obj")
+)
+
+
+@given(st.lists(paths, max_size=8))
+def test_different_paths_get_different_names(files: list[Path]) -> None:
+    names = distinct_names(files)
+    assert set(names) == set(files)
+    assert len(set(names.values())) == len(names)
+
+
+def test_folders_are_named_only_where_stems_are_equal() -> None:
+    files = [Path("x/cup.ply"), Path("x/can/textured.obj"), Path("x/box/textured.obj")]
+    assert [distinct_names(files)[file] for file in files] == [
+        "cup",
+        "can-textured",
+        "box-textured",
+    ]
+
+
+def test_names_that_only_differ_in_suffix_or_separator_stay_different() -> None:
+    files = [Path("a/b.ply"), Path("a/b.obj"), Path("a-b.ply"), Path("x/a-b.ply")]
+    assert len(set(distinct_names(files).values())) == 4
