@@ -66,7 +66,7 @@ def write(
                 room=place,
                 truth_m=shot.layers.truth.depth_m,
                 depth_unit_m=step_m,
-                known=known_geometry.describe(name, assumed.world_from_left, folder.path / place),
+                known=known_geometry.describe(name, assumed.file_from_left, folder.path / place),
             )
             writer.write_frame(
                 folder,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -199,7 +200,7 @@ def open_set(path: Path | str) -> CaptureSet:
             f"It {problem}: give a capture set or a scene in it.",
         )
     if (path / capture_info.FILE).is_file():
-        info = capture_info.read(path / capture_info.FILE)
+        info = _read_info(path / capture_info.FILE)
         folders = sorted(p for p in _list(path) if p.is_dir() and not p.name.startswith("."))
         if not folders:
             raise errors.refuse(
@@ -211,7 +212,7 @@ def open_set(path: Path | str) -> CaptureSet:
         scenes = tuple(_scene(folder, info) for folder in folders)
         return CaptureSet(path=path, info=info, scenes=scenes)
     if (path.parent / capture_info.FILE).is_file():
-        info = capture_info.read(path.parent / capture_info.FILE)
+        info = _read_info(path.parent / capture_info.FILE)
         scene = _scene(path, info)
         return CaptureSet(path=path.parent, info=scene.info, scenes=(scene,))
     raise errors.refuse(
@@ -229,12 +230,24 @@ def _scene(path: Path, info: CaptureInfo) -> CapturedScene:
             "scene", "must hold a frame folder", path, "Name it 0: SCENE/0/ir_left.png and so on."
         )
     camera_file = path / capture_info.OWN
-    info = capture_info.read(camera_file) if os.path.lexists(camera_file) else info
+    info = _read_info(camera_file) if os.path.lexists(camera_file) else info
     room = path / "room"
     name = files.read_text(room).strip() if os.path.lexists(room) else path.name
     return CapturedScene(
         name=path.name, room=name or path.name, path=path, info=info, frames=tuple(frames)
     )
+
+
+def _read_info(path: Path) -> CaptureInfo:
+    """Read a camera's file, and warn of values that nothing uses."""
+    info = capture_info.read(path)
+    if info.distortion is not None and any(info.distortion):
+        message = f"{path}: distortion is not applied; images are taken as rectified."
+        warnings.warn(message, stacklevel=2)
+    if info.extra:
+        listed = ", ".join(sorted(info.extra))
+        warnings.warn(f"{path}: unknown keys are not used: {listed}.", stacklevel=2)
+    return info
 
 
 def _list(path: Path) -> list[Path]:

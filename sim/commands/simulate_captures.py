@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import time
+import warnings
 import zlib
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -24,6 +25,7 @@ from starling.sim.effects import Value, setting
 from starling.sim.render import backend
 from starling.sim.sensor.sensor import Sensor
 
+_FARTHEST_CODE = 65535  # Largest code of a depth image.
 _SAMPLES = 16  # Default number of paths per coarse pixel for indirect light.
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
@@ -54,6 +56,7 @@ def simulate_captures(
     seed: int = 0,
     samples: int = 0,
     effects: Mapping[str, Value] | None = None,
+    empty: bool = False,
     force: bool = False,
     options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
@@ -78,6 +81,7 @@ def simulate_captures(
             on. 0 uses 16 for scenes that have interreflection.
         effects: effects to set on the sensor and on every scene (see
             `starling.sim.effects.setting.apply`).
+        empty: allow scenes without a visible surface.
         force: replace an earlier set.
         options: further command-line options to record, as typed.
         track: wraps the loop over frames.
@@ -104,7 +108,15 @@ def simulate_captures(
     arguments = {"scene": scene, "frames": frames, "seed": seed, "samples": samples}
     with OutputFolder(out, force=force) as folder:
         figures = _write_scenes(
-            folder, tasks, camera, effects, frames=frames, seed=seed, samples=samples, track=track
+            folder,
+            tasks,
+            camera,
+            effects,
+            frames=frames,
+            seed=seed,
+            samples=samples,
+            empty=empty,
+            track=track,
         )
         writer.write_set(
             folder,
@@ -174,6 +186,7 @@ def _write_scenes(
     frames: int,
     seed: int,
     samples: int,
+    empty: bool,
     track: progress.Progress,
 ) -> dict[str, Any]:
     """Render each scene once, read it out `frames` times and write it; return figures by scene."""
@@ -187,13 +200,14 @@ def _write_scenes(
             readings = _readings(task.text, sensor, effects, frames, task_seed, samples)
         shot, scene, picture, paths = next(readings)
         if number == 0:
+            _check_truth(shot.layers.truth.depth_m, task.name, sensor, empty=empty)
             writer.write_scene(
                 folder,
                 task.name,
                 room=task.room,
                 truth_m=shot.layers.truth.depth_m,
                 depth_unit_m=sensor.post.depth_unit_m,
-                known=_known(task, scene.world_from_left, folder.path / task.name),
+                known=_known(task, scene.file_from_left, folder.path / task.name),
             )
         writer.write_frame(
             folder,
@@ -218,6 +232,24 @@ def _write_scenes(
     return figures
 
 
+def _check_truth(truth_m: NDArray[np.float32], name: str, sensor: Sensor, *, empty: bool) -> None:
+    """Refuse a scene without a visible surface, and warn of surfaces beyond the depth image."""
+    farthest_m = _FARTHEST_CODE * sensor.post.depth_unit_m
+    seen = np.isfinite(truth_m)
+    beyond = seen & (truth_m > farthest_m)
+    if not empty and not (seen & ~beyond).any():
+        what = f"surfaces beyond {farthest_m:g} m only" if beyond.any() else "no surface"
+        advice = "Move the camera, scale the scene to metres, or give --empty."
+        raise errors.refuse(name, "must have a surface in view", what, advice)
+    if beyond.any():
+        share = beyond.sum() / seen.sum()
+        warnings.warn(
+            f"{name}: {100 * share:.2g} % of the surface lies beyond {farthest_m:g} m, the end of "
+            f"the depth image. truth.png is 0 there.",
+            stacklevel=2,
+        )
+
+
 def _readings(
     text: str, sensor: Sensor, effects: Mapping[str, Value], frames: int, seed: int, samples: int
 ) -> Iterator[_Reading]:
@@ -233,12 +265,12 @@ def _readings(
         yield shot, scene, picture, paths
 
 
-def _known(task: _Task, world_from_left: Pose, folder: Path) -> SceneFile | None:
+def _known(task: _Task, file_from_left: Pose, folder: Path) -> SceneFile | None:
     if task.captured:
         return None
     from starling.sim.scene.captured import known_geometry
 
-    return known_geometry.describe(task.text, world_from_left, folder)
+    return known_geometry.describe(task.text, file_from_left, folder)
 
 
 def indirectly_lit(scene: Scene, samples: int) -> Scene:

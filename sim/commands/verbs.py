@@ -88,6 +88,7 @@ def simulate(
     emitter: Literal["on", "off"] | None = None,
     effect: Effects = (),
     edits: Edits = (),
+    empty: bool = False,
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
@@ -105,6 +106,7 @@ def simulate(
         samples: Paths per coarse pixel for indirect light.
             0 uses 16 if the scene or an effect has interreflection, and none otherwise.
         emitter: Switch the projector on or off. By default it is as in the sensor.
+        empty: Allow a scene without a surface in view.
         force: Replace a folder that starling wrote earlier.
     """
     from starling.sim.commands import simulate_captures
@@ -130,6 +132,7 @@ def simulate(
             seed=seed,
             samples=samples,
             effects=setting.parse(effect),
+            empty=empty,
             force=force,
             options={
                 "sensor": sensor,

@@ -113,19 +113,19 @@ def _write_view(
         room=planned.room,
         truth_m=shot.layers.truth.depth_m if truth else None,
         depth_unit_m=sensor.post.depth_unit_m,
-        known=_known(planned, scene.world_from_left, files.path),
+        known=_known(planned, scene.file_from_left, files.path),
     )
     if truth:
         label = shot.layers.left.body.astype(np.uint16)
         files.write(f"{planned.name}/label.png", png.encode(label))
 
 
-def _known(planned: PlannedView, world_from_left: Pose, out: Path) -> Any:
+def _known(planned: PlannedView, file_from_left: Pose, out: Path) -> Any:
     if not isinstance(planned.setting, SceneSpecifier) or not planned.setting.known:
         return None
     from starling.sim.scene.captured import known_geometry
 
-    return known_geometry.describe(planned.setting.text, world_from_left, out / planned.name)
+    return known_geometry.describe(planned.setting.text, file_from_left, out / planned.name)
 
 
 def _write_frame(
@@ -156,7 +156,7 @@ def _write_frame(
             "preset": planned.sensor,
             "set": dict(planned.fields),
             "effects": dict(planned.effects),
-            "left_from_world": left_from_world.tolist(),
+            "left_from_world": np.linalg.inv(scene.file_from_left).tolist(),
             "bodies": [body.name for body in scene.bodies],
             "objects": [
                 {

@@ -124,7 +124,8 @@ class MitsubaScene:
         return through.transmittance(self.mitsuba, ray, active)
 
 
-_LARGEST_M = 100.0  # Largest extent of a scene; larger ones are not in metres [m].
+_LARGEST_M = 1000.0  # Largest extent of a scene [m].
+_FARTHEST_M = 1e4  # Largest coordinate: single precision resolves 1 mm there [m].
 _DIRECTIONS = 64  # Directions that test whether the camera is inside a body.
 
 
@@ -133,12 +134,12 @@ def _refuse_extent(mi_scene: MitsubaScene) -> None:
     bounds = mi_scene.mitsuba.bbox()
     extent = float(max(np.array(bounds.max).ravel() - np.array(bounds.min).ravel()))
     if extent > _LARGEST_M:
-        raise errors.refuse(
-            "scene extent",
-            f"must be at most {_LARGEST_M:g} m",
-            f"{extent:g} m in {mi_scene.scene.name}",
-            "It looks like millimetres: scale the mesh by 0.001.",
-        )
+        rule, advice = f"must be at most {_LARGEST_M:g} m", "Give lengths in metres."
+        raise errors.refuse("scene extent", rule, f"{extent:g} m in {mi_scene.scene.name}", advice)
+    farthest = float(np.abs(np.concatenate([np.array(bounds.max), np.array(bounds.min)])).max())
+    if farthest > _FARTHEST_M:
+        rule, advice = f"must lie within {_FARTHEST_M:g} m of the origin", "Shift it."
+        raise errors.refuse("scene", rule, f"{farthest:g} m in {mi_scene.scene.name}", advice)
     if extent == 0:
         raise errors.refuse("scene extent", "must be > 0", "0 m", "Is the mesh a point?")
 

@@ -194,6 +194,9 @@ class Scene:
     motion: Motion = field(default_factory=Motion)
     model_error: ModelError = field(default_factory=ModelError)
     world_from_left: Pose = field(default_factory=lambda: np.eye(4))
+    # Origin of the world in the frame of the scene's file [m]. Distant meshes are shifted to the
+    # origin, because single precision does not resolve their coordinates.
+    origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     # Shadow rays end this share of their length before the surface, since surfaces measured with
     # noise would otherwise shadow themselves.
     shadow_tolerance: float = 1e-3
@@ -203,3 +206,10 @@ class Scene:
             raise errors.refuse("scene", "must hold at least one body", self.name, "Add a body.")
         errors.in_interval("scene.interreflection", self.interreflection, 0.0, 1.0)
         errors.in_interval("scene.shadow_tolerance", self.shadow_tolerance, 1e-5, 0.1)
+
+    @property
+    def file_from_left(self) -> Pose:
+        """Pose of the left imager (4, 4) in the frame of the scene's file."""
+        file_from_left = np.array(self.world_from_left, np.float64)
+        file_from_left[:3, 3] += self.origin_m
+        return file_from_left

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import warnings
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,9 @@ from starling.sim.sensor.sensor import Sensor
 
 MESH_SUFFIXES = (".ply", ".obj", ".glb")
 
+_LARGEST_M = 100.0  # Largest extent of a mesh; larger ones are not in metres [m].
+_USUAL_M = (0.005, 30.0)  # Extents of objects and rooms; others give a warning [m].
+_NEAR_M = 1000.0  # Largest coordinate of a mesh that is not shifted to the origin [m].
 _SURFACE = Material(name="unnamed", reflectance=0.5)
 _WHOLE = ("instance", "shapegroup")  # Shapes with child shapes, which are not supported.
 
@@ -71,13 +75,53 @@ def load_mesh(path: Path, sensor: Sensor, world_from_left: frames.Pose | None = 
     Raises:
         InputError: if the file is missing, corrupt or empty.
     """
+    parts = mesh_parts(path)
+    _check_size(parts, path)
+    origin = _origin(parts)
     bodies = tuple(
         Body(name=name, mesh=solids.mesh(part, smooth=False), material=_SURFACE)
-        for name, part in mesh_parts(path)
+        for name, part in ((name, part.apply_translation(-origin)) for name, part in parts)
     )
-    pose = _front(bodies, sensor) if world_from_left is None else world_from_left
-    up = Ambient(up=(0.0, 1.0, 0.0))
-    return Scene(name=path.stem, bodies=bodies, ambient=up, world_from_left=pose)
+    pose = _front(bodies, sensor)
+    if world_from_left is not None:
+        pose = world_from_left.copy()
+        pose[:3, 3] -= origin
+    x, y, z = origin.tolist()
+    return Scene(
+        name=path.stem,
+        bodies=bodies,
+        ambient=Ambient(up=(0.0, 1.0, 0.0)),
+        world_from_left=pose,
+        origin_m=(x, y, z),
+    )
+
+
+def _bounds(parts: list[tuple[str, trimesh.Trimesh]]) -> tuple[np.ndarray, np.ndarray]:
+    points = np.concatenate([np.asarray(part.vertices, np.float64) for _, part in parts])
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _check_size(parts: list[tuple[str, trimesh.Trimesh]], path: Path) -> None:
+    """Refuse a mesh that cannot be in metres, and warn of an unusual size."""
+    low, high = _bounds(parts)
+    extent = float((high - low).max())
+    if not np.isfinite(extent) or extent > _LARGEST_M:
+        rule = f"must be at most {_LARGEST_M:g} m wide"
+        advice = "It looks like millimetres: scale the mesh by 0.001."
+        raise errors.refuse("mesh", rule, f"{extent:g} m in {path}", advice)
+    if not _USUAL_M[0] <= extent <= _USUAL_M[1]:
+        warnings.warn(
+            f"{path} is {extent:.3g} m wide: meshes are read in metres. Scale it if that is wrong.",
+            stacklevel=3,
+        )
+
+
+def _origin(parts: list[tuple[str, trimesh.Trimesh]]) -> np.ndarray:
+    """Return the point (3,) that becomes the world's origin; 0 for meshes near it."""
+    low, high = _bounds(parts)
+    if np.abs([low, high]).max() <= _NEAR_M:
+        return np.zeros(3)
+    return np.round((low + high) / 2)
 
 
 def mesh_parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:

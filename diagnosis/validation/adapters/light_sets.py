@@ -107,7 +107,7 @@ def write(
                 room=place,
                 truth_m=layers.truth.depth_m,
                 depth_unit_m=sensor.post.depth_unit_m,
-                known=known_geometry.describe(name, scene.world_from_left, folder.path / place),
+                known=known_geometry.describe(name, scene.file_from_left, folder.path / place),
             )
 
 

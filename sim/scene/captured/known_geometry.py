@@ -46,10 +46,12 @@ def load(scene: CapturedScene, sensor: Sensor) -> Scene | None:
         bodies = _with_materials(loaded.bodies, known.materials)
     except errors.InputError as error:
         raise errors.InputError(f"{scene.path / scene_file.FILE}: {error}") from error
-    return dataclasses.replace(loaded, bodies=bodies, world_from_left=known.world_from_left)
+    pose = known.world_from_left
+    pose[:3, 3] -= loaded.origin_m
+    return dataclasses.replace(loaded, bodies=bodies, world_from_left=pose)
 
 
-def describe(specifier: str, world_from_left: Pose, folder: Path) -> SceneFile | None:
+def describe(specifier: str, file_from_left: Pose, folder: Path) -> SceneFile | None:
     """Describe geometry and pose for a `scene.toml`.
 
     Geometry files are not copied. A path is relative to the scene's folder if both share a folder
@@ -57,20 +59,20 @@ def describe(specifier: str, world_from_left: Pose, folder: Path) -> SceneFile |
 
     Args:
         specifier: Argument of `starling.sim.scene.sources.load`, except captures.
-        world_from_left: Pose of the left imager (4, 4) in the geometry's frame.
+        file_from_left: Pose of the left imager (4, 4) in the geometry's frame.
         folder: Folder of the captured scene, where the file will be.
 
     Returns:
         Content of the file, without materials. None if the pose mirrors or shears, which is
         possible in a Mitsuba XML.
     """
-    left, _, right = np.linalg.svd(world_from_left[:3, :3])
+    left, _, right = np.linalg.svd(file_from_left[:3, :3])
     rotation = left @ right  # The nearest orthogonal matrix.
-    if np.linalg.det(rotation) < 0 or np.abs(rotation - world_from_left[:3, :3]).max() > _SINGLE:
+    if np.linalg.det(rotation) < 0 or np.abs(rotation - file_from_left[:3, :3]).max() > _SINGLE:
         return None
     rows = np.eye(4)
     rows[:3, :3] = rotation.T
-    rows[:3, 3] = -rotation.T @ world_from_left[:3, 3]
+    rows[:3, 3] = -rotation.T @ file_from_left[:3, 3]
     a, b, c, d = (_row(row) for row in rows + 0.0)  # No -0.
     return SceneFile(
         scene=_relative_path(specifier, folder) if _is_file(specifier) else specifier,

@@ -20,9 +20,9 @@ def with_preset(sensor: Sensor, preset: str) -> tuple[Sensor, Report]:
         The sensor, and a report of the mapped and unmapped controls.
 
     Raises:
-        InputError: for an unknown preset, a file that `advanced_mode.read` refuses, or a sensor
+        InputError: for an unknown preset, a file that `controls.read_file` refuses, or a sensor
             that `apply` refuses.
     """
     if preset.lower().endswith(".json"):
-        return apply(sensor, controls.read_file(preset))
+        return apply(sensor, controls.read_file(preset, sensor.name))
     return apply(sensor, controls.named_preset(preset))

@@ -11,15 +11,17 @@ or numbers.
 
 from __future__ import annotations
 
-import json
 import math
+import re
 import tomllib
+import warnings
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from starling.patterns import errors
+from starling.sim import files
 
 Control = float | str  # Value of a control: a number, or one of its words.
 Controls = Mapping[str, Control]  # Values by the controls' canonical names (see `canonical`).
@@ -118,6 +120,7 @@ _WIDEST = 1e6  # Range of other controls; all registers are smaller.
 KNOWN = frozenset({*WORDS, *RANGES, *WITHOUT_COUNTERPART})
 
 DEFAULT_PRESET = "default"  # Preset that an unchanged sensor represents.
+_MODEL = re.compile(r"d4\d\d")  # Model number in the name of a device or sensor.
 _SECTIONS = ("schema version", "device", "parameters", "viewer")
 PRODUCT_LINE = "D400"
 _EXAMPLE = 'Write {"param-leftrightthreshold": 24, ...}.'
@@ -193,11 +196,12 @@ def _tables() -> dict[str, dict[str, Control]]:
     return {name: canonical(t.items()) for name, t in tomllib.loads(text).items()}
 
 
-def read_file(path: str | Path) -> dict[str, Control]:
+def read_file(path: str | Path, sensor: str = "") -> dict[str, Control]:
     """Read an exported file.
 
     Args:
         path: JSON file.
+        sensor: name of the sensor that it is applied to; a file of another device gives a warning.
 
     Returns:
         Values by the controls' canonical names.
@@ -206,21 +210,33 @@ def read_file(path: str | Path) -> dict[str, Control]:
         InputError: for an unreadable file, a file without a JSON table, another product line, or a
             control that `starling.sim.sensor.realsense.controls.canonical` refuses.
     """
+    path = Path(path)
     try:
-        table = json.loads(Path(path).read_text(encoding="utf-8-sig"))
+        data = path.read_bytes()
     except OSError as error:
-        raise errors.refuse(
-            "device preset", "must be a readable file", path, f"{error.strerror}."
-        ) from None
-    except (ValueError, RecursionError):
-        raise errors.refuse(
-            "device preset", "must be a JSON file", path, "Export it from the RealSense viewer."
-        ) from None
+        advice = f"{error.strerror}."
+        raise errors.refuse("device preset", "must be a readable file", path, advice) from None
+    try:
+        table = files.parse_json(data, path)
+    except errors.InputError as error:
+        advice = "Export it from the RealSense viewer."
+        raise errors.refuse("device preset", "must be a JSON file", error, advice) from None
     if not isinstance(table, Mapping):
         raise errors.refuse(
             "device preset", "must hold a table", f"{type(table).__name__} in {path}", _EXAMPLE
         )
+    _warn_other_device(table, sensor, path)
     return canonical(_entries(table))
+
+
+def _warn_other_device(table: Mapping[str, Any], sensor: str, path: Path) -> None:
+    """Warn if the file names a model, such as D405, and the sensor's name is of another one."""
+    device = table.get("device")
+    name = str(device.get("name", "")) if isinstance(device, Mapping) else ""
+    model, own = _MODEL.search(name.lower()), _MODEL.search(sensor.lower())
+    if model and own and model[0] != own[0]:
+        message = f"{path} was exported from a {model[0].upper()}; it is applied to {sensor}."
+        warnings.warn(message, stacklevel=2)
 
 
 def _entries(table: Mapping[str, Any]) -> list[tuple[str, Any]]:

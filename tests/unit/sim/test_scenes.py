@@ -1,6 +1,7 @@
 """Scenes by specifier: builtin names, meshes, Mitsuba XML, and all refusals."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -115,10 +116,10 @@ def test_refused_meshes(tmp_path):
 def test_scenes_not_in_metres_are_refused(tmp_path):
     trimesh.creation.box((300.0, 200.0, 100.0)).export(tmp_path / "millimetres.ply")
     trimesh.Trimesh([[1.0, 1, 1]] * 3, [[0, 1, 2]], process=False).export(tmp_path / "point.obj")
-    large = sources.load(str(tmp_path / "millimetres.ply"), SENSOR)
-    with pytest.raises(InputError, match="scene extent must be at most 100 m; got 300 m"):
-        mitsuba_scene.MitsubaScene(large)
-    point = sources.load(str(tmp_path / "point.obj"), SENSOR)
+    with pytest.raises(InputError, match=r"mesh must be at most 100 m wide; got 300 m .* 0\.001"):
+        sources.load(str(tmp_path / "millimetres.ply"), SENSOR)
+    with pytest.warns(UserWarning, match=r"point\.obj is 0 m wide: meshes are read in metres"):
+        point = sources.load(str(tmp_path / "point.obj"), SENSOR)
     with pytest.raises(InputError, match="scene extent must be > 0"):
         mitsuba_scene.MitsubaScene(point)
 
@@ -256,3 +257,39 @@ def test_refused_scenes():
         Material(name="x", kind="velvet")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="reflectance of x must be in"):
         Material(name="x", reflectance=1.1)
+
+
+@pytest.mark.parametrize(("wide_m", "unusual"), [(0.0051, 0), (0.0049, 1), (29.9, 0), (30.1, 1)])
+def test_a_mesh_of_unusual_size_is_reported_with_its_unit(tmp_path, wide_m, unusual):
+    trimesh.creation.box((wide_m, wide_m / 2, wide_m / 2)).export(tmp_path / "box.ply")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        sources.load(str(tmp_path / "box.ply"), SENSOR)
+    assert len(caught) == unusual
+    assert all("m wide: meshes are read in metres" in str(entry.message) for entry in caught)
+
+
+def test_a_distant_mesh_is_shifted_before_it_is_rounded(tmp_path):
+    """Single precision resolves 6 cm at 5e5 m; the shape must stay exact."""
+    box = trimesh.creation.box((0.3, 0.2, 0.1)).subdivide()
+    near = sources.load(str(_exported(box, tmp_path / "near.obj")), SENSOR)
+    far = (512345.0, -2000.0, 4.5e5)
+    away = sources.load(str(_exported(box.apply_translation(far), tmp_path / "far.obj")), SENSOR)
+    assert np.abs(np.array(away.origin_m) - far).max() <= 0.5
+    shift = np.array(far) - away.origin_m
+    spread = away.bodies[0].mesh.vertices - shift - near.bodies[0].mesh.vertices
+    assert np.abs(spread).max() < 1e-6
+    assert np.allclose(away.file_from_left[:3, 3], near.world_from_left[:3, 3] + far, atol=1e-6)
+
+
+def test_a_known_pose_in_the_frame_of_a_distant_mesh_is_kept(tmp_path):
+    box = trimesh.creation.box((0.3, 0.2, 0.1)).apply_translation((5e5, 0, 0))
+    pose = frames.look_at((5e5, 0.0, 2.0), (5e5, 0.0, 0.0), (0.0, 1.0, 0.0))
+    scene = sources.load_mesh(_exported(box, tmp_path / "far.obj"), SENSOR, pose)
+    assert np.allclose(scene.world_from_left[:3, 3], (0, 0, 2))
+    assert np.allclose(scene.file_from_left, pose)
+
+
+def _exported(mesh, path):
+    mesh.export(path, digits=9)
+    return path
