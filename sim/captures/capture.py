@@ -22,6 +22,10 @@ from starling.sim.scene import scene_file
 from starling.sim.scene.scene_file import SceneFile
 from starling.sim.stereo import depth
 
+# Files of a scene: a folder with one of them, but without frames, is refused as incomplete.
+_SCENE_FILES = frozenset(
+    ("camera.toml", "depth.png", "ir_left.png", "label.png", "room", "scene.toml", "truth.png")
+)
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,8}")
 
 
@@ -201,7 +205,7 @@ def open_set(path: Path | str) -> CaptureSet:
         )
     if (path / capture_info.FILE).is_file():
         info = _read_info(path / capture_info.FILE)
-        folders = sorted(p for p in _list(path) if p.is_dir() and not p.name.startswith("."))
+        folders = _scene_folders(path)
         if not folders:
             raise errors.refuse(
                 "capture set",
@@ -221,6 +225,20 @@ def open_set(path: Path | str) -> CaptureSet:
         path,
         f"Looked for {capture_info.FILE} in it and, were it one scene, in the folder above.",
     )
+
+
+def _scene_folders(path: Path) -> list[Path]:
+    """List the folders of scenes; warn of folders without any file of a scene."""
+    folders = sorted(p for p in _list(path) if p.is_dir() and not p.name.startswith((".", "__")))
+    scenes = [folder for folder in folders if _is_scene(folder)]
+    if scenes and len(scenes) < len(folders):
+        listed = ", ".join(folder.name for folder in folders if folder not in scenes)
+        warnings.warn(f"{path}: no scenes, and left out: {listed}.", stacklevel=2)
+    return scenes or folders
+
+
+def _is_scene(folder: Path) -> bool:
+    return any(name in _SCENE_FILES or _NUMBER.fullmatch(name) for name in os.listdir(folder))
 
 
 def _scene(path: Path, info: CaptureInfo) -> CapturedScene:

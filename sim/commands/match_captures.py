@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,13 @@ from starling.sim.captures import capture, writer
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.console import progress
 from starling.sim.console.output import OutputFolder, refuse_own_input
+from starling.sim.reason import Reason
 from starling.sim.sensor.post import refuse_single_frame
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo import depth, measurement
+
+_LITTLE = 0.3  # Share of pixels with depth below which a swapped pair is tried.
+_SWAPPED = 2.0  # Factor by which a swapped pair must have more depth to be reported.
 
 _Map = NDArray[np.float32]  # (h, w), NaN = no value.
 
@@ -43,8 +48,10 @@ def match_captures(
         track: wraps the loop over scenes.
 
     Returns:
-        `{"scenes": {NAME: {"ours": F, "device": F, "agreement": F}}, "median": {...}}`, with F
-        the figures of `starling.sim.metrics.disparity_figures`. `ours` and `device` compare with
+        `{"scenes": {NAME: {"pair": P, "ours": F, "device": F, "agreement": F}}, "median": {...}}`,
+        with F the figures of `starling.sim.metrics.disparity_figures`. P has `fill`, the share of
+        pixels with depth, and `left_right_agreement`, the share of matches that both directions
+        confirm; both need no reference. `ours` and `device` compare with
         the reference depth, `agreement` compares ours with the device. Only `agreement` has
         `ndp_iou`. Figures without reference or device depth are None.
 
@@ -87,7 +94,17 @@ def _match(scene: CapturedScene, sensor: Sensor) -> depth.DepthMap:
             scene.path,
             "Matching needs an infrared pair.",
         )
-    return measurement.measure(frame.ir_left, frame.ir_right, sensor, causes={})
+    depth_map = measurement.measure(frame.ir_left, frame.ir_right, sensor, causes={})
+    if frame.ir_right is not None and depth_map.valid.mean() < _LITTLE:
+        swapped = measurement.measure(frame.ir_right, frame.ir_left, sensor, causes={})
+        if swapped.valid.mean() > _SWAPPED * depth_map.valid.mean():
+            fills = f"{depth_map.valid.mean():.2g} and {swapped.valid.mean():.2g} if swapped"
+            warnings.warn(
+                f"{scene.path}: the share of pixels with depth is {fills}. Are left and right "
+                f"swapped?",
+                stacklevel=2,
+            )
+    return depth_map
 
 
 def _figures(scene: CapturedScene, ours: depth.DepthMap) -> dict[str, dict[str, float | None]]:
@@ -97,9 +114,20 @@ def _figures(scene: CapturedScene, ours: depth.DepthMap) -> dict[str, dict[str, 
     known = device if truth is None else truth
     holes = None if known is None else metrics.reached_pixels(known)
     return {
+        "pair": _pair_figures(ours),
         "ours": _compare(ours.disparity_px, truth, known),
         "device": _compare(device, truth, known),
         "agreement": _compare(ours.disparity_px, device, known, holes_where=holes),
+    }
+
+
+def _pair_figures(ours: depth.DepthMap) -> dict[str, float | None]:
+    """Measure what needs no reference: fill, and agreement of both matching directions."""
+    disagree = int((ours.reason == Reason.LEFT_RIGHT).sum())
+    matched = int(ours.valid.sum()) + disagree
+    return {
+        "fill": float(ours.valid.mean()),
+        "left_right_agreement": 1 - disagree / matched if matched else None,
     }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import sqlite3
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -245,14 +246,24 @@ def _replace_folder(new: Path, path: Path, *, force: bool) -> None:
 
 @contextmanager
 def refused(path: Path) -> Iterator[None]:
-    """Turn the operating system's write errors into `InputError`."""
+    """Turn write errors of the operating system and of SQLite (ROS 2 bags) into `InputError`."""
     try:
         yield
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise errors.refuse(
-                "out", "must have room on its disk", f"{path}, disk full", "Free some space."
-            ) from error
+            raise _disk_full(path) from error
         raise errors.refuse(
             "out", "must be writable", path, f"{error.strerror or error}: choose another place."
         ) from error
+    except sqlite3.Error as error:
+        if getattr(error, "sqlite_errorname", "") == "SQLITE_FULL":
+            raise _disk_full(path) from error
+        raise errors.refuse("out", "must be writable", path, f"SQLite: {error}.") from error
+    except UnicodeEncodeError as error:
+        value = os.fsencode(path)
+        raise errors.refuse("out", "must be a UTF-8 path", value, "Rename the folder.") from error
+
+
+def _disk_full(path: Path) -> errors.InputError:
+    value = f"{path}, disk full"
+    return errors.refuse("out", "must have room on its disk", value, "Free some space.")

@@ -20,6 +20,18 @@ from starling.sim.sensor.sensor import Sensor
 
 MESH_SUFFIXES = (".ply", ".obj", ".glb")
 
+_CONVERTIBLE = (
+    ".gltf",
+    ".stl",
+    ".dae",
+    ".fbx",
+    ".off",
+    ".usd",
+    ".usda",
+    ".usdc",
+    ".usdz",
+    ".blend",
+)
 _LARGEST_M = 100.0  # Largest extent of a mesh; larger ones are not in metres [m].
 _USUAL_M = (0.005, 30.0)  # Extents of objects and rooms; others give a warning [m].
 _NEAR_M = 1000.0  # Largest coordinate of a mesh that is not shifted to the origin [m].
@@ -52,6 +64,10 @@ def load(specifier: str, sensor: Sensor) -> Scene:
         return load_xml(path)
     if path.is_dir():
         return captured_scene.load(path, sensor)
+    if path.suffix.lower() in _CONVERTIBLE:
+        advice = "Convert it to GLB, for example with Blender or trimesh."
+        rule = f"must be one of {', '.join(MESH_SUFFIXES)} or .xml"
+        raise errors.refuse("scene", rule, path, advice)
     known = f"Builtin: {', '.join(scenes.BUILTIN)}; meshes: {', '.join(MESH_SUFFIXES)}."
     if not path.exists() and "/" not in specifier:
         errors.one_of("scene", name, scenes.BUILTIN)

@@ -26,7 +26,7 @@ from starling.sim import simulate
 from starling.sim.captures import capture, writer
 from starling.sim.captures import info as capture_info
 from starling.sim.captures.exchange import labelfusion, tum
-from starling.sim.captures.exchange.stream import posed_frames
+from starling.sim.captures.exchange.stream import parse_camera, posed_frames
 from starling.sim.captures.fusion import fuse, pairs
 from starling.sim.captures.fusion.volume import fuse_frames
 from starling.sim.console.output import OutputFolder
@@ -317,7 +317,7 @@ def test_a_log_of_labelfusion_is_fused(tmp_path: Path):
 
 def test_a_grey_picture_of_another_size_is_refused(tmp_path: Path):
     log = wall(tmp_path / "log")
-    stream = labelfusion.read(log, fuse.parse_camera("40 40 23.5 19.5 48 40"))
+    stream = labelfusion.read(log, parse_camera("40 40 23.5 19.5 48 40"))
     grey = [
         dataclasses.replace(moment, image=lambda: np.zeros((20, 24), np.uint8))
         for moment in stream.moments
@@ -330,7 +330,7 @@ def test_a_grey_picture_of_another_size_is_refused(tmp_path: Path):
 
 def test_invisible_surface_has_no_figures(tmp_path: Path):
     log = wall(tmp_path / "log")
-    stream = labelfusion.read(log, fuse.parse_camera("40 40 23.5 19.5 48 40"))
+    stream = labelfusion.read(log, parse_camera("40 40 23.5 19.5 48 40"))
     chosen = posed_frames(stream)
     aside = trimesh.creation.box((0.1, 0.1, 0.1)).apply_translation((9.0, 0, 0))
     figures = pairs.write("log", chosen, aside, info_of(stream.camera), MemoryFolder(tmp_path))

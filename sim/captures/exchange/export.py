@@ -9,7 +9,7 @@ from typing import Any, Literal
 from starling.sim.captures import capture
 from starling.sim.captures.exchange import bop, ros2_bag, tum
 from starling.sim.console import record
-from starling.sim.console.output import RECORD, OutputFolder, refuse_own_input
+from starling.sim.console.output import RECORD, OutputFolder, refuse_own_input, refused
 
 Layout = Literal["tum", "bop", "ros2"]
 
@@ -40,7 +40,8 @@ def export(
         if layout == "tum":
             count = tum.export(opened.scenes, folder)
         elif layout == "ros2":
-            count = ros2_bag.export(opened.scenes, folder.partial / "bag")
+            with refused(folder.path):
+                count = ros2_bag.export(opened.scenes, folder.partial / "bag")
         else:
             count = bop.export(opened, meshes, folder)
         arguments = {"captures": captures, "layout": layout, "meshes": str(meshes)}

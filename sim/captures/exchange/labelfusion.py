@@ -28,14 +28,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns.errors import refuse
+from starling.sim import files
 from starling.sim.captures import png
-from starling.sim.captures.exchange.stream import Moment, Stream, nearest, read_depth, read_text
-from starling.sim.geometry import frames
+from starling.sim.captures.exchange.stream import (
+    Moment,
+    Stream,
+    nearest,
+    poses_by_time,
+    read_depth,
+)
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
 
 UNIT_M = 1e-3
 _TRAJECTORIES = ("posegraph_smoothed.posegraph", "posegraph.posegraph")
+_LONGEST = 18  # Digits of a time in microseconds.
 _CAMERA = "camera.cfg"
 _DEPTH = re.compile(r"(\d{10})_depth\.png")
 
@@ -79,8 +86,8 @@ def _names(images: Path) -> list[str]:
 
 
 def _time_s(path: Path) -> float:
-    text = read_text(path)
-    if not text.strip().isdecimal():
+    text = files.read_text(path).strip()
+    if not text.isdecimal() or len(text) > _LONGEST:
         raise refuse(path.name, "must hold microseconds", repr(text[:40]), "Is the log whole?")
     return int(text) / 1e6
 
@@ -89,33 +96,15 @@ def _poses(path: Path) -> list[tuple[float, Pose]]:
     trajectory = next((path / name for name in _TRAJECTORIES if (path / name).is_file()), None)
     if trajectory is None:
         raise refuse("log", f"must hold {_TRAJECTORIES[-1]}", path, "Run ElasticFusion on it.")
-    rows = [_row(line, trajectory) for line in read_text(trajectory).splitlines() if line.strip()]
-    return sorted(
-        ((row[0], frames.from_quaternion(row[1:4], row[4:])) for row in rows), key=_time_of
-    )
-
-
-def _time_of(timed: tuple[float, Pose]) -> float:
-    return timed[0]
-
-
-def _row(line: str, path: Path) -> NDArray[np.float64]:
-    """Parse a line of 8 numbers: time, position and quaternion."""
-    try:
-        row = np.array(line.split(), float)
-    except ValueError:
-        row = np.zeros(0)
-    if len(row) != 8 or not np.isfinite(row).all() or not row[4:].any():
-        rule = "must have lines TIME tx ty tz qx qy qz qw"
-        raise refuse(path.name, rule, repr(line[:80]), "Is it ElasticFusion's?")
-    return row
+    lines = enumerate(files.read_text(trajectory).splitlines(), 1)
+    return poses_by_time(((n, line.split()) for n, line in lines if line.strip()), trajectory)
 
 
 def _camera(path: Path, depth: Path) -> Pinhole:
     advice = "Give the camera. LabelFusion's default is 528 528 320 240 at 640 x 480."
     try:
-        fx, fy, cx, cy = map(float, path.read_text(encoding="utf-8").split())
-    except (OSError, ValueError) as error:
+        fx, fy, cx, cy = map(float, files.read_text(path).split())
+    except ValueError as error:
         raise refuse(_CAMERA, "must hold fx fy cx cy", error, advice) from error
     height, width = png.read(depth, "depth").shape
     return Pinhole(width=width, height=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)

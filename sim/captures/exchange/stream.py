@@ -6,7 +6,8 @@ A `Stream` is read from files. The frames of a capture set in time order are wri
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,13 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns.errors import in_interval, refuse
+from starling.sim import quantities
 from starling.sim.captures import png
 from starling.sim.captures.capture import CapturedScene, Frame
+from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.stereo.depth import from_code
 
 NEAR_S = 0.02  # Times within this difference count as equal [s].
+_DIGITS = 6  # Decimals of a time [s] in file names.
 _STEP_S = 1 / 30  # Interval of frames without time stamps [s].
 _FARTHEST_M = 1000.0  # Largest distance of a pose from the origin [m].
 _JUMP_M = 1.0  # Jump accepted at any time [m]: views need not form a continuous film.
@@ -58,16 +62,60 @@ def nearest(timed: Sequence[tuple[float, _T]], time_s: float) -> _T | None:
     return item if abs(nearest_s - time_s) <= NEAR_S else None
 
 
-def read_text(path: Path) -> str:
-    """Read a text file.
+def poses_by_time(rows: Iterable[tuple[int, list[str]]], path: Path) -> list[tuple[float, Pose]]:
+    """Convert rows `TIME tx ty tz qx qy qz qw` to poses, in order of time.
+
+    A row with a pose that is not finite is left out with a warning: tracking was lost there.
+
+    Args:
+        rows: number and words of each line.
+        path: file, for messages.
 
     Raises:
-        InputError: if the file cannot be read, or is not UTF-8.
+        InputError: if a row has other content, an implausible time, or a quaternion of length 0.
+    """
+    poses: list[tuple[float, Pose]] = []
+    lost = 0
+    for line, words in rows:
+        try:
+            numbers = np.array(words, np.float64)
+        except ValueError:
+            numbers = np.zeros(0)
+        if len(numbers) != 8:
+            rule = "must have lines TIME tx ty tz qx qy qz qw"
+            raise refuse(
+                path.name, rule, f"{' '.join(words)[:80]!r} in line {line}", "Is it whole?"
+            )
+        quantities.check(f"time in line {line} of {path.name}", float(numbers[0]), "time_s")
+        if not np.isfinite(numbers).all():
+            lost += 1
+        elif not numbers[4:].any():
+            rule, advice = "must have quaternions of nonzero length", "Is it a trajectory?"
+            raise refuse(path.name, rule, f"0 0 0 0 in line {line}", advice)
+        else:
+            poses.append((float(numbers[0]), frames.from_quaternion(numbers[1:4], numbers[4:])))
+    if lost:
+        warnings.warn(f"{path}: {lost} poses are not finite; these frames have none.", stacklevel=2)
+    return sorted(poses, key=lambda timed: timed[0])
+
+
+def parse_camera(text: str, name: str = "camera") -> Pinhole:
+    """Parse intrinsics written as `fx fy cx cy width height`.
+
+    Args:
+        text: six numbers.
+        name: name of the text in error messages.
+
+    Raises:
+        InputError: if the text has another form, or the camera is implausible.
     """
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise refuse(path.name, "must be readable", path, f"{error}.") from error
+        fx, fy, cx, cy, width, height = map(float, text.split())
+        size = {"width": int(width), "height": int(height)}
+    except (ValueError, OverflowError) as error:
+        rule, example = "must be fx fy cx cy width height", "As '525 525 319.5 239.5 640 480'."
+        raise refuse(name, rule, repr(text[:80]), example) from error
+    return Pinhole(**size, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
 
 
 def read_depth(path: Path, unit_m: float) -> NDArray[np.float32]:
@@ -118,14 +166,14 @@ def in_time_order(scenes: Sequence[CapturedScene]) -> list[TimedFrame]:
         if not (same and scene.info.baseline_m == first.baseline_m):
             advice = "Export the scenes of one camera."
             raise refuse("scenes", "must be of one camera", scene.path, advice)
-    frames = [(scene, number) for scene in scenes for number in scene.frames]
-    stamps: list[Any] = [scene.record(number).get("timestamp") for scene, number in frames]
-    times = [float(stamp) for stamp in stamps if isinstance(stamp, (int, float))]
-    if len(set(times)) < len(frames):
-        times = [count * _STEP_S for count in range(len(frames))]
-    ordered = sorted(zip(times, range(len(frames)), strict=True))
+    numbered = [(scene, number) for scene in scenes for number in scene.frames]
+    stamps = [scene.record(number).get("timestamp") for scene, number in numbered]
+    times = [float(stamp) for stamp in stamps if stamp is not None]
+    if len({round(time, _DIGITS) for time in times}) < len(numbered):
+        times = [count * _STEP_S for count in range(len(numbered))]
+    ordered = sorted(zip(times, range(len(numbered)), strict=True))
     return [
-        TimedFrame(time_s=time, scene=frames[index][0], number=frames[index][1])
+        TimedFrame(time_s=time, scene=numbered[index][0], number=numbered[index][1])
         for time, index in ordered
     ]
 
@@ -157,18 +205,18 @@ def posed_frames(stream: Stream, every: int = 1) -> list[Posed]:
             from the origin. Also if it is farther from the previous one than 1 m + 10 m/s allow.
     """
     in_interval("every", every, 1, 10**6)
-    frames = [
+    posed = [
         Posed(number=number, moment=moment, world_from_camera=moment.world_from_camera)
         for number, moment in list(enumerate(stream.moments))[::every]
         if moment.world_from_camera is not None
     ]
-    if not frames:
+    if not posed:
         advice = "Add its trajectory, with the times of the images."
         raise refuse("stream", "must have poses", f"{len(stream.moments)} frames", advice)
-    for before, frame in zip([frames[0], *frames], frames, strict=False):
+    for before, frame in zip([posed[0], *posed], posed, strict=False):
         _refuse_impossible(frame)
         _refuse_jump(before, frame)
-    return frames
+    return posed
 
 
 def _refuse_impossible(frame: Posed) -> None:

@@ -19,7 +19,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.patterns.errors import refuse
+from starling.patterns.errors import InputError, refuse
+from starling.sim import files, quantities
 from starling.sim.captures import png
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.captures.exchange.stream import (
@@ -27,13 +28,13 @@ from starling.sim.captures.exchange.stream import (
     Stream,
     in_time_order,
     nearest,
+    parse_camera,
     pose_of_left,
+    poses_by_time,
     read_depth,
-    read_text,
 )
-from starling.sim.console.output import Folder
+from starling.sim.console.output import Folder, is_inside
 from starling.sim.geometry import frames
-from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.stereo.depth import to_code
 
@@ -90,7 +91,8 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
     """
     depths = _files(path / "depth.txt")
     pictures = sorted(_files(path / "rgb.txt")) if (path / "rgb.txt").is_file() else []
-    poses = _poses(path / "groundtruth.txt")
+    trajectory = path / "groundtruth.txt"
+    poses = poses_by_time(_lines(trajectory), trajectory)
     moments = []
     for time, file in sorted(depths):
         picture = nearest(pictures, time)
@@ -106,46 +108,38 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
 
 
 def _files(path: Path) -> list[tuple[float, str]]:
-    return [(float(time), file) for time, file in _lines(path, 2)]
+    """Read the times and file names of a list; names must stay in the sequence's folder."""
+    listed = []
+    for line, words in _lines(path):
+        time = _number(words[0])
+        if len(words) != 2 or time is None or not is_inside(words[1]):
+            rule = "must have lines of a time and a file in the folder"
+            value = f"{' '.join(words)[:80]!r} in line {line}"
+            raise refuse(path.name, rule, value, "Is it TUM's layout?")
+        quantities.check(f"time in line {line} of {path.name}", time, "time_s")
+        listed.append((time, words[1]))
+    return listed
 
 
-def _poses(path: Path) -> list[tuple[float, Pose]]:
-    rows = sorted([float(word) for word in words] for words in _lines(path, 8))
-    for row in rows:
-        if not any(row[4:]):
-            advice = "Is it TUM's layout?"
-            raise refuse(path.name, "must have quaternions of nonzero length", row, advice)
-    return [(row[0], frames.from_quaternion(np.array(row[1:4]), np.array(row[4:]))) for row in rows]
+def _lines(path: Path) -> list[tuple[int, list[str]]]:
+    """Split the lines of a list that are no comments; return them with their numbers."""
+    lines = enumerate(files.read_text(path).splitlines(), 1)
+    return [(number, line.split()) for number, line in lines if line.split("#", 1)[0].strip()]
 
 
-def _lines(path: Path, columns: int) -> list[list[str]]:
-    """Split the lines of a list; with two columns the second is a file name, others numbers."""
-    lines = read_text(path).splitlines()
-    rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
-    for words in rows:
-        numbers = words[:1] if columns == 2 else words
-        if len(words) != columns or not all(map(_is_number, numbers)):
-            rule = f"must have lines of a time and {columns - 1} more"
-            raise refuse(path.name, rule, repr(" ".join(words)), "Is it TUM's layout?")
-    return rows
-
-
-def _is_number(word: str) -> bool:
+def _number(word: str) -> float | None:
     try:
-        return np.isfinite(float(word)).item()
+        return float(word)
     except ValueError:
-        return False
+        return None
 
 
 def _camera(path: Path) -> Pinhole:
+    advice = "Give the camera; TUM's own sets have no such file."
     try:
-        words = (path / _CAMERA).read_text(encoding="utf-8").split()
-        fx, fy, cx, cy, width, height = map(float, words)
-    except (OSError, ValueError) as error:
-        rule = "must hold fx fy cx cy width height"
-        advice = "Give the camera; TUM's own sets have no such file."
-        raise refuse(_CAMERA, rule, error, advice) from error
-    return Pinhole(width=int(width), height=int(height), fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
+        return parse_camera(files.read_text(path / _CAMERA), _CAMERA)
+    except InputError as error:
+        raise InputError(f"{error} {advice}") from error
 
 
 def _picture(path: Path) -> NDArray[Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +14,7 @@ import numpy as np
 from starling.patterns import errors
 from starling.sim.captures import writer
 from starling.sim.captures.exchange import labelfusion, tum
-from starling.sim.captures.exchange.stream import Stream, posed_frames
+from starling.sim.captures.exchange.stream import Posed, Stream, parse_camera, posed_frames
 from starling.sim.captures.fusion import pairs, volume
 from starling.sim.captures.fusion.volume import Fusion, fuse_frames
 from starling.sim.captures.info import CaptureInfo
@@ -22,6 +23,9 @@ from starling.sim.console.output import Folder, OutputFolder, refuse_own_input
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render import backend
 from starling.sim.sensor import presets
+
+_NEAREST_M = 0.35  # Kinects measure from 0.4 m [m].
+_LOOKED_AT = 5  # Frames whose depth is looked at before fusion.
 
 Layout = Literal["tum", "labelfusion"]
 
@@ -100,21 +104,6 @@ def fuse(
     return {"out": str(folder.path), **figures, "seconds": round(time.perf_counter() - started, 3)}
 
 
-def parse_camera(camera: str) -> Pinhole:
-    """Parse intrinsics written as `fx fy cx cy width height`.
-
-    Raises:
-        InputError: if the text has another form.
-    """
-    try:
-        fx, fy, cx, cy, width, height = np.array(camera.split(), float).tolist()
-    except ValueError as error:
-        rule, example = "must be fx fy cx cy width height", "As '525 525 319.5 239.5 640 480'."
-        raise errors.refuse("camera", rule, repr(camera), example) from error
-    size = {"width": int(width), "height": int(height)}
-    return Pinhole(**size, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
-
-
 def _opened(paths: Sequence[Path], layout: Layout, camera: Pinhole | None) -> dict[str, Stream]:
     """Open the streams; return them by the names of their folders."""
     read = {"tum": tum.read, "labelfusion": labelfusion.read}[layout]
@@ -131,6 +120,18 @@ def _opened(paths: Sequence[Path], layout: Layout, camera: Pinhole | None) -> di
     return opened
 
 
+def _warn_small(frames: Sequence[Posed], name: str) -> None:
+    """Warn of depth nearer than any camera of these layouts measures: its unit is another one."""
+    few = [frames[int(place)] for place in np.linspace(0, len(frames) - 1, _LOOKED_AT)]
+    medians = [np.nanmedian(m) for m in (p.moment.depth() for p in few) if np.isfinite(m).any()]
+    if medians and np.median(medians) < _NEAREST_M:
+        warnings.warn(
+            f"{name}: the median depth is {np.median(medians):.2g} m. Is depth in millimetres? "
+            f"This layout has other steps.",
+            stacklevel=2,
+        )
+
+
 def _fuse_stream(
     name: str,
     stream: Stream,
@@ -140,6 +141,7 @@ def _fuse_stream(
     track: progress.Progress,
 ) -> dict[str, Any]:
     frames = posed_frames(stream, fusion.every)
+    _warn_small(frames, name)
     mesh = fuse_frames(frames, stream.camera, fusion, track=track)
     folder.write_by(f"{name}.ply", lambda path: mesh.export(path, file_type="ply"))
     figures = pairs.write(name, frames, mesh, info, folder, track=track)

@@ -241,6 +241,9 @@ def _warn_other_device(table: Mapping[str, Any], sensor: str, path: Path) -> Non
 
 def _entries(table: Mapping[str, Any]) -> list[tuple[str, Any]]:
     """List all controls of either form."""
+    if "hdr-preset" in table:
+        rule, advice = "must hold controls", "HDR sequences are not modelled."
+        raise errors.refuse("device preset", rule, "an hdr-preset", advice)
     if "parameters" not in table:
         return list(table.items())
     for name in table:
