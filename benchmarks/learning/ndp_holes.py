@@ -19,6 +19,7 @@ from starling.learning.features import holes
 from starling.learning.sampling import sampling
 from starling.sim.commands.simulate_captures import scene_seed
 from starling.sim.console import progress
+from starling.sim.console.names import file_name
 
 FRAMES = 6  # Frames for the flicker rate.
 SIMULATED = "one simulated frame"
@@ -36,7 +37,7 @@ def main() -> None:
             ndp, counted = known_holes(example)
             real.append(holes.measure(ndp, counted))
             sequences = {SIMULATED: example.physics.one_draw_ndp[None]}
-            for folder in sorted((options.evaluation / FOLDS / scene.room).iterdir()):
+            for folder in sorted((options.evaluation / FOLDS / file_name(scene.room)).iterdir()):
                 probability = read_prediction(folder / f"{scene.name}.png")
                 physics = example.physics if folder.name in registry.ON_PHYSICS else None
                 sequences[folder.name] = _sequence(probability, scene.name, physics)

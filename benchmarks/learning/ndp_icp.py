@@ -21,6 +21,7 @@ from starling.learning.icp import case_study
 from starling.learning.icp.study import REAL, Disturbance
 from starling.sim.captures import capture
 from starling.sim.console import progress
+from starling.sim.console.names import file_name
 
 PUBLISHED = {  # Sweeney et al. 2019, Table I [percent].
     "perfect": (3.90, 18.4, 77.8, 49.8),
@@ -44,7 +45,7 @@ def main() -> None:
     predictions: dict[str, list[HolePrediction]] = {}
     with progress.on_stderr() as track:
         for scene, example in ndp_faro.scenes(options, path, track):
-            for folder in sorted((options.evaluation / FOLDS / scene.room).iterdir()):
+            for folder in sorted((options.evaluation / FOLDS / file_name(scene.room)).iterdir()):
                 view = HolePrediction(
                     example=example, probability=read_prediction(folder / f"{scene.name}.png")
                 )

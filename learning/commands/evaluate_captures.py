@@ -26,6 +26,7 @@ from starling.patterns.errors import refuse, whole_number
 from starling.sim.captures import capture, png
 from starling.sim.captures.capture import CaptureSet
 from starling.sim.console import output, progress
+from starling.sim.console.names import file_name
 
 
 def choose_training_rooms(
@@ -145,7 +146,7 @@ def evaluate_captures(
     for held in track(held_out, "rooms"):
         fold = _Fold(opened, held, training_rooms[held], simulated.get(held))
         for name in names:
-            folder = out / FOLDS / held / name
+            folder = out / FOLDS / file_name(held) / name
             fit = partial(methods[name].fit, folder=folder, seed=plan.seed, track=track)
             predictions[name] += _predictions(fold, folder, models.get(name), fit)
     scores = {name: evaluate.scores(scenes) for name, scenes in predictions.items()}

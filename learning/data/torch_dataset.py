@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
 from starling.patterns.errors import in_interval, one_of, refuse
+from starling.sim import files
+from starling.sim.captures import frame_record, png
 from starling.sim.captures import info as capture_info
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.datasets import index, shard
@@ -76,16 +75,18 @@ class Frames(Dataset[Sample]):
         """
         row = self._rows[number]
         sample: Sample = {name: row[name] for name in ("frame", "scene", "room", "sensor")}
-        sample["record"] = json.loads(_needed(self.path, row, "frame.json"))
-        info_file = _file(self.path, row, capture_info.OWN)
-        info = (
-            self._info
-            if info_file is None
-            else capture_info.from_table(tomllib.loads(info_file.decode()))
-        )
+        record = _needed(self.path, row, frame_record.FILE)
+        sample["record"] = frame_record.parse(record, self.path / row["name"])
+        own = _file(self.path, row, capture_info.OWN)
+        info = self._info
+        if own is not None:
+            place = self.path / row["name"] / capture_info.OWN
+            info = files.parse_toml(own, place, capture_info.from_table)
         for name in self._images:
-            data = _needed(self.path, row, f"{_FILES.get(name, name)}.png")
-            sample[name] = torch.from_numpy(_decoded(name, data, row, info))
+            file = f"{_FILES.get(name, name)}.png"
+            data = _needed(self.path, row, file)
+            place = self.path / row["name"] / file
+            sample[name] = torch.from_numpy(_decode(name, data, place, info))
         return sample
 
     @property
@@ -150,10 +151,7 @@ def _file(path: Path, row: Mapping[str, Any], name: str) -> bytes | None:
 
 @lru_cache(maxsize=2)
 def _archive(path: Path) -> Mapping[str, bytes]:
-    try:
-        return shard.unpack(path.read_bytes())
-    except OSError as error:
-        raise refuse("shard", "must be readable", path, f"{error.strerror}.") from error
+    return shard.unpack(files.read_bytes(path), str(path))
 
 
 def _needed(path: Path, row: Mapping[str, Any], name: str) -> bytes:
@@ -164,17 +162,17 @@ def _needed(path: Path, row: Mapping[str, Any], name: str) -> bytes:
     return data
 
 
-def _decoded(
-    name: str, data: bytes, row: Mapping[str, Any], info: CaptureInfo
+def _decode(
+    name: str, data: bytes, path: Path, info: CaptureInfo
 ) -> NDArray[np.float32] | NDArray[np.int32]:
-    code = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if code is None:
-        raise refuse(name, "must be a PNG file", row["name"], "Verify the set.")
+    if name == "rgb":
+        image = png.decode_colour(data, path, name)
+        return np.ascontiguousarray(image.transpose(2, 0, 1), np.float32) / np.float32(255)
+    code = png.decode(data, path, name, shape=info.shape)
     if name == "label":
         return code.astype(np.int32)
-    if name in _FILES:
-        return depth.from_code(code.astype(np.uint16), info.depth_unit_m)
-    if name == "rgb":
-        planes = np.ascontiguousarray(code[..., ::-1].transpose(2, 0, 1), np.float32)
-        return planes / np.float32(255)
-    return code.astype(np.float32)
+    if name not in _FILES:
+        return code.astype(np.float32)
+    if code.dtype != np.uint16:
+        raise refuse(name, "must be a 16-bit PNG", f"{path}, 8-bit", "Verify the set.")
+    return depth.from_code(code.astype(np.uint16), info.depth_unit_m)

@@ -16,6 +16,7 @@ from starling.patterns.image import PNG_SIGNATURE, png_chunks
 GreyImage = NDArray[np.uint8] | NDArray[np.uint16]
 
 _COLOUR_TYPES = {0: "grey", 2: "colour", 3: "palette", 4: "grey with alpha", 6: "colour with alpha"}
+_UNDECODED = "pixel data that does not decode"
 _WIDEST = 16384  # Larger sizes in a header indicate a damaged file [px].
 
 
@@ -41,14 +42,39 @@ def read(path: Path, name: str, *, shape: tuple[int, int] | None = None) -> Grey
         raise errors.refuse(
             name, "must be a readable PNG file", path, f"{error.strerror}."
         ) from error
-    bits = _checked_bits(data, path, name, shape)
+    return decode(data, path, name, shape=shape)
+
+
+def decode(
+    data: bytes, path: Path, name: str, *, shape: tuple[int, int] | None = None
+) -> GreyImage:
+    """Decode a grey PNG; arguments, result and errors as `read`."""
+    bits = _check(data, path, name, shape, colour=False)
+    image = _pixels(data, path, name)
+    if image.ndim != 2 or image.itemsize * 8 != bits:
+        raise _damaged(path, name, _UNDECODED)
+    return image.astype(np.uint8) if bits == 8 else image.astype(np.uint16)
+
+
+def decode_colour(
+    data: bytes, path: Path, name: str, *, shape: tuple[int, int] | None = None
+) -> NDArray[np.uint8]:
+    """Decode a colour PNG of 8 bits to (h, w, 3) red, green, blue; otherwise as `decode`."""
+    _check(data, path, name, shape, colour=True)
+    image = _pixels(data, path, name)
+    if image.ndim != 3 or image.shape[2] != 3:
+        raise _damaged(path, name, _UNDECODED)
+    return np.ascontiguousarray(image[..., ::-1], np.uint8)
+
+
+def _pixels(data: bytes, path: Path, name: str) -> NDArray:
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise _damaged(path, name, "pixel data that does not decode") from error
-    if image is None or image.ndim != 2 or image.itemsize * 8 != bits:
-        raise _damaged(path, name, "pixel data that does not decode")
-    return image.astype(np.uint8) if bits == 8 else image.astype(np.uint16)
+        raise _damaged(path, name, _UNDECODED) from error
+    if image is None:
+        raise _damaged(path, name, _UNDECODED)
+    return image
 
 
 def encode(image: GreyImage) -> bytes:
@@ -75,7 +101,9 @@ def encode_colour(image: NDArray[np.uint8]) -> bytes:
     return cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes()
 
 
-def _checked_bits(data: bytes, path: Path, name: str, shape: tuple[int, int] | None) -> int:
+def _check(
+    data: bytes, path: Path, name: str, shape: tuple[int, int] | None, *, colour: bool
+) -> int:
     """Check the file's structure, because decoders pad truncated files; return the bit depth."""
     if not data:
         raise errors.refuse(name, "must be a PNG file", f"{path}, an empty file", "Copy it again.")
@@ -86,16 +114,17 @@ def _checked_bits(data: bytes, path: Path, name: str, shape: tuple[int, int] | N
     except ValueError as error:
         raise _damaged(path, name, str(error)) from error
     header = dict(chunks).get(b"IHDR", b"")
-    pixels = b"".join(content for kind, content in chunks if kind == b"IDAT")
     if len(header) != 13:
         raise _damaged(path, name, "no image header")
-    width, height, bits, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
-    _check_kind(path, name, width, height, bits, colour)
+    width, height, bits, kind, _, _, interlaced = struct.unpack(">IIBBBBB", header)
+    _check_kind(path, name, (width, height), bits, kind, colour=colour)
     if shape is not None and (height, width) != shape:
         rule = f"must be {shape[1]}x{shape[0]} as capture.toml says"
         advice = "Correct the one that is wrong."
         raise errors.refuse(name, rule, f"{path}, {width}x{height}", advice)
-    size = height * (1 + width * bits // 8)  # Each row starts with the number of its filter.
+    pixels = b"".join(content for kind, content in chunks if kind == b"IDAT")
+    channels = 3 if colour else 1
+    size = height * (1 + channels * width * bits // 8)  # A row starts with its filter's number.
     if not interlaced and not _inflates_to(pixels, size):
         raise _damaged(path, name, "too little pixel data")
     return int(bits)
@@ -108,21 +137,20 @@ def _inflates_to(data: bytes, size: int) -> bool:
         return False
 
 
-def _check_kind(path: Path, name: str, width: int, height: int, bits: int, colour: int) -> None:
-    if not (1 <= width <= _WIDEST and 1 <= height <= _WIDEST):
-        raise errors.refuse(
-            name,
-            f"must be 1 to {_WIDEST} pixels wide and high",
-            f"{path}, {width}x{height}",
-            "Copy it again from the source.",
-        )
-    if colour != 0 or bits not in (8, 16):
-        raise errors.refuse(
-            name,
-            "must be a grey PNG of 8 or 16 bits",
-            f"{path}, {bits}-bit {_COLOUR_TYPES.get(colour, f'type {colour}')}",
-            "Save one channel, without scaling it.",
-        )
+def _check_kind(
+    path: Path, name: str, size: tuple[int, int], bits: int, kind: int, *, colour: bool
+) -> None:
+    if not all(1 <= side <= _WIDEST for side in size):
+        rule = f"must be 1 to {_WIDEST} pixels wide and high"
+        advice = "Copy it again from the source."
+        raise errors.refuse(name, rule, f"{path}, {size[0]}x{size[1]}", advice)
+    value = f"{path}, {bits}-bit {_COLOUR_TYPES.get(kind, f'type {kind}')}"
+    if colour and (kind != 2 or bits != 8):
+        advice = "Save red, green and blue."
+        raise errors.refuse(name, "must be a colour PNG of 8 bits", value, advice)
+    if not colour and (kind != 0 or bits not in (8, 16)):
+        advice = "Save one channel, without scaling it."
+        raise errors.refuse(name, "must be a grey PNG of 8 or 16 bits", value, advice)
 
 
 def _damaged(path: Path, name: str, defect: str) -> errors.InputError:

@@ -146,9 +146,9 @@ def test_missing_content_is_refused(data_set: Path, tmp_path: Path):
     if (archive := data_set / shard.name(0)).exists():
         archive.unlink()
         torch_dataset._archive.cache_clear()
-        with pytest.raises(InputError, match="shard must be readable"):
+        with pytest.raises(InputError, match=r"shard-\d+\.tar must be readable"):
             frames[0]
     for path in data_set.glob("0000000/0/ir_left.png"):
         path.write_bytes(b"no image")
-        with pytest.raises(InputError, match="ir_left must be a PNG file; got 0000000/0"):
+        with pytest.raises(InputError, match=r"ir_left must be a PNG file; got .*0000000/0/ir_left\.png"):
             Frames(data_set, ("ir_left",))[0]

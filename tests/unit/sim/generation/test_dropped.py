@@ -34,7 +34,9 @@ def things(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def heap(things: list[Path], count: int = 8, seed: int = 3) -> Pile:
     paths = tuple(things[number % len(things)] for number in range(count))
-    return Pile(folder=things[0].parent, paths=paths, reflectances=(0.4,) * count, seed=seed, room="table-3")
+    return Pile(
+        folder=things[0].parent, paths=paths, reflectances=(0.4,) * count, seed=seed, room="table-3"
+    )
 
 
 def laid(
