@@ -7,8 +7,6 @@ Pickles run arbitrary code when loaded and depend on the version of the library 
 from __future__ import annotations
 
 import io
-import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -21,7 +19,6 @@ from starling.sim.console import output
 Arrays = Mapping[str, NDArray]
 
 _KIND, _VERSION = "kind", "version"
-_DAMAGED = (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error)
 
 
 def path_of(folder: Path, kind: str) -> Path:
@@ -62,7 +59,7 @@ def read(folder: Path, kind: str, version: int) -> dict[str, NDArray]:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         got = str(arrays.pop(_KIND)), int(arrays.pop(_VERSION))
-    except _DAMAGED as error:
+    except Exception as error:  # Damaged files raise errors of many types.
         raise refuse("model", "must be whole", path, "It is damaged: train again.") from error
     if got != (kind, version):
         raise refuse(

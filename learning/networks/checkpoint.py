@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import pickle
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,15 +16,6 @@ from starling.patterns.errors import refuse
 from starling.sim.console import output
 
 VERSION = 1  # Version of the file's content; other versions are refused.
-_DAMAGED = (
-    OSError,
-    RuntimeError,
-    EOFError,
-    ValueError,
-    KeyError,
-    zipfile.BadZipFile,
-    pickle.UnpicklingError,
-)
 _FORMAT = "starling weights"
 _RETRAIN = "Train again in an empty folder."
 
@@ -47,11 +37,17 @@ def save(path: Path, kind: str, content: Mapping[str, Any]) -> None:
     output.write_file(path, buffer.getvalue(), force=True)
 
 
-def load(path: Path, kind: str) -> dict[str, Any]:
+def load(path: Path, kind: str, entries: Mapping[str, type]) -> dict[str, Any]:
     """Read a file written by `save`. The file can hold data only, no code.
 
+    Args:
+        path: the file.
+        kind: kind of the file, as passed to `save`.
+        entries: type of each entry that the content must have.
+
     Raises:
-        InputError: if it is missing, damaged, another file, or of another version or kind.
+        InputError: if it is missing, damaged, another file, of another version or kind, or lacks an
+            entry.
     """
     try:
         with zipfile.ZipFile(path) as archive:  # torch does not verify checksums.
@@ -60,7 +56,7 @@ def load(path: Path, kind: str) -> dict[str, Any]:
         whole = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise refuse("checkpoint", "must exist", path, "Train first.") from None
-    except _DAMAGED as error:
+    except Exception as error:  # Damaged files raise errors of many types.
         rule = "must be a complete file of trained weights"
         raise refuse("checkpoint", rule, f"{path} ({type(error).__name__})", _RETRAIN) from error
     if not isinstance(whole, dict) or whole.get("format") != _FORMAT:
@@ -71,6 +67,14 @@ def load(path: Path, kind: str) -> dict[str, Any]:
     if whole.get("kind") != kind:
         got = f"{whole.get('kind')!r} in {path}"
         raise refuse("checkpoint", f"must be of {kind!r}", got, "Name the right file.")
+    content = whole.get("content")
+    for name, expected in entries.items():
+        value = content.get(name) if isinstance(content, dict) else None
+        if not isinstance(value, expected):
+            got = f"{type(value).__name__} in {path}"
+            raise refuse(
+                "checkpoint", f"must have {name} of type {expected.__name__}", got, _RETRAIN
+            )
     return whole["content"]
 
 
@@ -81,12 +85,28 @@ def restore(network: nn.Module, weights: Mapping[str, torch.Tensor]) -> None:
         InputError: if a name or a shape differs.
     """
     wanted = {name: tuple(value.shape) for name, value in network.state_dict().items()}
-    present = {name: tuple(value.shape) for name, value in weights.items()}
+    present = {
+        str(name): tuple(value.shape) if isinstance(value, torch.Tensor) else None
+        for name, value in weights.items()
+    }
     for name in sorted(wanted.keys() | present.keys()):
         if wanted.get(name) != present.get(name):
             rule = f"must have {name} of shape {wanted.get(name)}"
             raise refuse("checkpoint", rule, present.get(name), _RETRAIN)
     network.load_state_dict(dict(weights))
+
+
+def restore_optimizer(optimizer: torch.optim.Optimizer, state: dict[str, Any]) -> None:
+    """Copy a state into an optimizer.
+
+    Raises:
+        InputError: if the state is of another optimizer or damaged.
+    """
+    try:
+        optimizer.load_state_dict(state)
+    except Exception as error:  # A foreign state raises errors of many types.
+        got = f"{type(error).__name__}: {error}"
+        raise refuse("checkpoint", "must fit its optimizer", got, _RETRAIN) from error
 
 
 def network_path(folder: Path, name: str) -> Path:
@@ -122,10 +142,13 @@ def load_network(
         InputError: if there are none, the file is damaged, of another version or method, or trained
             on other input channels.
     """
-    content = load(network_path(folder, name), name)
+    entries = {"weights": dict, "seen": list, "shape": list}
+    content = load(network_path(folder, name), name, entries)
     if tuple(content["seen"]) != channels:
         rule = f"must be trained on {', '.join(channels)}"
-        raise refuse("checkpoint", rule, ", ".join(content["seen"]), "Train again.")
+        raise refuse("checkpoint", rule, ", ".join(map(str, content["seen"])), "Train again.")
+    if not (len(content["shape"]) == 2 and all(type(side) is int for side in content["shape"])):
+        raise refuse("checkpoint", "must have shape [h, w]", content["shape"], _RETRAIN)
     restore(network, content["weights"])
     to_device(network).requires_grad_(False).eval()
     height, width = content["shape"]

@@ -137,6 +137,10 @@ def one_cycle(step: int, settings: Schedule) -> float:
     return settings.rate * 0.5 * (1 + math.cos(math.pi * part))
 
 
+_ENTRIES = {
+    **{"identity": str, "networks": dict, "averaged": dict, "optimizers": list},
+    **{"step": int, "curve": list},
+}
 CHECKPOINT = "training.pt"
 CURVE = "loss.csv"
 
@@ -202,7 +206,7 @@ def train(
     identity = batches.identity
     path = folder / CHECKPOINT
     if path.exists():
-        _resume(run, learner, checkpoint.load(path, kind), identity)
+        _resume(run, learner, checkpoint.load(path, kind, _ENTRIES), identity)
     save = partial(_save, run, learner, folder=folder, kind=kind, identity=identity)
     steps = range(run.step, settings.steps)
     for step in track(steps, f"train {kind}"):
@@ -267,8 +271,12 @@ def _resume(run: _Run, learner: Learner[Any], content: dict[str, Any], identity:
         raise refuse("checkpoint", rule, content["identity"], remedy)
     checkpoint.restore(learner.networks, content["networks"])
     checkpoint.restore(run.averaged, content["averaged"])
-    for optimizer, state in zip(learner.optimizers, content["optimizers"], strict=True):
-        optimizer.load_state_dict(state)
+    states = content["optimizers"]
+    if len(states) != len(learner.optimizers):
+        rule = f"must have {len(learner.optimizers)} optimizers"
+        raise refuse("checkpoint", rule, len(states), "Choose an empty folder.")
+    for optimizer, state in zip(learner.optimizers, states, strict=True):
+        checkpoint.restore_optimizer(optimizer, state)
     for name in ("step", "curve"):
         setattr(run, name, content[name])
 

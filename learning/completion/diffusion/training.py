@@ -38,6 +38,7 @@ from starling.sim.randomness import generator
 CHECKPOINT = "training.pt"
 CURVE = "loss.csv"
 WEIGHTS = "weights"
+_ENTRIES = {"identity": str, "networks": dict, "optimizer": dict, "step": int, "curve": list}
 _KIND = "diffusion for completion"
 
 
@@ -110,7 +111,7 @@ def train(
     model = untrained_model(parts, variant, seed=seed)
     run = _Run(model, optim.Adam(trainable_parameters(model.conditioning), lr=settings.rate))
     if path.exists():
-        _resume(run, checkpoint.load(path, _KIND), identity)
+        _resume(run, checkpoint.load(path, _KIND, _ENTRIES), identity)
     for step in track(range(run.step, settings.steps), f"train diffusion-{variant}"):
         run.curve.append(_step(run, samples, settings, seed, step))
         run.step = step + 1
@@ -210,7 +211,7 @@ def _resume(run: _Run, content: dict[str, Any], identity: str) -> None:
         rule = "must belong to this training, with the same samples, weights, settings and seed"
         raise refuse("checkpoint", rule, content["identity"], "Choose an empty folder.")
     checkpoint.restore(run.model.conditioning.networks, content["networks"])
-    run.optimizer.load_state_dict(content["optimizer"])
+    checkpoint.restore_optimizer(run.optimizer, content["optimizer"])
     run.step, run.curve = content["step"], content["curve"]
 
 

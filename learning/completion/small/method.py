@@ -172,7 +172,7 @@ def load(folder: Path | str) -> Small:
         InputError: if there are no weights, they are of another method, or damaged.
     """
     network = SmallNetwork()
-    content = checkpoint.load(Path(folder) / WEIGHTS, _KIND)
+    content = checkpoint.load(Path(folder) / WEIGHTS, _KIND, {"weights": dict})
     checkpoint.restore(network, content["weights"])
     return Small(to_device(network).eval().requires_grad_(False))
 

@@ -22,7 +22,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_saved_content_is_loaded(path: Path) -> None:
-    content = checkpoint.load(path, "network")
+    content = checkpoint.load(path, "network", {"step": int})
     assert torch.equal(content["weights"]["a"], CONTENT["weights"]["a"])
     assert content["step"] == 3
     assert content["names"] == ["x", "y"]
@@ -33,7 +33,7 @@ def test_refuses_a_truncated_file(path: Path, share: float) -> None:
     data = path.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
     with pytest.raises(InputError, match=r"complete file of trained weights; got .* Train again"):
-        checkpoint.load(path, "network")
+        checkpoint.load(path, "network", {"step": int})
 
 
 def test_refuses_a_file_damaged_in_its_middle(path: Path) -> None:
@@ -41,29 +41,29 @@ def test_refuses_a_file_damaged_in_its_middle(path: Path) -> None:
     data[len(data) // 2] ^= 0xFF
     path.write_bytes(data)
     with pytest.raises(InputError, match="complete file of trained weights"):
-        checkpoint.load(path, "network")
+        checkpoint.load(path, "network", {"step": int})
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"must exist; got .*none\.pt\. Train first"):
-        checkpoint.load(tmp_path / "none.pt", "network")
+        checkpoint.load(tmp_path / "none.pt", "network", {})
 
 
 def test_refuses_another_version(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checkpoint, "VERSION", 99)
     with pytest.raises(InputError, match="version must be 99; got 1 in"):
-        checkpoint.load(path, "network")
+        checkpoint.load(path, "network", {"step": int})
 
 
 def test_refuses_another_kind(path: Path) -> None:
     with pytest.raises(InputError, match="must be of 'hybrid'; got 'network' in"):
-        checkpoint.load(path, "hybrid")
+        checkpoint.load(path, "hybrid", {})
 
 
 def test_a_file_of_another_program_is_refused(path: Path) -> None:
     torch.save({"weights": torch.zeros(2)}, path)
     with pytest.raises(InputError, match="written by this program"):
-        checkpoint.load(path, "network")
+        checkpoint.load(path, "network", {"step": int})
 
 
 class _Command:
@@ -74,7 +74,7 @@ class _Command:
 def test_code_in_a_file_is_not_run(path: Path) -> None:
     torch.save({"content": _Command()}, path)
     with pytest.raises(InputError, match="complete file of trained weights"):
-        checkpoint.load(path, "network")
+        checkpoint.load(path, "network", {"step": int})
 
 
 def test_a_failed_write_leaves_the_old_file(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,7 +85,7 @@ def test_a_failed_write_leaves_the_old_file(path: Path, monkeypatch: pytest.Monk
     with pytest.raises(InputError):
         checkpoint.save(path, "network", {"step": 4})
     monkeypatch.undo()
-    assert checkpoint.load(path, "network")["step"] == 3
+    assert checkpoint.load(path, "network", {"step": int})["step"] == 3
     assert [file.name for file in path.parent.iterdir()] == ["kept.pt"]
 
 
@@ -99,3 +99,41 @@ def test_restores_weights_that_fit() -> None:
 def test_weights_of_another_shape_are_refused(network: nn.Module) -> None:
     with pytest.raises(InputError, match=r"checkpoint must have .* of shape"):
         checkpoint.restore(nn.Linear(3, 2), network.state_dict())
+
+
+@pytest.mark.parametrize("content", [{}, {"step": 3.0}, {"step": None}, [1], 3])
+def test_content_without_its_entries_is_refused(path: Path, content: object) -> None:
+    whole = {"format": "starling weights", "version": 1, "kind": "network", "content": content}
+    torch.save(whole, path)
+    with pytest.raises(InputError, match=r"checkpoint must have step of type int; got .*kept\.pt"):
+        checkpoint.load(path, "network", {"step": int})
+
+
+@pytest.mark.parametrize("weights", [{"weight": 3}, {3: torch.zeros(2)}, {}])
+def test_weights_that_are_no_tensors_are_refused(weights: dict) -> None:
+    with pytest.raises(InputError, match="checkpoint must have"):
+        checkpoint.restore(nn.Linear(3, 2), weights)
+
+
+@pytest.mark.parametrize("state", [{}, {"state": {}, "param_groups": [{}]}, {"state": 3}])
+def test_the_state_of_another_optimizer_is_refused(state: dict) -> None:
+    optimizer = torch.optim.Adam(nn.Linear(3, 2).parameters())
+    with pytest.raises(InputError, match="checkpoint must fit its optimizer"):
+        checkpoint.restore_optimizer(optimizer, state)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"seen": ["depth"]}, "must be trained on infrared; got depth"),
+        ({"seen": [3]}, "must be trained on infrared; got 3"),
+        ({"shape": [4, "x"]}, r"must have shape \[h, w\]"),
+        ({"shape": [4]}, r"must have shape \[h, w\]"),
+    ],
+)
+def test_a_network_of_other_inputs_is_refused(tmp_path: Path, changed: dict, message: str) -> None:
+    network = nn.Linear(3, 2)
+    content = {"weights": network.state_dict(), "seen": ["infrared"], "shape": [4, 5]}
+    checkpoint.save(tmp_path / "cnn.pt", "cnn", {**content, **changed})
+    with pytest.raises(InputError, match=message):
+        checkpoint.load_network(tmp_path, "cnn", network, ("infrared",))

@@ -150,5 +150,7 @@ def test_missing_content_is_refused(data_set: Path, tmp_path: Path):
             frames[0]
     for path in data_set.glob("0000000/0/ir_left.png"):
         path.write_bytes(b"no image")
-        with pytest.raises(InputError, match=r"ir_left must be a PNG file; got .*0000000/0/ir_left\.png"):
+        with pytest.raises(
+            InputError, match=r"ir_left must be a PNG file; got .*0000000/0/ir_left\.png"
+        ):
             Frames(data_set, ("ir_left",))[0]
