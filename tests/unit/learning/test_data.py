@@ -73,6 +73,7 @@ def data_set(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
             (tmp_path / name).write_bytes(content)
     (tmp_path / index.FILE).write_bytes(index.encode(rows))
     info = writer.info_of(presets.load("d435"), source="", licence="", notes="")
+    info = dataclasses.replace(info, width=8, height=6)
     (tmp_path / capture_info.FILE).write_text(capture_info.dumps(info))
     return tmp_path
 
