@@ -32,6 +32,7 @@ _REACH_PX = 3  # Width of the excluded margin along depth edges, shadow edges an
 _CAUCHY = 2.5  # Scale of the Cauchy weights [standard deviations].
 _CLUSTER_SHARE = 0.075  # Side of a cluster of correlated residuals over the image width.
 _BINS = 24  # Bins of level for the measured variance.
+_LEAST_IN_BIN = 30  # Pixels that a bin must exceed for a robust variance.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -292,7 +293,7 @@ def _fit_variance(
     """Fit the variance model to robust variances of the residuals in bins of level."""
     counted = counted & fitted.used[:, None]
     level, residual = height[counted], fitted.residual[counted]
-    if level.size < 10 * _BINS:
+    if level.size <= _LEAST_IN_BIN * _BINS:  # Not even one bin might be measured.
         return LevelVariance(max(float(np.var(residual)) if residual.size else 1.0, 1e-3), 0.0, 0.0)
     level = np.maximum(level, 0)
     edges = np.quantile(level, np.linspace(0, 1, _BINS + 1))
@@ -300,7 +301,7 @@ def _fit_variance(
     rows, spread = [], []
     for number in range(_BINS):
         inside = residual[bins == number]
-        if inside.size > 30:
+        if inside.size > _LEAST_IN_BIN:
             rows.append(float(level[bins == number].mean()))
             spread.append((metrics.MAD_TO_SIGMA * float(np.median(np.abs(inside)))) ** 2)
     levels, measured = np.array(rows), np.maximum(np.array(spread), 1e-6)

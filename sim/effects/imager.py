@@ -50,14 +50,8 @@ _GAIN = Effect(
         "96 % of the pixels and nearly three quarters of the depth are lost."
     ),
     confused_with=(
-        "exposure",
-        "saturation",
-        "read_noise",
-        "shot_noise",
-        "projector_power",
-        "auto_exposure",
-        "gamma",
-        "quantisation",
+        *("exposure", "saturation", "read_noise", "shot_noise", "projector_power"),
+        *("auto_exposure", "gamma", "quantisation"),
     ),
     source=f"Register 16 to 248 over 16 (librealsense presets.cpp; {_OV9281}: 0x10 to 0xff)",
 )

@@ -153,12 +153,12 @@ def test_the_variance_of_residuals_is_measured_by_level() -> None:
         assert result == pytest.approx(expected, rel=0.12)
 
 
-def test_few_pixels_have_one_variance() -> None:
-    """Below ten pixels a bin there is one variance, of all pixels, at all levels."""
-    level = np.linspace(0, 100, 256, dtype=np.float32)[None]
+@pytest.mark.parametrize("count", [239, 240, 720])
+def test_few_pixels_have_one_variance(count: int) -> None:
+    """Up to 30 pixels a bin there is one variance, of all pixels, at all levels."""
+    level = np.linspace(0, 100, 768, dtype=np.float32).reshape(3, 256)
     fitted = eliminated(level, np.full(level.shape, 3.0))
-    counted = np.zeros(level.shape, bool)
-    counted[:, :239] = True
+    counted = (np.arange(level.size) < count).reshape(level.shape)
     variance = residuals._fit_variance(fitted, level, counted)
     assert (variance.b, variance.c) == (0.0, 0.0)
     assert variance.a == pytest.approx(float(np.var(fitted.residual[counted])))
@@ -166,6 +166,16 @@ def test_few_pixels_have_one_variance() -> None:
     assert residuals._fit_variance(fitted, level, counted) == LevelVariance(1.0, 0.0, 0.0)
     fitted.used[:], fitted.residual[:] = True, 0
     assert residuals._fit_variance(fitted, level, counted).a == 1e-3
+
+
+@pytest.mark.parametrize("level_dn", [0.0, 40.0])
+def test_pixels_of_one_level_have_a_variance_above_the_least_number(level_dn: float) -> None:
+    level = np.full((3, 256), level_dn, np.float32)
+    fitted = eliminated(level, np.full(level.shape, 9.0))
+    counted = (np.arange(level.size) < 721).reshape(level.shape)
+    variance = residuals._fit_variance(fitted, level, counted)
+    result = float(variance.at_level(np.full((1, 1), level_dn, np.float32))[0, 0])
+    assert result == pytest.approx(81.0, rel=0.25)
 
 
 def equations(freedom: int, number: float, clusters: int) -> ViewEquations:
