@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from starling.patterns import errors
+from starling.sim.sensor import structure
 
 T = TypeVar("T")
 
@@ -50,11 +51,14 @@ def parse_json(data: bytes, path: Path) -> Any:
     """Parse JSON; a byte order mark is skipped.
 
     Raises:
-        InputError: if the data are no UTF-8 or no JSON.
+        InputError: if the data are no UTF-8 or no JSON, or a text cannot be written as UTF-8.
     """
     text = decode(data, path)
     try:
-        return json.loads(text)
+        value = json.loads(text)
+        if "\\ud" in text.lower():  # An escape can be half of a character.
+            json.dumps(value, ensure_ascii=False).encode()
+        return value
     except (ValueError, RecursionError) as error:
         raise errors.refuse(path.name, "must be JSON", path, f"{error}.") from error
 
@@ -79,6 +83,7 @@ def parse_toml(data: bytes, path: Path, build: Callable[[dict[str, Any]], T]) ->
     except (ValueError, RecursionError) as error:  # No TOML, no UTF-8, or nested too deep.
         raise errors.refuse(path.name, "must be TOML", path, f"{error}.") from error
     try:
+        structure.refuse_long_integers(table, "")
         return build(table)
     except errors.InputError as error:
         raise errors.InputError(f"{path}: {error}") from error

@@ -12,7 +12,7 @@ from starling.patterns import errors
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Range:
+class PlausibleRange:
     """Closed range of a quantity, and the likely cause of a value outside."""
 
     low: float
@@ -21,19 +21,27 @@ class Range:
 
 
 QUANTITIES = {
-    "image_side_px": Range(low=1, high=16384, remedy="Give the image size [px]."),
+    "image_side_px": PlausibleRange(low=1, high=16384, remedy="Give the image size [px]."),
     # A fisheye of 170 degrees has 0.04 image widths; a telescope of 0.1 degrees has 570.
-    "focal_widths": Range(low=0.02, high=1e4, remedy="Give pixels; is the matrix inverted?"),
-    "principal_point_px": Range(low=-1e5, high=1e5, remedy="Give the principal point [px]."),
+    "focal_widths": PlausibleRange(
+        low=0.02, high=1e4, remedy="Give pixels; is the matrix inverted?"
+    ),
+    "principal_point_px": PlausibleRange(
+        low=-1e5, high=1e5, remedy="Give the principal point [px]."
+    ),
     # Endoscopes have millimetres, rigs on vehicles a few metres.
-    "baseline_m": Range(low=5e-4, high=10, remedy="The left imager comes first; give metres."),
-    "depth_unit_m": Range(low=1e-7, high=0.1, remedy="Give the step of depth.png [m]."),
-    "time_s": Range(low=0, high=1e10, remedy="Give seconds: divide nanoseconds by 1e9."),
+    "baseline_m": PlausibleRange(
+        low=5e-4, high=10, remedy="The left imager comes first; give metres."
+    ),
+    "depth_unit_m": PlausibleRange(low=1e-7, high=0.1, remedy="Give the step of depth.png [m]."),
+    "time_s": PlausibleRange(low=0, high=1e10, remedy="Give seconds: divide nanoseconds by 1e9."),
     # Some loggers write 0 for an unknown exposure or gain.
-    "exposure_s": Range(low=0, high=100, remedy="Give seconds."),
-    "gain": Range(low=0, high=1e5, remedy="Give a factor, or the device's own number."),
-    "laser_power": Range(low=0, high=1e5, remedy="Give the device's own number, mW or percent."),
-    "count": Range(low=1, high=1e9, remedy="Give fewer."),
+    "exposure_s": PlausibleRange(low=0, high=100, remedy="Give seconds."),
+    "gain": PlausibleRange(low=0, high=1e5, remedy="Give a factor, or the device's own number."),
+    "laser_power": PlausibleRange(
+        low=0, high=1e5, remedy="Give the device's own number, mW or percent."
+    ),
+    "count": PlausibleRange(low=1, high=1e9, remedy="Give fewer."),
 }
 
 
@@ -60,7 +68,7 @@ def check_focal(name: str, value_px: float, width: int) -> None:
     _check(name, value_px, QUANTITIES["focal_widths"], scale=width)
 
 
-def _check(name: str, value: float, plausible: Range, *, scale: float) -> None:
+def _check(name: str, value: float, plausible: PlausibleRange, *, scale: float) -> None:
     if 0 < plausible.low < 1:
         errors.positive(name, value, plausible.remedy)
     low, high = plausible.low * scale, plausible.high * scale

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
-from starling.patterns.image import PNG_SIGNATURE, png_chunks
+from starling.patterns.image import PNG_SIGNATURE, plain_png, png_chunks
 
 GreyImage = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -49,8 +49,8 @@ def decode(
     data: bytes, path: Path, name: str, *, shape: tuple[int, int] | None = None
 ) -> GreyImage:
     """Decode a grey PNG; arguments, result and errors as `read`."""
-    bits = _check(data, path, name, shape, colour=False)
-    image = _pixels(data, path, name)
+    bits, plain = _check(data, path, name, shape, colour=False)
+    image = _pixels(plain, path, name)
     if image.ndim != 2 or image.itemsize * 8 != bits:
         raise _damaged(path, name, _UNDECODED)
     return image.astype(np.uint8) if bits == 8 else image.astype(np.uint16)
@@ -60,11 +60,38 @@ def decode_colour(
     data: bytes, path: Path, name: str, *, shape: tuple[int, int] | None = None
 ) -> NDArray[np.uint8]:
     """Decode a colour PNG of 8 bits to (h, w, 3) red, green, blue; otherwise as `decode`."""
-    _check(data, path, name, shape, colour=True)
-    image = _pixels(data, path, name)
+    _, plain = _check(data, path, name, shape, colour=True)
+    image = _pixels(plain, path, name)
     if image.ndim != 3 or image.shape[2] != 3:
         raise _damaged(path, name, _UNDECODED)
     return np.ascontiguousarray(image[..., ::-1], np.uint8)
+
+
+def read_picture(path: Path, name: str, *, colour: bool = False) -> NDArray[Any]:
+    """Read a picture of any kind: a PNG, or another file that OpenCV decodes. Alpha is ignored.
+
+    Args:
+        path: the file.
+        name: name of the image in error messages: `rgb`.
+        colour: convert grey pictures to colour, and 16 bits to 8.
+
+    Returns:
+        (h, w, 3) red, green, blue, or (h, w) grey; uint8 or uint16.
+
+    Raises:
+        InputError: if the file is missing or damaged.
+    """
+    flags = cv2.IMREAD_COLOR if colour else cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
+    try:
+        data = path.read_bytes()
+        plain = plain_png(png_chunks(data)) if data.startswith(PNG_SIGNATURE) else data
+        image = cv2.imdecode(np.frombuffer(plain, np.uint8), flags)
+    except (OSError, ValueError, cv2.error) as error:
+        defect = " ".join(str(error).split())
+        raise errors.refuse(name, "must be a readable image", path, f"{defect}.") from error
+    if image is None:
+        raise errors.refuse(name, "must be a readable image", path, "Copy it again.")
+    return np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image
 
 
 def _pixels(data: bytes, path: Path, name: str) -> NDArray:
@@ -103,8 +130,12 @@ def encode_colour(image: NDArray[np.uint8]) -> bytes:
 
 def _check(
     data: bytes, path: Path, name: str, shape: tuple[int, int] | None, *, colour: bool
-) -> int:
-    """Check the file's structure, because decoders pad truncated files; return the bit depth."""
+) -> tuple[int, bytes]:
+    """Check the file's structure, because decoders pad truncated files.
+
+    Returns:
+        The bit depth, and the PNG without chunks that the pixels do not need.
+    """
     if not data:
         raise errors.refuse(name, "must be a PNG file", f"{path}, an empty file", "Copy it again.")
     if not data.startswith(PNG_SIGNATURE):
@@ -113,28 +144,22 @@ def _check(
         chunks = png_chunks(data)
     except ValueError as error:
         raise _damaged(path, name, str(error)) from error
-    header = dict(chunks).get(b"IHDR", b"")
+    kinds = dict(chunks)
+    header = kinds.get(b"IHDR", b"")
     if len(header) != 13:
         raise _damaged(path, name, "no image header")
-    width, height, bits, kind, _, _, interlaced = struct.unpack(">IIBBBBB", header)
+    width, height, bits, kind = struct.unpack_from(">IIBB", header)
     _check_kind(path, name, (width, height), bits, kind, colour=colour)
     if shape is not None and (height, width) != shape:
         rule = f"must be {shape[1]}x{shape[0]} as capture.toml says"
         advice = "Correct the one that is wrong."
         raise errors.refuse(name, rule, f"{path}, {width}x{height}", advice)
-    pixels = b"".join(content for kind, content in chunks if kind == b"IDAT")
-    channels = 3 if colour else 1
-    size = height * (1 + channels * width * bits // 8)  # A row starts with its filter's number.
-    if not interlaced and not _inflates_to(pixels, size):
-        raise _damaged(path, name, "too little pixel data")
-    return int(bits)
-
-
-def _inflates_to(data: bytes, size: int) -> bool:
+    if b"tRNS" in kinds:
+        raise _damaged(path, name, "a transparent colour")
     try:
-        return len(zlib.decompressobj().decompress(data, size + 1)) == size
-    except zlib.error:
-        return False
+        return int(bits), plain_png(chunks)
+    except ValueError as error:
+        raise _damaged(path, name, str(error)) from error
 
 
 def _check_kind(

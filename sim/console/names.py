@@ -17,7 +17,7 @@ def file_name(name: str) -> str:
     """Turn a name from data into one component of a path.
 
     Letters, digits and usual punctuation stay. All other characters become `%` and the hexadecimal
-    digits of their UTF-8 bytes, as in a URL, and so does a dot or space at an end. Long names are
+    digits of their UTF-8 bytes, as in a URL. So does a dot or space at an end. Long names are
     shortened, and end in a hash. Different names give different file names.
 
     Args:

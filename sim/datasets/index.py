@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -40,18 +41,23 @@ class IndexRow:
     bytes: int
     sha256: str  # See `render_view.fingerprint`.
 
+    def __post_init__(self) -> None:
+        for name in ("frame", "view", "scene", "seed", "bytes"):
+            errors.whole_number(name, getattr(self, name), 0, 2**63 - 1)
+        errors.whole_number("repeat", self.repeat, 0, 2**31 - 1)
+
 
 def check_row(row: Any, file: Path) -> dict[str, Any]:
-    """Check a row from a file.
+    """Check a row from a file, and return it with whole numbers as floats where they are expected.
 
     Raises:
         InputError: if a key is missing or unknown, a value has another type, or a file's name leads
             out of the set.
     """
     known = {key: value for key, value in row.items() if value is not None} if row else row
-    structure.from_table(IndexRow, known)
-    _check_names(row, file)
-    return row
+    checked = dataclasses.asdict(structure.from_table(IndexRow, known))
+    _check_names(checked, file)
+    return checked
 
 
 def encode(rows: Iterable[dict[str, Any]]) -> bytes:

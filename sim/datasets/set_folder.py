@@ -163,8 +163,7 @@ def _read_part(path: Path) -> dict[str, Any]:
         part = files.parse_json(files.read_bytes(path), path)
         if not isinstance(part, dict) or set(part) != {"rows", "skipped"}:
             raise errors.refuse(path.name, "must hold rows and skipped", repr(part)[:80], "")
-        for row in part["rows"]:
-            index.check_row(row, path)
+        part["rows"] = [index.check_row(row, path) for row in part["rows"]]
         for view in part["skipped"]:
             structure.from_table(SkippedView, view)
     except (errors.InputError, TypeError, AttributeError) as error:

@@ -175,7 +175,7 @@ def _admitted(effect: Effect, parameter: Parameter, new: Value) -> Value:
         if new not in parameter.choices:
             known = ", ".join(map(written, parameter.choices))
             raise errors.refuse(name, f"must be one of {known}", new, "Choose one of them.")
-    elif isinstance(new, str) or not math.isfinite(new):
+    elif not isinstance(new, int | float) or not math.isfinite(new):
         raise errors.refuse(name, "must be a number", repr(new), f"Its unit is {parameter.unit}.")
     return new
 

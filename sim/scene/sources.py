@@ -150,14 +150,9 @@ def mesh_parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
     if not path.is_file():
         raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
     try:
-        loaded = trimesh.load_scene(path, process=False)
-        parts = [
-            (str(name), mesh.copy().apply_transform(loaded.graph.get(node)[0]))
-            for node in loaded.graph.nodes_geometry
-            for name in [loaded.graph[node][1]]
-            for mesh in [loaded.geometry[name]]
-            if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
-        ]
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            parts = _parts(trimesh.load_scene(path, process=False))
     except Exception as error:  # The parsers of trimesh raise errors of any type.
         raise errors.refuse(
             "scene", "must be a mesh", path, f"It cannot be read: {error}"
@@ -165,6 +160,20 @@ def mesh_parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
     if not parts:
         raise errors.refuse("scene", "must hold triangles", path, "The mesh is empty.")
     return parts
+
+
+def _parts(loaded: trimesh.Scene) -> list[tuple[str, trimesh.Trimesh]]:
+    for mesh in loaded.geometry.values():
+        faces = mesh.faces if isinstance(mesh, trimesh.Trimesh) else np.zeros((0, 3))
+        if len(faces) and not 0 <= faces.min() <= faces.max() < len(mesh.vertices):
+            raise ValueError("a triangle has a vertex that is missing")
+    return [
+        (str(name), mesh.copy().apply_transform(loaded.graph.get(node)[0]))
+        for node in loaded.graph.nodes_geometry
+        for name in [loaded.graph[node][1]]
+        for mesh in [loaded.geometry[name]]
+        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
+    ]
 
 
 def _front(bodies: tuple[Body, ...], sensor: Sensor) -> frames.Pose:

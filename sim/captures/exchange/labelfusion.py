@@ -23,10 +23,6 @@ import re
 from functools import partial
 from pathlib import Path
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
 from starling.patterns.errors import refuse
 from starling.sim import files
 from starling.sim.captures import png
@@ -73,7 +69,9 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
                 time_s=time_s,
                 world_from_camera=nearest(poses, time_s),
                 depth=partial(read_depth, images / f"{number}_depth.png", UNIT_M),
-                image=partial(_picture, picture) if picture.is_file() else None,
+                image=partial(png.read_picture, picture, "rgb", colour=True)
+                if picture.is_file()
+                else None,
             )
         )
     moments.sort(key=lambda moment: moment.time_s)
@@ -108,10 +106,3 @@ def _camera(path: Path, depth: Path) -> Pinhole:
         raise refuse(_CAMERA, "must hold fx fy cx cy", error, advice) from error
     height, width = png.read(depth, "depth").shape
     return Pinhole(width=width, height=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
-
-
-def _picture(path: Path) -> NDArray[np.uint8]:
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if image is None:
-        raise refuse("rgb", "must be a readable image", path, "Copy it again.")
-    return np.ascontiguousarray(image[..., ::-1], np.uint8)

@@ -13,11 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from starling.patterns.errors import InputError, refuse
 from starling.sim import files, quantities
@@ -101,7 +96,7 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
                 time_s=time,
                 world_from_camera=nearest(poses, time),
                 depth=partial(read_depth, path / file, UNIT_M),
-                image=None if picture is None else partial(_picture, path / picture),
+                image=None if picture is None else partial(png.read_picture, path / picture, "rgb"),
             )
         )
     return Stream(camera=camera or _camera(path), moments=tuple(moments))
@@ -140,10 +135,3 @@ def _camera(path: Path) -> Pinhole:
         return parse_camera(files.read_text(path / _CAMERA), _CAMERA)
     except InputError as error:
         raise InputError(f"{error} {advice}") from error
-
-
-def _picture(path: Path) -> NDArray[Any]:
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise refuse("rgb", "must be a readable image", path, "Copy it again.")
-    return np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else np.asarray(image)

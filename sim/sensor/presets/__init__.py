@@ -73,7 +73,7 @@ def dumps(sensor: Sensor) -> str:
 
 def _read(path: Path) -> Sensor:
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise errors.refuse(
             "sensor", "must be a readable file", path, f"{error.strerror}."

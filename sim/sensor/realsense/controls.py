@@ -169,7 +169,8 @@ def _read(alias: str, name: str, value: Any) -> Control:
         number = float(value) if isinstance(value, str) else value
     except ValueError:
         number = math.nan
-    if not isinstance(number, (int, float)) or isinstance(number, bool) or math.isnan(number):
+    # The comparison finds NaN, also beside integers that overflow a float.
+    if not isinstance(number, (int, float)) or isinstance(number, bool) or number != number:
         raise errors.refuse(alias, "must be a number", repr(value), "Export the file again.")
     errors.in_interval(alias, number, low, high, "It is outside what the device takes.")
     return float(number)

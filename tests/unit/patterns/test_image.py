@@ -1,5 +1,6 @@
 """Patterns from files: valid files, and all refusals."""
 
+import tracemalloc
 import zlib
 
 import cv2
@@ -92,3 +93,45 @@ def test_refused_field(tmp_path):
     (tmp_path / "grey.png").write_bytes(png(GREY))
     with pytest.raises(InputError, match=r"fov_y_deg must be in \[1, 150\]; got 0\."):
         load(tmp_path / "grey.png", fov_x_deg=60.0, fov_y_deg=0.0)
+
+
+ADAM7 = (
+    (0, 0, 8, 8),
+    (4, 0, 8, 8),
+    (0, 4, 4, 8),
+    (2, 0, 4, 4),
+    (0, 2, 2, 4),
+    (1, 0, 2, 2),
+    (0, 1, 1, 2),
+)
+
+
+def test_interlaced_images_are_read(tmp_path):
+    image = np.random.default_rng(0).integers(0, 255, (33, 35), np.uint8)
+    passes = [image[y::dy, x::dx] for x, y, dx, dy in ADAM7]
+    rows = b"".join(b"\0" + row.tobytes() for part in passes for row in part)
+    data = made_png(zlib.compress(rows), width=35, height=33, interlaced=1)
+    (tmp_path / "x.png").write_bytes(data)
+    pattern = load(tmp_path / "x.png", **FOV)
+    np.testing.assert_allclose(pattern.image, image / image.mean(), rtol=1e-6)
+
+
+def test_decoders_see_the_necessary_chunks_only(tmp_path, capfd):
+    """libpng prints a message for each of these chunks, which does no harm to the pixels."""
+    strange = b"".join(chunk(kind, b"\xff" * 5) for kind in (b"iCCP", b"eXIf", b"gAMA", b"PLTE"))
+    (tmp_path / "x.png").write_bytes(made_png(zlib.compress(ROWS) + b"more", extra=strange))
+    load(tmp_path / "x.png", **FOV)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "pixels", [zlib.compress(ROWS)[:-4], zlib.compress(ROWS + b"\0"), zlib.compress(bytes(10**8))]
+)
+def test_damaged_streams_are_refused_in_little_memory(tmp_path, pixels):
+    """A stream without its checksum, one byte too long, and one of 100 MB in 100 kB."""
+    (tmp_path / "x.png").write_bytes(made_png(pixels))
+    tracemalloc.start()
+    with pytest.raises(InputError, match="must be an intact PNG"):
+        load(tmp_path / "x.png", **FOV)
+    assert tracemalloc.get_traced_memory()[1] < 5e6
+    tracemalloc.stop()

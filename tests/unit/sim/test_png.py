@@ -105,3 +105,30 @@ def test_any_damage_is_refused_or_harmless(
         assert "\n" not in str(error)
     else:
         np.testing.assert_array_equal(image, np.arange(200, dtype=np.uint8).reshape(10, 20))
+
+
+def test_a_transparent_colour_is_refused(tmp_path: Path) -> None:
+    data = _WHOLE[:33] + _chunk(b"tRNS", b"\0\7") + _WHOLE[33:]
+    (tmp_path / "x.png").write_bytes(data)
+    with pytest.raises(InputError, match=r"x must be a whole PNG file; .*a transparent colour"):
+        png.read(tmp_path / "x.png", "x")
+
+
+def test_pictures_of_any_kind_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "x.png"
+    picture = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
+    path.write_bytes(png.encode_colour(picture))
+    np.testing.assert_array_equal(png.read_picture(path, "rgb"), picture)
+    path.write_bytes(png.encode(picture[..., 0].astype(np.uint16)))
+    np.testing.assert_array_equal(png.read_picture(path, "rgb"), picture[..., 0])
+    assert png.read_picture(path, "rgb", colour=True).shape == (4, 5, 3)
+    alpha = np.dstack([picture[..., ::-1], picture[..., 0]])
+    path.write_bytes(png.cv2.imencode(".png", alpha)[1].tobytes())
+    np.testing.assert_array_equal(png.read_picture(path, "rgb"), picture)
+
+
+@pytest.mark.parametrize("data", [b"", b"none", _WHOLE[:-20], _file(99999, 99999, b"", _GREY_8)])
+def test_damaged_pictures_are_refused(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "x.png").write_bytes(data)
+    with pytest.raises(InputError, match="rgb must be a readable image; got"):
+        png.read_picture(tmp_path / "x.png", "rgb")

@@ -287,3 +287,9 @@ def test_unknown_presets_files_and_sensors_are_refused(tmp_path):
     fast = edits.apply(D415, ["matcher.setting=fast"])
     with pytest.raises(InputError, match=r"must be CensusSemiGlobal .*; got SemiGlobalBlock"):
         realsense.with_preset(fast, "default")
+
+
+def test_very_long_numbers_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "p.json").write_text('{"controls-laserpower": 1' + "0" * 400 + "}")
+    with pytest.raises(InputError, match=r"controls-laserpower must be in \[0, 360\]; got 1000"):
+        controls.read_file(tmp_path / "p.json")

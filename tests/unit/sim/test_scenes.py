@@ -103,7 +103,10 @@ def test_refused_meshes(tmp_path):
     (tmp_path / "empty.ply").write_bytes(b"")
     (tmp_path / "text.glb").write_text("no mesh at all")
     trimesh.PointCloud([[0, 0, 0], [1, 0, 0]]).export(tmp_path / "points.ply")
+    box = trimesh.creation.box().export(file_type="ply", encoding="ascii")
+    (tmp_path / "missing.ply").write_bytes(box.replace(b"3 1 3 0", b"3 1 9 0"))
     for name, message in {
+        "missing.ply": "scene must be a mesh; .* a triangle has a vertex that is missing",
         "empty.ply": "scene must be a mesh",
         "text.glb": "scene must be a mesh",
         "points.ply": "scene must hold triangles",

@@ -39,3 +39,17 @@ def test_unreadable_files_are_refused(content: bytes | None, message: str, tmp_p
         path.write_bytes(content)
     with pytest.raises(InputError, match=message):
         files.read_toml(path, _width)
+
+
+def test_long_integers_are_refused(tmp_path: Path) -> None:
+    """Python cannot print integers of over 4300 digits."""
+    path = tmp_path / "box.toml"
+    path.write_text("[[box]]\nwidth = [0x" + "f" * 6000 + "]")
+    with pytest.raises(InputError, match=r"box\.toml: box\.width must fit in 64 bits; got a whole"):
+        files.read_toml(path, repr)
+
+
+def test_half_characters_in_json_are_refused() -> None:
+    with pytest.raises(InputError, match=r"a.json must be JSON; got a.json\. .*surrogates"):
+        files.parse_json(rb'{"a": "\ud800"}', Path("a.json"))
+    assert files.parse_json(rb'["\ud83d\ude00"]', Path("a.json")) == ["\U0001f600"]
