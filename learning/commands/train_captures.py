@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +12,8 @@ from starling.learning.commands import work_folder
 from starling.learning.data import captured
 from starling.learning.data.captured import Simulation
 from starling.learning.method import Predictor
-from starling.patterns.errors import refuse
+from starling.patterns.errors import InputError, one_of, refuse
+from starling.sim import files
 from starling.sim.captures import capture
 from starling.sim.console import progress
 from starling.sim.console.output import RECORD, refuse_own_input
@@ -115,9 +115,11 @@ def trained_method(model: Path) -> str:
         InputError: if it is not a trained model.
     """
     try:
-        content = json.loads((shipped.folder(model) / RECORD).read_text(encoding="utf-8"))
-        return content["arguments"]["method"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        path = shipped.folder(model) / RECORD
+        method = files.parse_json(files.read_bytes(path), path)["arguments"]["method"]
+        one_of("method", method, registry.NAMES)
+        return method
+    except (InputError, KeyError, TypeError) as error:
         raise refuse(
             "model",
             "must be a folder that `starling train` has finished",

@@ -72,6 +72,10 @@ def _smoothed(image: NDArray, sigma_px: float) -> NDArray:
 
 
 _VERSION = 3
+_KINDS = {  # Kinds of the arrays (see `model_file.take`).
+    **{"ndp": "f2", "draws": "i0", "infrared": "f2", "contrast": "f2", "disparity_px": "f2"},
+    **{"one_draw_px": "f2", "one_draw_ndp": "b2", "reason": "u2"},
+}
 
 
 def write_physics(folder: Path, key: str, physics: Physics) -> None:
@@ -93,8 +97,9 @@ def read_physics(folder: Path, key: str) -> Physics | None:
     """
     if not model_file.path_of(folder, key).is_file():
         return None
-    names = tuple(field.name for field in dataclasses.fields(Physics))
-    arrays = model_file.take(model_file.read(folder, key, _VERSION), names, folder)
-    values: dict[str, Any] = dict(zip(names, arrays, strict=True))
+    arrays = model_file.take(model_file.read(folder, key, _VERSION), _KINDS, folder)
+    values: dict[str, Any] = dict(zip(_KINDS, arrays, strict=True))
+    if len({array.shape for array in arrays if array.ndim}) > 1:
+        raise errors.refuse("simulation", "must have images of one size", folder, "Delete it.")
     values["draws"] = int(values["draws"])
     return Physics(**values)

@@ -13,6 +13,7 @@ from scipy import optimize
 
 from starling.learning.data.example import Example, Image, check_learnable, known_holes
 from starling.learning.methods import model_file
+from starling.patterns.errors import refuse
 from starling.sim.arrays import filled
 from starling.sim.console import progress
 from starling.sim.geometry.pinhole import Pinhole
@@ -133,4 +134,9 @@ class Simple:
             InputError: if there is none, or it is damaged or of another version.
         """
         arrays = model_file.read(folder, self.name, _VERSION)
-        return SimplePredictor(*model_file.take(arrays, ("angle_deg", "share"), folder))
+        angle, share = model_file.take(arrays, {"angle_deg": "f1", "share": "f1"}, folder)
+        increasing = angle.size and np.all(np.diff(angle) > 0) and np.all(np.diff(share) >= 0)
+        if angle.shape != share.shape or not (increasing and 0 <= share[0] <= share[-1] <= 1):
+            advice = "It is damaged: train again."
+            raise refuse("model", "must be whole", f"{folder} with another share", advice)
+        return SimplePredictor(angle, share)

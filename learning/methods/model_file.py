@@ -7,8 +7,10 @@ Pickles run arbitrary code when loaded and depend on the version of the library 
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +58,10 @@ def read(folder: Path, kind: str, version: int) -> dict[str, NDArray]:
     if not path.is_file():
         raise refuse("model", "must exist", path, f"Train {kind} into this folder first.")
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+        with warnings.catch_warnings():  # NumPy warns of odd headers.
+            warnings.simplefilter("ignore")
+            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
         got = str(arrays.pop(_KIND)), int(arrays.pop(_VERSION))
     except Exception as error:  # Damaged files raise errors of many types.
         raise refuse("model", "must be whole", path, "It is damaged: train again.") from error
@@ -71,18 +75,24 @@ def read(folder: Path, kind: str, version: int) -> dict[str, NDArray]:
     return arrays
 
 
-def take(arrays: dict[str, NDArray], names: tuple[str, ...], folder: Path) -> list[NDArray]:
+def take(arrays: Mapping[str, Any], kinds: Mapping[str, str], folder: Path) -> list[NDArray]:
     """Select arrays by name.
 
+    Args:
+        arrays: result of `read`.
+        kinds: by name, the kind of the values as in `numpy.dtype.kind`, and the number of
+            dimensions: `f2`.
+        folder: folder of the model, for messages.
+
     Raises:
-        InputError: if one is missing.
+        InputError: if one is missing, or of another kind or number of dimensions.
     """
-    missing = [name for name in names if name not in arrays]
-    if missing:
-        raise refuse(
-            "model",
-            "must be whole",
-            f"{folder} without {missing[0]}",
-            "It is damaged: train again.",
-        )
-    return [arrays[name] for name in names]
+    for name, kind in kinds.items():
+        array = arrays.get(name)
+        whole = isinstance(array, np.ndarray) and array.dtype.isnative
+        if not whole or f"{array.dtype.kind}{array.ndim}" != kind:
+            value = (
+                f"{folder} with another {name}" if name in arrays else f"{folder} without {name}"
+            )
+            raise refuse("model", "must be whole", value, "It is damaged: train again.")
+    return [arrays[name] for name in kinds]

@@ -16,7 +16,7 @@ from starling.learning.networks.channels import require_physics
 from starling.sim.console import progress
 
 _VERSION = 1
-_LINE = ("slope", "offset")
+_LINE = {"slope": "f0", "offset": "f0"}
 
 
 @dataclass(frozen=True, slots=True)

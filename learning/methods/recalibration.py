@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from starling.patterns.errors import refuse
+from starling.patterns.errors import in_interval, refuse
 
 _SUREST = 1e-6  # Probabilities are clipped to [1e-6, 1 - 1e-6] before the logit.
 _STEPS = 50  # Greatest number of Newton steps.
@@ -20,6 +20,10 @@ class Recalibration:
 
     slope: float = 1.0  # Below 1: the probabilities were overconfident.
     offset: float = 0.0  # Below 0: the probabilities were too high.
+
+    def __post_init__(self) -> None:
+        for name in ("slope", "offset"):
+            in_interval(name, getattr(self, name), -1e300, 1e300, "Is the model damaged?")
 
     def __call__(self, probability: NDArray[np.floating]) -> NDArray[np.float64]:
         """Recalibrate probabilities of any shape."""

@@ -100,8 +100,12 @@ def join(scenes: Sequence[DrawnPixels]) -> DrawnPixels:
 
 _VERSION = 1
 _PATIENCE = 20  # Trees without improvement before boosting stops.
-_NODES = ("feature", "threshold", "left", "right", "value", "root")
-_OTHERS = ("start", "recalibration", "names", "projector_x_m")
+# Arrays of a model's file (see `model_file.take`).
+_NODES = {
+    **{"feature": "i1", "threshold": "f1", "left": "i1", "right": "i1", "value": "f1"},
+    "root": "i1",
+}
+_OTHERS = {"start": "f0", "recalibration": "f1", "projector_x_m": "f0"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,8 +213,7 @@ class Trees:
                 features.
         """
         arrays = model_file.read(folder, self.name, _VERSION)
-        *nodes, start, line, known, place = model_file.take(arrays, (*_NODES, *_OTHERS), folder)
-        forest = Forest(*nodes, start=float(start))
+        (known,) = model_file.take(arrays, {"names": "U1"}, folder)
         learnt_names = tuple(str(name) for name in known)
         inputs = names(with_reflectance=self.with_reflectance, with_physics=self.with_physics)
         if learnt_names != inputs:
@@ -220,7 +223,10 @@ class Trees:
                 f"others in {folder}",
                 "Train again with this version.",
             )
-        if not forest.is_sound(len(learnt_names)):
+        nodes = model_file.take(arrays, _NODES, folder)
+        start, line, place = model_file.take(arrays, _OTHERS, folder)
+        forest = Forest(*nodes, start=float(start))
+        if not forest.is_sound(len(learnt_names)) or line.shape != (2,):
             raise errors.refuse("model", "must be whole", folder, "It is damaged: train again.")
         return TreesPredictor(
             forest=forest,

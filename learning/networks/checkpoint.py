@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -53,18 +54,21 @@ def load(path: Path, kind: str, entries: Mapping[str, type]) -> dict[str, Any]:
         with zipfile.ZipFile(path) as archive:  # torch does not verify checksums.
             if damaged := archive.testzip():
                 raise zipfile.BadZipFile(damaged)
-        whole = torch.load(path, map_location="cpu", weights_only=True)
+        with warnings.catch_warnings():  # torch warns of old kinds of data.
+            warnings.simplefilter("ignore")
+            whole = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise refuse("checkpoint", "must exist", path, "Train first.") from None
     except Exception as error:  # Damaged files raise errors of many types.
         rule = "must be a complete file of trained weights"
         raise refuse("checkpoint", rule, f"{path} ({type(error).__name__})", _RETRAIN) from error
-    if not isinstance(whole, dict) or whole.get("format") != _FORMAT:
+    # A tensor compares element by element, so types are compared first.
+    if not isinstance(whole, dict) or not _equal(whole.get("format"), _FORMAT):
         raise refuse("checkpoint", "must be written by this program", path, _RETRAIN)
-    if whole.get("version") != VERSION:
+    if not _equal(whole.get("version"), VERSION):
         got = f"{whole.get('version')!r} in {path}"
         raise refuse("checkpoint version", f"must be {VERSION}", got, _RETRAIN)
-    if whole.get("kind") != kind:
+    if not _equal(whole.get("kind"), kind):
         got = f"{whole.get('kind')!r} in {path}"
         raise refuse("checkpoint", f"must be of {kind!r}", got, "Name the right file.")
     content = whole.get("content")
@@ -78,15 +82,19 @@ def load(path: Path, kind: str, entries: Mapping[str, type]) -> dict[str, Any]:
     return whole["content"]
 
 
+def _equal(value: object, expected: object) -> bool:
+    return type(value) is type(expected) and value == expected
+
+
 def restore(network: nn.Module, weights: Mapping[str, torch.Tensor]) -> None:
     """Copy weights into a network. Names and shapes must be equal.
 
     Raises:
-        InputError: if a name or a shape differs.
+        InputError: if a name or a shape differs, or a weight is no plain tensor of finite numbers.
     """
     wanted = {name: tuple(value.shape) for name, value in network.state_dict().items()}
     present = {
-        str(name): tuple(value.shape) if isinstance(value, torch.Tensor) else None
+        str(name): tuple(value.shape) if _is_plain(value) else None
         for name, value in weights.items()
     }
     for name in sorted(wanted.keys() | present.keys()):
@@ -94,6 +102,17 @@ def restore(network: nn.Module, weights: Mapping[str, torch.Tensor]) -> None:
             rule = f"must have {name} of shape {wanted.get(name)}"
             raise refuse("checkpoint", rule, present.get(name), _RETRAIN)
     network.load_state_dict(dict(weights))
+
+
+def _is_plain(value: object) -> bool:
+    """Return whether a value is a tensor of finite real numbers, not sparse or without data."""
+    return (
+        isinstance(value, torch.Tensor)
+        and value.layout == torch.strided
+        and value.device.type != "meta"
+        and not (value.is_quantized or value.is_complex())
+        and bool(torch.isfinite(value).all())
+    )
 
 
 def restore_optimizer(optimizer: torch.optim.Optimizer, state: dict[str, Any]) -> None:

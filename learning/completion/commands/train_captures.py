@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -27,9 +27,11 @@ from starling.learning.completion.data.layouts import (
 from starling.learning.completion.data.pairs import Picture
 from starling.learning.completion.data.training_frame import Holes, none_has_depth, training_frame
 from starling.learning.completion.diffusion import Variant
-from starling.patterns.errors import needs, refuse
+from starling.patterns.errors import InputError, needs, refuse
+from starling.sim import files
 from starling.sim.console import progress
 from starling.sim.console.output import RECORD, refuse_own_input
+from starling.sim.sensor import structure
 
 VERB = "train completion"
 _MODULES = {
@@ -240,6 +242,15 @@ def train_diffusion(
     }
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrainedOn:
+    """Arguments of a training that name its scenes."""
+
+    captures: str
+    also: tuple[str, ...] = ()  # LAYOUT=PLACE of further sets.
+    rooms: tuple[str, ...] | None = None  # None means all.
+
+
 def training_rooms(specifier: str, captures: str, rooms: Sequence[str]) -> list[str]:
     """Return the rooms of a capture set that a method was trained on, according to its folder.
 
@@ -249,25 +260,37 @@ def training_rooms(specifier: str, captures: str, rooms: Sequence[str]) -> list[
         specifier: the method, see `methods.create`.
         captures: the evaluated set.
         rooms: the evaluated rooms.
+
+    Raises:
+        InputError: if the record of the training is damaged.
     """
     weights = specifier.partition("=")[2]
     if not weights:
         return []
     folder = Path(weights)
-    record = _record(folder / RECORD) or _record(folder.parent / RECORD)  # The folder `weights`.
-    arguments = record.get("arguments", {}) if record.get("verb") == VERB else {}
-    also = [data_set.partition("=")[2] for data_set in arguments.get("also", [])]
-    places = [Path(place).resolve() for place in (arguments.get("captures", ""), *also)]
+    trained_on = _trained_on(folder) or _trained_on(folder.parent)  # The folder `weights`.
+    if trained_on is None:
+        return []
+    also = [data_set.partition("=")[2] for data_set in trained_on.also]
+    places = [Path(place).resolve() for place in (trained_on.captures, *also)]
     if Path(captures).resolve() not in places:
         return []
-    trained_rooms = arguments.get("rooms")
-    return [room for room in rooms if trained_rooms is None or room in trained_rooms]
+    return [room for room in rooms if trained_on.rooms is None or room in trained_on.rooms]
 
 
-def _record(path: Path) -> dict[str, Any]:
-    """Read the record of a verb; empty if there is none."""
+def _trained_on(folder: Path) -> TrainedOn | None:
+    """Read the arguments of a finished training; None if the folder holds none."""
+    path = folder / RECORD
+    if not path.is_file():
+        return None
+    record = files.parse_json(files.read_bytes(path), path)
+    if not isinstance(record, dict) or record.get("verb") != VERB:
+        return None
+    arguments = record.get("arguments")
+    known = [field.name for field in dataclasses.fields(TrainedOn)]
+    if isinstance(arguments, dict):
+        arguments = {name: arguments[name] for name in known if arguments.get(name) is not None}
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return content if isinstance(content, dict) else {}
+        return structure.from_table(TrainedOn, arguments, "arguments")  # type: ignore[arg-type]
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error

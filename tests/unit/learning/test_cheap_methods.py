@@ -151,3 +151,24 @@ def test_scikit_learn_is_imported_for_training_only():
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("angle", "share"),
+    [
+        ([[1.0]], [0.5]),
+        ([1, 2], [0.5, 0.6]),
+        ([], []),
+        ([1.0, 2.0], [0.5]),
+        ([2.0, 1.0], [0.5, 0.6]),
+        ([1.0, 2.0], [0.6, 0.5]),
+        ([1.0, np.nan], [0.5, 0.6]),
+        ([1.0, 2.0], [0.5, 1.5]),
+    ],
+)
+def test_damaged_shares_are_refused(tmp_path, angle, share):
+    model_file.write(
+        tmp_path, "simple", 1, {"angle_deg": np.array(angle), "share": np.array(share)}
+    )
+    with pytest.raises(InputError, match="model must be whole"):
+        Simple().load(tmp_path)

@@ -137,3 +137,28 @@ def test_a_network_of_other_inputs_is_refused(tmp_path: Path, changed: dict, mes
     checkpoint.save(tmp_path / "cnn.pt", "cnn", {**content, **changed})
     with pytest.raises(InputError, match=message):
         checkpoint.load_network(tmp_path, "cnn", network, ("infrared",))
+
+
+@pytest.mark.parametrize("name", ["format", "version", "kind"])
+def test_a_tensor_in_place_of_a_number_is_refused(path: Path, name: str) -> None:
+    whole = torch.load(path, weights_only=True)
+    torch.save({**whole, name: torch.ones(2, 3)}, path)
+    with pytest.raises(InputError, match="checkpoint"):
+        checkpoint.load(path, "network", {"step": int})
+
+
+@pytest.mark.parametrize(
+    "weights",
+    [
+        torch.ones(4, 3).to_sparse(),
+        torch.ones(4, 3, device="meta"),
+        torch.ones(4, 3, dtype=torch.complex64),
+        torch.full((4, 3), float("nan")),
+        [1.0],
+    ],
+    ids=["sparse", "meta", "complex", "nan", "list"],
+)
+def test_weights_that_are_no_plain_tensors_are_refused(weights: object) -> None:
+    network = nn.Linear(3, 4)
+    with pytest.raises(InputError, match=r"must have weight of shape \(4, 3\); got None"):
+        checkpoint.restore(network, {**network.state_dict(), "weight": weights})  # type: ignore[dict-item]

@@ -72,3 +72,15 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(InputError, match=r"^out must be writable; got .*scene\.npz"):
         write_physics(tmp_path / "file", "scene", synthetic_physics())
+
+
+def test_images_of_other_kinds_or_sizes_are_refused(tmp_path):
+    arrays = {name: np.asarray(getattr(synthetic_physics(), name)) for name in NAMES}
+    for name, damaged, message in (
+        ("draws", np.ones(2, int), "another draws"),
+        ("reason", arrays["ndp"], "another reason"),
+        ("ndp", arrays["ndp"][:, 1:], "images of one size"),
+    ):
+        model_file.write(tmp_path, "scene", 3, {**arrays, name: damaged})
+        with pytest.raises(InputError, match=message):
+            read_physics(tmp_path, "scene")

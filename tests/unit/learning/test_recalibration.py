@@ -58,3 +58,9 @@ def test_the_identity_and_finite_ends():
 def test_pixels_of_one_kind_are_refused():
     with pytest.raises(InputError, match="no-depth pixels must be some and not all"):
         fit_recalibration(np.full(3, 0.5), np.zeros(3, bool), np.ones(3))
+
+
+@pytest.mark.parametrize("line", [(np.nan, 0.0), (1.0, np.inf)])
+def test_lines_that_are_not_finite_are_refused(line):
+    with pytest.raises(InputError, match=r"must be in .*Is the model damaged"):
+        Recalibration(*line)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.learning.completion.commands.train_captures import training_rooms
+from starling.learning.completion.commands.train_captures import VERB, training_rooms
 from starling.learning.completion.data.layouts import (
     LAYOUTS,
     fingerprint,
@@ -100,9 +100,9 @@ def unreadable(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     read: list[str] = []
 
     def noted(take: Any) -> Any:
-        def taken(path: Path, *rest: Any) -> Any:
+        def taken(path: Path, *rest: Any, **options: Any) -> Any:
             read.append(str(path))
-            return take(path, *rest)
+            return take(path, *rest, **options)
 
         return taken
 
@@ -303,3 +303,13 @@ def test_the_number_of_evaluated_frames(tmp_path: Path, capsys: Capsys) -> None:
     captures = capture_sets.write(tmp_path / "set")
     result = judged(capsys, captures, tmp_path / "out", "--frames", 2)
     assert result["frames"] == 2 and set(result["rooms"]["nearest"]) == {"attic", "hall"}
+
+
+@pytest.mark.parametrize(
+    "arguments", ["3", "{}", '{"captures": 3}', '{"captures": "a", "also": "b"}']
+)
+def test_damaged_records_of_a_training_are_refused(tmp_path: Path, arguments: str):
+    path = tmp_path / "starling.json"
+    path.write_text(f'{{"verb": "{VERB}", "arguments": {arguments}}}')
+    with pytest.raises(InputError, match=r"starling\.json: arguments"):
+        training_rooms(f"small={tmp_path}", "a", ["attic"])
