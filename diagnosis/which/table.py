@@ -197,8 +197,9 @@ class FeatureTable:
         unknown = [key for key in keys if key not in self._rows]
         for key in unknown:
             path = self._path(key)
-            if path is not None and path.is_file():
-                self._rows[key] = np.load(path, allow_pickle=False)
+            row = None if path is None else _load(path, self._base(key[0]).size)
+            if row is not None:
+                self._rows[key] = row
         return [key for key in unknown if key not in self._rows]
 
     def _results(self, keys: Sequence[_Key]) -> Iterator[Row]:
@@ -350,6 +351,16 @@ def _make_folder(cache: Path) -> None:
         cache.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise refuse("cache", "must be a folder", cache, f"{error.strerror}.") from error
+
+
+def _load(path: Path, size: int) -> Row | None:
+    """Read a row of `size` values, or an empty one; None if there is none or it is damaged."""
+    try:
+        row = np.load(path, allow_pickle=False)
+    except Exception:  # NumPy raises errors of many types for damaged files.
+        return None
+    whole = isinstance(row, np.ndarray) and row.dtype == np.float64
+    return row if whole and row.ndim == 1 and row.size in (0, size) else None
 
 
 def _save(path: Path, row: Row) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,7 +21,7 @@ from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.segment import Screening, SegmentResult, restrict_to_families
 from starling.diagnosis.which.table import FeatureTable
 from starling.patterns.errors import refuse
-from starling.sim import effects
+from starling.sim import effects, files
 from starling.sim.captures import capture
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.commands.simulate_captures import scene_seed
@@ -197,11 +196,8 @@ def _baselines(segments: Sequence[SegmentResult], *, seed: int) -> dict[str, str
 
 def _left_out(path: Path) -> dict[str, str]:
     """Read a JSON file with an effect by capture set."""
-    try:
-        left_out = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise refuse("without", "must be a readable JSON file", path, f"{error}.") from error
-    if not isinstance(left_out, dict):
+    left_out = files.parse_json(files.read_bytes(path), path)
+    if not (isinstance(left_out, dict) and all(isinstance(v, str) for v in left_out.values())):
         rule = "must be a JSON object"
         raise refuse("without", rule, left_out, "Give an effect by capture set.")
     return left_out

@@ -19,4 +19,4 @@ def refusal(name: str, rule: str, got: object, advice: str) -> WithheldError:
     Returns:
         The error. The caller raises it.
     """
-    return WithheldError(f"{name} {rule}; got {got}. {advice}")
+    return WithheldError(" ".join(f"{name} {rule}; got {got}. {advice}".split()))

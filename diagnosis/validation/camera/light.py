@@ -7,7 +7,7 @@ exposure.
 from __future__ import annotations
 
 import dataclasses
-import zipfile
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -80,9 +80,11 @@ def read(path: Path, shape: tuple[int, int]) -> SceneLight:
             size.
     """
     try:
-        with path.open("rb") as file, np.load(file) as arrays:
-            loaded = {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        with warnings.catch_warnings():  # NumPy warns of odd headers.
+            warnings.simplefilter("ignore")
+            with path.open("rb") as file, np.load(file) as arrays:
+                loaded = {name: arrays[name] for name in arrays.files}
+    except Exception as error:  # NumPy raises errors of many types for damaged archives.
         raise refusal(FILE, "must be a readable archive of arrays", path, f"{error}.") from error
     left, right = (_view(loaded, side, shape) for side in SIDES)
     return SceneLight(left=left, right=right)
@@ -94,9 +96,15 @@ def _view(loaded: dict[str, np.ndarray], side: str, shape: tuple[int, int]) -> L
         key = f"{side}_{name}"
         if key not in loaded:
             raise refusal(FILE, f"must hold {key}", sorted(loaded), "Make the light again.")
-        values = loaded[key].astype(np.uint32 if name == "body" else np.float64)
+        values, kinds = loaded[key], "ui" if name == "body" else "f"
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in kinds:
+            rule = f"must be an array of kind {kinds}"
+            raise refusal(key, rule, type(values).__name__, "Make the light again.")
+        with np.errstate(invalid="ignore"):  # NaN can be of a signalling kind.
+            values = values.astype(np.uint32 if name == "body" else np.float64)
         if name == "up":
-            length = float(np.sqrt((values**2).sum()))
+            with np.errstate(over="ignore"):
+                length = float(np.sqrt((values**2).sum()))
             if values.shape != (3,) or not np.isfinite(length) or length == 0.0:
                 rule = "must be three numbers with a length"
                 raise refusal(key, rule, values, "Give a direction.")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.diagnosis.validation.camera import json_file
 from starling.diagnosis.validation.camera.errors import refusal
 
 FILE = "nominal.json"
@@ -133,16 +133,16 @@ def read_existing_effects(path: Path) -> frozenset[str]:
     """Read the names of the effects that the camera of a `nominal.json` already has.
 
     Raises:
-        WithheldError: if the file is missing or no JSON object.
+        WithheldError: if the file is missing or no JSON object, or the names are no texts.
     """
-    return frozenset(map(str, _table(path).get("has", ())))
+    names = _table(path).get("has", [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise refusal("has", "must be a list of texts", repr(names), f"Correct {FILE}.")
+    return frozenset(names)
 
 
 def _table(path: Path) -> Mapping[str, Any]:
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise refusal(FILE, "must be a readable JSON file", path, f"{error}.") from error
+    table = json_file.read(path, FILE)
     if not isinstance(table, dict):
         raise refusal(FILE, "must be one object", path, "Write {...}.")
     return table

@@ -8,10 +8,11 @@ import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
+from starling.diagnosis.validation.camera import json_file
 from starling.diagnosis.validation.camera.catalogue import ROWS, EffectRow, Kind, check_names
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
@@ -19,6 +20,7 @@ from starling.diagnosis.validation.protocol.limits import DetectionLimits
 
 CaseKind = Literal["null", "single", "pair", "unknown"]
 _SEED_BITS = 62
+_ADVICE = "Put the sealed file back."
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -168,6 +170,24 @@ def loads(text: str) -> tuple[Case, ...]:
     """Read cases from JSON text.
 
     Raises:
-        WithheldError: if an effect is unknown.
+        WithheldError: if the text is no JSON, lacks a key, or has an unknown effect.
     """
-    return tuple(Case(**table) for table in json.loads(text))
+    cases = json_file.parse(text.encode(errors="replace"), "cases", "the text")
+    if not isinstance(cases, list):
+        raise refusal("cases", "must be a list", type(cases).__name__, _ADVICE)
+    return tuple(map(_case, cases))
+
+
+def _case(table: object) -> Case:
+    names = {field.name for field in dataclasses.fields(Case)}
+    if not isinstance(table, dict) or table.keys() != names:
+        raise refusal("case", f"must have the keys {sorted(names)}", table, _ADVICE)
+    settings = table["settings"]
+    numbers = settings.values() if isinstance(settings, dict) else [None]
+    if not all(isinstance(number, int | float) for number in numbers):
+        raise refusal("settings", "must be numbers by effect", settings, _ADVICE)
+    if not (type(table["number"]) is int and type(table["seed"]) is int):
+        raise refusal("case", "must have a whole number and seed", table, _ADVICE)
+    if table["kind"] not in get_args(CaseKind):
+        raise refusal("kind", f"must be one of {get_args(CaseKind)}", table["kind"], _ADVICE)
+    return Case(**table)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from starling.diagnosis.validation.camera import json_file
 from starling.diagnosis.validation.camera.catalogue import ROWS, EffectRow
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
@@ -54,11 +55,7 @@ def read(file: Path | None = None, *, required: Collection[str] = ()) -> Detecti
         WithheldError: if the file is missing or damaged, or lacks a required effect.
     """
     file = file or FILE
-    try:
-        table: Any = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        rule = "must be a readable JSON file"
-        raise refusal("detection limits", rule, file, f"{error}. {_ADVICE}") from error
+    table = json_file.read(file, "detection limits", _ADVICE)
     if not isinstance(table, dict):
         raise refusal("detection limits", "must be a table", type(table).__name__, _ADVICE)
     missing = sorted(
@@ -85,8 +82,11 @@ def _departure(row: EffectRow, limit: Any, sign: int) -> float:
     if not isinstance(limit, dict) or not {"base", *sides} <= limit.keys():
         raise refusal(f"limit of {row.name}", "must have a base and two sides", limit, _ADVICE)
     known = [limit[side] for side in sides if limit[side] is not None]
-    if not all(isinstance(number, int | float) for number in (limit["base"], *known)):
+    numbers = (limit["base"], *known)
+    if not all(isinstance(number, int | float) and math.isfinite(number) for number in numbers):
         raise refusal(f"limit of {row.name}", "must be numbers", limit, _ADVICE)
+    if row.scale == "ratio" and min(numbers) <= 0:
+        raise refusal(f"limit of {row.name}", "must be numbers above zero", limit, _ADVICE)
     base = float(limit["base"])
     side = limit["below" if sign < 0 else "above"]
     least = float("inf") if side is None else row.departure_from(base, float(side))

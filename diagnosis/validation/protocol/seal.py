@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 import scipy
 
+from starling.diagnosis.validation.camera import json_file
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.protocol import case, files
 from starling.diagnosis.validation.protocol.case import Case
@@ -172,8 +173,18 @@ def _start(content: bytes) -> str:
 
 
 def parse_families(content: bytes) -> dict[str, str]:
-    """Parse the content of `FAMILIES`: family by effect."""
-    return {name: entry["family"] for name, entry in json.loads(content).items()}
+    """Parse the content of `FAMILIES`: family by effect.
+
+    Raises:
+        WithheldError: if the content is no JSON, or an effect has no family.
+    """
+    table = json_file.parse(content, FAMILIES, "the text")
+    entries = table if isinstance(table, dict) else {"": table}
+    for name, entry in entries.items():
+        if not isinstance(entry, dict) or not isinstance(entry.get("family"), str):
+            rule = "must have a family by effect"
+            raise refusal(FAMILIES, rule, f"{entry!r} for {name!r}", "Put the sealed file back.")
+    return {name: entry["family"] for name, entry in entries.items()}
 
 
 def digest(content: bytes) -> str:

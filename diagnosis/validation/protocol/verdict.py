@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
+from starling.diagnosis.validation.camera import json_file
 from starling.diagnosis.validation.camera.catalogue import ROWS, EffectRow
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
@@ -209,11 +209,7 @@ def read(path: Path) -> Verdict:
     Raises:
         WithheldError: if the file is missing or holds no verdict.
     """
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise refusal("verdict", "must be a readable JSON file", path, f"{error}.") from error
-    return from_table(table, name=path.name)
+    return from_table(json_file.read(path, "verdict"), name=path.name)
 
 
 def from_table(table: Any, *, name: str = "verdict") -> Verdict:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+
 from starling.diagnosis.validation.adapters import __main__ as adapters
 from starling.diagnosis.validation.adapters import batch
+from starling.patterns.errors import InputError
 from starling.sim import effects
 
 ALL = frozenset(row.family for row in effects.table())
@@ -43,3 +46,10 @@ def test_all_families_are_written(tmp_path: Path):
     assert all(
         name in content[twin]["twins"] for name in content for twin in content[name]["twins"]
     )
+
+
+@pytest.mark.parametrize("content", ["[", "[]", '{"7": 3}', "[" * 9999])
+def test_damaged_lists_of_left_out_effects_are_refused(tmp_path: Path, content: str):
+    (tmp_path / "without.json").write_text(content)
+    with pytest.raises(InputError, match=r"must be (a )?JSON"):
+        batch._left_out(tmp_path / "without.json")

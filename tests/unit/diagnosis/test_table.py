@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Future
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -121,3 +122,17 @@ def test_effects_that_no_sensor_can_have_are_refused():
     assert table.change(VEIL) is None and table.scatter(VEIL) is None
     with pytest.raises(InputError, match="effects must be possible in one sensor"):
         table.rows(table.request(VEIL))
+
+
+@pytest.mark.parametrize(
+    "damaged", [b"", b"junk", np.ones(4), np.ones((3, 1)), np.array(["x"] * 3)]
+)
+def test_damaged_rows_count_as_missing(tmp_path: Path, damaged: bytes | np.ndarray) -> None:
+    path = tmp_path / "row.npy"
+    module._save(path, np.ones(3))
+    np.testing.assert_array_equal(module._load(path, 3), np.ones(3))
+    if isinstance(damaged, bytes):
+        path.write_bytes(damaged)
+    else:
+        np.save(path, damaged)
+    assert module._load(path, 3) is None

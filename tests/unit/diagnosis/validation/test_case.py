@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from starling.diagnosis.validation.camera import nominal
 from starling.diagnosis.validation.camera.catalogue import ROWS, Strengths
 from starling.diagnosis.validation.camera.errors import WithheldError
 from starling.diagnosis.validation.camera.nominal import Nominal
@@ -200,6 +201,9 @@ def test_invalid_strengths_are_refused(
         Strengths(nominal=camera, values=values)
 
 
+CASE = '[{"number": %s, "kind": %s, "settings": %s, "seed": 2}]'
+
+
 def test_invalid_cases_are_refused(camera: Nominal) -> None:
     with pytest.raises(WithheldError, match="must have effects to draw from"):
         draw(camera, {"single": 1}, kinds=())
@@ -238,3 +242,29 @@ def test_sets_share_no_scene():
 def test_own_depth_cases_are_counted():
     counts = [sum(TIERS[tier].has_own_depth(case) for case in range(99)) for tier in TIERS]
     assert counts == [0, 12, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[", "cases must be a readable JSON file"),
+        ("[" * 9999, "cases must be a readable JSON file"),
+        ("{}", "cases must be a list; got dict"),
+        ("[3]", "case must have the keys"),
+        ('[{"number": 1}]', "case must have the keys"),
+        (CASE % ("1.5", '"null"', "{}"), "must have a whole number"),
+        (CASE % ("1", "[]", "{}"), "kind must be one of"),
+        (CASE % ("1", '"null"', "[]"), "settings must be numbers"),
+        (CASE % ("1", '"null"', '{"flicker": "x"}'), "settings must be numbers"),
+        (CASE % ("1" * 30, '"null"', "{}"), "a whole number of 30 digits"),
+    ],
+)
+def test_damaged_cases_are_refused(text: str, message: str) -> None:
+    with pytest.raises(WithheldError, match=message):
+        case.loads(text)
+
+
+def test_effects_of_a_camera_are_texts(tmp_path: Path) -> None:
+    (tmp_path / "nominal.json").write_text('{"has": [3]}')
+    with pytest.raises(WithheldError, match=r"has must be a list of texts; got \[3\]"):
+        nominal.read_existing_effects(tmp_path / "nominal.json")

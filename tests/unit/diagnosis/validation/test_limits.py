@@ -84,6 +84,8 @@ def test_missing_effects_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyP
     [
         ([1], "detection limits must be a table; got list"),
         ({"veil": {"base": 0, "below": "a", "above": None}}, "limit of veil must be numbers"),
+        ({"veil": {"base": 0, "below": float("nan"), "above": None}}, "must be numbers"),
+        ({"gamma": {"base": 0, "below": 1, "above": 2}}, "must be numbers above zero"),
         ({"veil": {"below": 0.1}}, "limit of veil must have a base and two sides"),
         ({"median": [0, 5]}, "limit of median must be a list of choices"),
         ({"median": {"found": 5}}, "limit of median must be a list of choices"),

@@ -123,3 +123,11 @@ def test_broken_seals_are_refused(tmp_path: Path, camera: Nominal) -> None:
 def test_families_are_parsed_from_the_sealed_file() -> None:
     public_files = b'{"a": {"family": "x", "twins": []}, "b": {"family": "y", "twins": ["a"]}}'
     assert seal.parse_families(public_files) == {"a": "x", "b": "y"}
+
+
+@pytest.mark.parametrize(
+    "content", [b"[", b"[]", b'{"gain": 3}', b'{"gain": {"family": 3}}', b"\xff"]
+)
+def test_damaged_families_are_refused(content: bytes) -> None:
+    with pytest.raises(WithheldError, match=f"{seal.FAMILIES} must"):
+        seal.parse_families(content)
