@@ -146,7 +146,7 @@ def _labelfusion(name: str) -> Callable[[Path], Path]:
         for number in (1, 2):
             start = images / f"{number:010d}"
             colour = np.dstack([depth_codes(np.uint8)] * 3)
-            start.with_name(f"{start.name}depth_codes.png").write_bytes(png.encode(depth_codes()))
+            start.with_name(f"{start.name}_depth.png").write_bytes(png.encode(depth_codes()))
             start.with_name(f"{start.name}_rgb.png").write_bytes(png.encode_colour(colour))
             start.with_name(f"{start.name}_utime.txt").write_text(f"{1000000 + number * 100000}\n")
         (folder / "posegraph.posegraph").write_bytes(_TRAJECTORY)

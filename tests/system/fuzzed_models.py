@@ -96,8 +96,10 @@ def _write_physics(folder: Path) -> Path:
     from starling.learning.data.example import Physics
     from starling.learning.methods import model_file
 
+    kinds = {"one_draw_ndp": np.bool_, "reason": np.uint32}
     values: dict[str, Any] = {
-        field.name: np.ones(SHAPE, np.float32) for field in dataclasses.fields(Physics)
+        field.name: np.ones(SHAPE, kinds.get(field.name, np.float32))
+        for field in dataclasses.fields(Physics)
     }
     physics.write_physics(folder, "k", Physics(**{**values, "draws": 8}))
     return model_file.path_of(folder, "k")
