@@ -19,7 +19,8 @@ class InputError(ValueError):
 
 def refuse(name: str, rule: str, value: object, remedy: str) -> InputError:
     """Build (not raise) the error `<name> <rule>; got <value>. <remedy>` on one line."""
-    text = f"{name} {rule}; got {value}. {remedy}"
+    got = str(value).removesuffix(".")  # An error message as value ends its own sentence.
+    text = f"{name} {rule}; got {got}. {remedy}"
     return InputError(" ".join(text.split()))
 
 

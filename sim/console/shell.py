@@ -67,10 +67,10 @@ def render(value: Any) -> str:
 
 
 def _lines(value: Any, title: str) -> list[str]:
-    if isinstance(value, (list, tuple)) and value and all(isinstance(v, Mapping) for v in value):
-        value = {str(number): row for number, row in enumerate(value)}
+    value = _numbered(value)
     if not isinstance(value, Mapping):
         return [_cell(value)]
+    value = {key: _numbered(item) for key, item in value.items()}
     flat = {key: item for key, item in value.items() if not _is_table(item)}
     lines = [f"[{title}]"] if title and flat else []
     lines += _columns([[str(key), _cell(item)] for key, item in flat.items()], left=2)
@@ -79,6 +79,13 @@ def _lines(value: Any, title: str) -> list[str]:
             name = f"{title} {key}".strip()
             lines += ["", *(_rows(item, name) or _lines(item, name))]
     return lines
+
+
+def _numbered(value: Any) -> Any:
+    """Turn a list of tables into a table of tables; other values stay."""
+    if isinstance(value, (list, tuple)) and value and all(isinstance(v, Mapping) for v in value):
+        return {str(number): row for number, row in enumerate(value)}
+    return value
 
 
 def _rows(table: Any, title: str) -> list[str]:

@@ -15,7 +15,8 @@ from starling.patterns import errors
 from starling.sim import files
 from starling.sim.console import progress
 from starling.sim.console.threads import cores
-from starling.sim.datasets import index, render_view, set_folder
+from starling.sim.console.output import RECORD
+from starling.sim.datasets import check_plan, index, render_view, set_folder
 from starling.sim.datasets import plan as plans
 from starling.sim.datasets.plan import Plan, view
 from starling.sim.datasets.set_folder import Layout
@@ -64,6 +65,8 @@ def generate(
     started = time.perf_counter()
     index.refuse_without()
     parsed = plans.read(plan)
+    if not (out / RECORD).is_file():
+        check_plan.refuse_failing(parsed)
     info = render_view.info_of(render_view.camera(view(parsed, 0)))
     all_tasks = tasks(parsed, shard_frames)
     new = 0

@@ -60,9 +60,7 @@ def scene(pile: Pile, sensor: Sensor) -> tuple[Scene, tuple[RestingMesh, ...]]:
     Raises:
         InputError: if a mesh is missing or damaged, or the pile is larger than the table.
     """
-    rng = np.random.default_rng(pile.seed)
-    chosen = [_at_rest(path, rng) for path in pile.paths]
-    spots = _spots([radius for _, radius in chosen], rng)
+    chosen, spots = _placed(pile)
     resting = tuple(
         RestingMesh(
             name=f"{path.stem} {number}",
@@ -98,6 +96,22 @@ def scene(pile: Pile, sensor: Sensor) -> tuple[Scene, tuple[RestingMesh, ...]]:
         ),
         resting,
     )
+
+
+def refuse_crowded(pile: Pile) -> None:
+    """Refuse a pile that `scene` refuses, without loading its bodies.
+
+    Raises:
+        InputError: as `scene`.
+    """
+    _placed(pile)
+
+
+def _placed(pile: Pile) -> tuple[list[tuple[Pose, float]], list[tuple[float, float]]]:
+    """Draw the pose and radius of each mesh, and its place on the table."""
+    rng = np.random.default_rng(pile.seed)
+    chosen = [_at_rest(path, rng) for path in pile.paths]
+    return chosen, _spots([radius for _, radius in chosen], rng)
 
 
 def _at_rest(path: Path, rng: np.random.Generator) -> tuple[Pose, float]:

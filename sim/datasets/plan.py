@@ -110,7 +110,7 @@ def from_table(table: Mapping[str, Any], folder: Path) -> Plan:
         ),
         sensors=_distinct_sensors(
             [
-                _sensor(entry, folder, f"sensor {number}")
+                _sensor(entry, folder, f"sensor {number}", numbers["frames"])
                 for number, entry in enumerate(_listed(table, "sensor"), 1)
             ]
         ),
@@ -163,7 +163,7 @@ def _listed(table: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
     return entries
 
 
-def _sensor(table: Mapping[str, Any], folder: Path, name: str) -> SensorPlan:
+def _sensor(table: Mapping[str, Any], folder: Path, name: str, frames: int) -> SensorPlan:
     refuse_unknown(table, ("preset", "weight", "set", "effects"), name)
     preset = text(table, "preset", name, "d435")
     if preset.endswith(".toml"):
@@ -174,7 +174,7 @@ def _sensor(table: Mapping[str, Any], folder: Path, name: str) -> SensorPlan:
         fields=_draws(table, "set", name),
         effects=_draws(table, "effects", name),
     )
-    _refuse_impossible(plan)
+    _refuse_impossible(plan, frames)
     return plan
 
 
@@ -185,18 +185,23 @@ def _draws(table: Mapping[str, Any], key: str, name: str) -> dict[str, Draw]:
     return {path: draw.read(value, path) for path, value in inner.items()}
 
 
-def _refuse_impossible(plan: SensorPlan) -> None:
+def _refuse_impossible(plan: SensorPlan, frames: int) -> None:
     """Try every end of every range separately, with the other values at their first end."""
-    base = presets.load(plan.preset)
+    from starling.sim.scene.builtin import scenes
+    from starling.sim.simulate import refuse_impossible
+
+    base, scene = presets.load(plan.preset), scenes.wall()
     first = {path: value.ends[0] for path, value in plan.fields.items()}
     effects = {name: value.ends[0] for name, value in plan.effects.items()}
     for path, value in plan.fields.items():
         for end in value.ends:
             edits.with_values(base, {**first, path: end}.items())
     camera = edits.with_values(base, first.items())
+    refuse_impossible(setting.on_sensor(camera, effects), frames)
     for name, value in plan.effects.items():
         for end in value.ends:
-            setting.on_sensor(camera, {**effects, name: end})
+            changed, _ = setting.apply(camera, scene, {**effects, name: end})
+            refuse_impossible(changed, frames)
 
 
 def _pose(table: Any) -> PosePlan:

@@ -124,7 +124,7 @@ class MitsubaScene:
         return through.transmittance(self.mitsuba, ray, active)
 
 
-_LARGEST_M = 1000.0  # Largest extent of a scene [m].
+_LARGEST_M = 2000.0  # Largest extent of a scene [m]; staircase:50 is 1,788 m wide.
 _FARTHEST_M = 1e4  # Largest coordinate: single precision resolves 1 mm there [m].
 _DIRECTIONS = 64  # Directions that test whether the camera is inside a body.
 
@@ -134,7 +134,8 @@ def _refuse_extent(mi_scene: MitsubaScene) -> None:
     bounds = mi_scene.mitsuba.bbox()
     extent = float(max(np.array(bounds.max).ravel() - np.array(bounds.min).ravel()))
     if extent > _LARGEST_M:
-        rule, advice = f"must be at most {_LARGEST_M:g} m", "Give lengths in metres."
+        rule = f"must be at most {_LARGEST_M:g} m"
+        advice = "Give metres; of captures, check depth_unit_m and fx_px."
         raise errors.refuse("scene extent", rule, f"{extent:g} m in {mi_scene.scene.name}", advice)
     farthest = float(np.abs(np.concatenate([np.array(bounds.max), np.array(bounds.min)])).max())
     if farthest > _FARTHEST_M:

@@ -52,10 +52,13 @@ class Mesh:
                     f"mesh {name}", "must be (n, 3) with n > 0", array.shape, "Is the mesh empty?"
                 )
         if not np.isfinite(self.vertices).all():
-            raise errors.refuse("mesh vertices", "must be finite", "NaN", "Repair the mesh.")
+            raise errors.refuse("mesh vertices", "must be finite", "NaN", "Check the numbers of the scene.")
         if int(self.faces.max()) >= len(self.vertices):
             raise errors.refuse(
-                "mesh faces", "must index its vertices", int(self.faces.max()), "Repair the mesh."
+                "mesh faces",
+                "must index its vertices",
+                int(self.faces.max()),
+                "Export the file again.",
             )
 
 

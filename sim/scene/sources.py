@@ -112,6 +112,15 @@ def load_mesh(path: Path, sensor: Sensor, world_from_left: frames.Pose | None = 
     )
 
 
+def refuse_mesh(path: Path) -> None:
+    """Refuse a mesh file that cannot be loaded or is not in metres; warn of an unusual size.
+
+    Raises:
+        InputError: as `load_mesh`.
+    """
+    _check_size(mesh_parts(path), path)
+
+
 def _bounds(parts: list[tuple[str, trimesh.Trimesh]]) -> tuple[np.ndarray, np.ndarray]:
     points = np.concatenate([np.asarray(part.vertices, np.float64) for _, part in parts])
     return points.min(axis=0), points.max(axis=0)

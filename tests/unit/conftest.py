@@ -24,7 +24,6 @@ black_level_dn = 4
 source = "made by a test"
 licence = "Apache-2.0"
 notes = ""
-owner = "unknown key, kept"
 """
 
 

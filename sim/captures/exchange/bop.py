@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from starling.patterns.errors import refuse
 from starling.sim.captures import png
 from starling.sim.captures.capture import CapturedScene, CaptureSet, Frame
+from starling.sim.captures.exchange.stream import left_from_world
 from starling.sim.console.output import Folder
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.scene import sources
@@ -169,8 +170,8 @@ def _camera(scene: CapturedScene, frame: Frame) -> dict[str, Any]:
         "cam_K": [info.fx_px, 0.0, info.cx_px, 0.0, info.fy_px, info.cy_px, 0.0, 0.0, 1.0],
         "depth_scale": info.depth_unit_m * _MM,
     }
-    if "left_from_world" in frame.record:
-        pose = np.array(frame.record["left_from_world"])
+    pose = left_from_world(scene, frame.record)
+    if pose is not None:
         camera["cam_R_w2c"] = pose[:3, :3].ravel().tolist()
         camera["cam_t_w2c"] = (_MM * pose[:3, 3]).tolist()
     return camera

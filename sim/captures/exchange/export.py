@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+import warnings
 from pathlib import Path
 from typing import Any, Literal
 
 from starling.sim.captures import capture
+from starling.sim.captures.capture import CaptureSet
 from starling.sim.captures.exchange import bop, ros2_bag, tum
 from starling.sim.console import record
 from starling.sim.console.output import RECORD, OutputFolder, refuse_own_input, refused
@@ -18,6 +20,8 @@ def export(
     captures: str, layout: Layout, out: Path, *, meshes: Path, force: bool = False
 ) -> dict[str, Any]:
     """Write a capture set in another layout.
+
+    `rgb.png` has no place: its view differs from that of the depth. A warning says so.
 
     Args:
         captures: capture set, or one scene in it.
@@ -36,6 +40,7 @@ def export(
     started = time.perf_counter()
     opened = capture.open_set(captures)
     refuse_own_input(out, opened.path)
+    _warn_of_colour(opened)
     with OutputFolder(out, force=force) as folder:
         if layout == "tum":
             count = tum.export(opened.scenes, folder)
@@ -53,3 +58,11 @@ def export(
         "files": sum(path.is_file() for path in folder.path.rglob("*")),
         "seconds": round(time.perf_counter() - started, 3),
     }
+
+
+def _warn_of_colour(captures: CaptureSet) -> None:
+    """Warn of colour pictures, which no layout takes."""
+    frames = [scene.path / str(number) for scene in captures.scenes for number in scene.frames]
+    if any((frame / "rgb.png").is_file() for frame in frames):
+        message = f"{captures.path}: rgb.png is not exported; the layouts take ir_left.png."
+        warnings.warn(message, stacklevel=2)

@@ -49,7 +49,7 @@ def export(scenes: Sequence[CapturedScene], path: Path) -> int:
     """Write scenes in order of time.
 
     Args:
-        scenes: the poses are those in `frame.json`, if present.
+        scenes: the poses are those in `frame.json`, or else `scene.toml`.
         path: folder of the bag; must not exist.
 
     Returns:
@@ -72,7 +72,7 @@ def export(scenes: Sequence[CapturedScene], path: Path) -> int:
         for timed in ordered:
             frame, depth_m = timed.read()
             time_s = shift_s + timed.time_s
-            world_from_left = pose_of_left(frame)
+            world_from_left = pose_of_left(timed.scene, frame.record)
             if world_from_left is not None:
                 link = world_from_left @ np.linalg.inv(_BODY_FROM_OPTICAL)
                 moved = messages.transforms([(_WORLD, _LINK, link)], time_s)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import bisect
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -166,6 +166,13 @@ def in_time_order(scenes: Sequence[CapturedScene]) -> list[TimedFrame]:
         if not (same and scene.info.baseline_m == first.baseline_m):
             advice = "Export the scenes of one camera."
             raise refuse("scenes", "must be of one camera", scene.path, advice)
+    rooms = {scene.room for scene in scenes}
+    if len(rooms) > 1:
+        warnings.warn(
+            f"{scenes[0].path.parent}: {len(rooms)} rooms become one recording; poses are in the world "
+            f"of each room.",
+            stacklevel=2,
+        )
     numbered = [(scene, number) for scene in scenes for number in scene.frames]
     stamps = [scene.record(number).get("timestamp") for scene, number in numbered]
     times = [float(stamp) for stamp in stamps if stamp is not None]
@@ -178,10 +185,26 @@ def in_time_order(scenes: Sequence[CapturedScene]) -> list[TimedFrame]:
     ]
 
 
-def pose_of_left(frame: Frame) -> Pose | None:
-    """Return the left imager's pose in `frame.json`, or None without one."""
-    pose = frame.record.get("left_from_world")
-    return None if pose is None else np.linalg.inv(np.array(pose, float))
+def left_from_world(scene: CapturedScene, record: Mapping[str, Any]) -> Pose | None:
+    """Return the transform (4, 4) from the world to the left imager; None if it is unknown.
+
+    Args:
+        scene: the frame's scene; the pose in its `scene.toml` applies to frames without their own.
+        record: the frame's `frame.json`.
+
+    Raises:
+        InputError: as `CapturedScene.known`.
+    """
+    if "left_from_world" in record:
+        return np.array(record["left_from_world"], np.float64)
+    known = scene.known()
+    return None if known is None else np.array(known.left_from_world, np.float64)
+
+
+def pose_of_left(scene: CapturedScene, record: Mapping[str, Any]) -> Pose | None:
+    """Return the left imager's pose in the world, the inverse of `left_from_world`."""
+    transform = left_from_world(scene, record)
+    return None if transform is None else np.linalg.inv(transform)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -41,7 +41,7 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
     """Write scenes in order of time; the left infrared image takes the place of the colour image.
 
     Args:
-        scenes: the poses are those in `frame.json`, if present.
+        scenes: the poses are those in `frame.json`, or else `scene.toml`.
         folder: output folder.
 
     Returns:
@@ -61,7 +61,7 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
         if frame.ir_left is not None:
             folder.write(f"rgb/{time}.png", png.encode(frame.ir_left))
             lists["rgb"].append(f"{time} rgb/{time}.png")
-        pose = pose_of_left(frame)
+        pose = pose_of_left(timed.scene, frame.record)
         if pose is not None:
             numbers = (*pose[:3, 3], *frames.to_quaternion(pose))
             lists["groundtruth"].append(" ".join([time, *(f"{part:.9g}" for part in numbers)]))

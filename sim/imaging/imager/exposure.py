@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -31,7 +32,8 @@ def read_exposure(record: Mapping[str, Any]) -> Exposure | None:
         record: the record; `exposure_s` and `gain` are read.
 
     Returns:
-        The exposure, or None unless both numbers are finite and > 0.
+        The exposure, or None unless both numbers are finite and > 0. A warning reports an exposure
+        time that is not used because the gain is unknown.
     """
     entries = [record.get(name) for name in ("exposure_s", "gain")]
     known = [
@@ -39,6 +41,8 @@ def read_exposure(record: Mapping[str, Any]) -> Exposure | None:
         for value in entries
         if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < math.inf
     ]
+    if len(known) == 1 and record.get("exposure_s") == known[0] and not record.get("gain"):
+        warnings.warn("frame.json: exposure_s is not used without gain.", stacklevel=2)
     return Exposure(exposure_s=known[0], gain=known[1]) if len(known) == 2 else None
 
 

@@ -32,7 +32,6 @@ def _write(path: Path, image: np.ndarray) -> None:
 def test_reads_a_set(small_set: Path) -> None:
     captures = capture.open_set(small_set)
     assert [scene.name for scene in captures.scenes] == ["a", "b"]
-    assert captures.info.extra == {"owner": "unknown key, kept"}
     assert captures.info.focal_baseline_px_m == pytest.approx(4.5)
     scene = captures.scenes[0]
     assert (scene.room, scene.frames) == ("kitchen", (0,))
@@ -114,9 +113,9 @@ def test_missing_key_is_refused(small_set: Path, key: str) -> None:
         ("black_level_dn = 4", "black_level_dn = -1", "black_level_dn must be in"),
         ("width = 160", "width = '160'", "width must be of type int; got '160'"),
         ("width = 160", "width = ", "capture.toml must be TOML"),
-        ("owner", "colour_from_left = [[1,0,0,0],[0,1,0,0],[0,0,2,0],[0,0,0,1]]\nowner", "rigid"),
-        ("owner", "colour = {width = 0}\nowner", "colour.height must be given"),
-        ("owner", "deep = " + "[" * 5000 + "]" * 5000 + "\nowner", "capture.toml must be TOML"),
+        ("notes", "colour_from_left = [[1,0,0,0],[0,1,0,0],[0,0,2,0],[0,0,0,1]]\nnotes", "rigid"),
+        ("notes", "colour = {width = 0}\nnotes", "colour.height must be given"),
+        ("notes", "deep = " + "[" * 5000 + "]" * 5000 + "\nnotes", "capture.toml must be TOML"),
     ],
 )
 def test_wrong_info_is_refused(small_set: Path, old: str, new: str, message: str) -> None:
@@ -152,8 +151,42 @@ def test_wrong_folders_are_refused(small_set: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="capture set must hold a scene folder"):
         capture.open_set(tmp_path / "empty")
     (small_set / "c").mkdir()
+    (small_set / "c" / "room").write_text("kitchen")
     with pytest.raises(InputError, match="scene must hold a frame folder"):
         capture.open_set(small_set)
+
+
+def test_folders_that_are_no_scenes_are_left_out_with_a_word(small_set: Path) -> None:
+    for name in ("figures", "__MACOSX", ".cache"):
+        (small_set / name).mkdir()
+        (small_set / name / "plot.png").write_bytes(b"")
+    with pytest.warns(UserWarning, match=r"no scenes, and left out: figures\.$"):
+        captures = capture.open_set(small_set)
+    assert [scene.name for scene in captures.scenes] == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("distortion = [-0.3, 0.1, 0, 0, 0]", "distortion is not applied; images are taken as"),
+        ('right_fx_px = 440.0\nowner = "lab"', "unknown keys are not used: owner, right_fx_px"),
+    ],
+)
+@pytest.mark.parametrize("file", ["capture.toml", "a/camera.toml"])
+def test_values_that_nothing_uses_are_reported(
+    small_set: Path, file: str, line: str, message: str
+) -> None:
+    text = (small_set / "capture.toml").read_text()
+    (small_set / file).write_text(f"{text}{line}\n")
+    with pytest.warns(UserWarning, match=f"{file}: {message}"):
+        capture.open_set(small_set)
+
+
+def test_distortion_of_zero_is_silent_and_unknown_keys_are_kept(small_set: Path) -> None:
+    path = small_set / "capture.toml"
+    path.write_text(path.read_text() + "distortion = [0, 0, 0, 0, 0]\n")
+    capture.open_set(small_set)
+    assert capture_info.from_table({**_table(small_set), "owner": 1}).extra == {"owner": 1}
 
 
 def test_unreadable_folder_is_refused(small_set: Path, monkeypatch: pytest.MonkeyPatch) -> None:

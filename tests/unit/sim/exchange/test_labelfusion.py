@@ -97,8 +97,8 @@ def test_a_log_without_pictures_is_read(log: Path):
         ("images/0000000002_utime.txt", None, "0000000002_utime.txt must be readable"),
         ("posegraph.posegraph", None, "log must hold posegraph.posegraph"),
         ("posegraph.posegraph", "1 2 3", "must have lines TIME tx ty tz qx qy qz qw; got '1 2 3'"),
-        ("posegraph.posegraph", "1 2 3 4 0 0 0 0", "must have lines TIME"),
-        ("posegraph.posegraph", "1 2 3 4 0 0 0 nan", "must have lines TIME"),
+        ("posegraph.posegraph", "1 2 3 4 0 0 0 0", "must have quaternions of nonzero length"),
+        ("posegraph.posegraph", "nan 2 3 4 0 0 0 1", "time in line 1 of posegraph.posegraph must"),
         ("posegraph.posegraph", "a b c d e f g h", "must have lines TIME"),
         ("camera.cfg", "528 528", "camera.cfg must hold fx fy cx cy"),
     ],
@@ -110,6 +110,14 @@ def test_damaged_files_are_refused(log: Path, file: str, content: str | None, me
         (log / file).write_text(content)
     with pytest.raises(InputError, match=message):
         labelfusion.read(log)
+
+
+def test_a_pose_that_is_not_finite_costs_its_frame_only(log: Path):
+    rows = [f"{utime / 1e6:.18e} 1 2 {z} 0 0 0 1" for utime, z in zip(UTIMES, "3n4", strict=True)]
+    (log / "posegraph.posegraph").write_text("\n".join(rows).replace("n", "nan"))
+    with pytest.warns(UserWarning, match="1 poses are not finite; these frames have none"):
+        moments = labelfusion.read(log).moments
+    assert [moment.world_from_camera is None for moment in moments] == [False, True, False]
 
 
 def test_invalid_images_are_refused_when_read(log: Path):

@@ -117,12 +117,15 @@ def test_pictures_and_poses_are_the_nearest_in_time(tmp_path: Path):
     ("name", "text", "message"),
     [
         ("depth.txt", None, r"depth\.txt must be readable"),
-        ("depth.txt", "1.0\n", r"depth\.txt must have lines of a time and 1 more; got '1.0'"),
-        ("groundtruth.txt", "1 0 0 0 0 0 x 1\n", r"groundtruth\.txt must have lines of a time"),
-        ("groundtruth.txt", "nan 0 0 0 0 0 0 1\n", r"groundtruth\.txt must have lines"),
+        ("depth.txt", "1.0\n", r"depth\.txt must have lines of a time and a file .*'1.0'"),
+        ("depth.txt", "1.0 ../a.png\n", r"and a file in the folder; got '1.0 ../a.png' in line 1"),
+        ("rgb.txt", "1.0 /etc/passwd\n", r"rgb\.txt must have lines of a time and a file in the"),
+        ("depth.txt", "1e18 a.png\n", r"time in line 1 of depth\.txt must be in"),
+        ("groundtruth.txt", "1 0 0 0 0 0 x 1\n", r"groundtruth\.txt must have lines TIME"),
+        ("groundtruth.txt", "nan 0 0 0 0 0 0 1\n", r"time in line 1 of groundtruth\.txt must"),
         ("groundtruth.txt", "1 0 0 0 0 0 0 0\n", r"groundtruth\.txt must have quaternions"),
-        ("camera.txt", "1 2 3", r"camera\.txt must hold fx fy cx cy width height"),
-        ("camera.txt", None, r"camera\.txt must hold fx fy cx cy width height"),
+        ("camera.txt", "1 2 3", r"camera\.txt must be fx fy cx cy width height"),
+        ("camera.txt", None, r"camera\.txt must be readable; .* Give the camera"),
     ],
 )
 def test_damaged_files_are_refused(small_set: Path, tmp_path: Path, name, text, message):
