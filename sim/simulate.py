@@ -98,15 +98,21 @@ def sequence(
 
 
 def refuse_impossible(sensor: Sensor, frames: int) -> None:
-    """Refuse post-processing that lacks its input; call it before rendering.
+    """Refuse a pair or post-processing that cannot work; call it before rendering.
 
     Args:
         sensor: Sensor with its post-processing settings.
         frames: Number of consecutive frames of one scene.
 
     Raises:
-        InputError: for a temporal filter on one frame, or registration without a colour camera.
+        InputError: for imagers of different bits, a temporal filter on one frame, or registration
+            without a colour camera.
     """
+    left, right = ((part.bit_depth, part.dropped_bits) for part in (sensor.left, sensor.right))
+    if sensor.kind == "stereo" and left != right:
+        rule = f"must be {left[0]} and {left[1]}, as on the left"
+        value, advice = f"{right[0]} and {right[1]}", "Set imager.bit_depth or imager.dropped_bits."
+        raise errors.refuse("bit_depth and dropped_bits of right", rule, value, advice)
     refuse_single_frame(sensor.post, frames)
     if sensor.post.registered:
         refuse_without(sensor)

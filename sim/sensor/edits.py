@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import tomllib
+import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from starling.patterns import errors
 from starling.sim.sensor import matcher, structure
+from starling.sim.sensor.imager import EXPOSURE
 from starling.sim.sensor.sensor import Sensor
 
 _AXES = "xyz"
@@ -31,7 +33,12 @@ def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
         >>> apply(sensors.load("d435"), ["projector.power_w=0.2"]).projector.power_w
         0.2
     """
-    return with_values(sensor, [_parse(edit) for edit in edits])
+    values = [_parse(edit) for edit in edits]
+    unused = [path for path, _ in values if path in {f"right.{name}" for name in EXPOSURE}]
+    if unused:
+        message = f"{', '.join(unused)} not used: both imagers take the left one's."
+        warnings.warn(message, stacklevel=2)
+    return with_values(sensor, values)
 
 
 def with_values(sensor: Sensor, values: Iterable[tuple[str, Any]]) -> Sensor:

@@ -29,6 +29,9 @@ _FROM_ZERO = {  # Upper limits of fields that are neutral at 0.
     "smoothing_px": 5.0,
 }
 
+# Fields that set the exposure of both imagers; the right imager's are not used.
+EXPOSURE = ("exposure_s", "auto_exposure_level", "auto_exposure_max_s")
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Lens:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import tomllib
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import tomli_w
 
 from starling.patterns import errors
 from starling.sim.sensor import matcher, structure
+from starling.sim.sensor.imager import EXPOSURE
 from starling.sim.sensor.sensor import Sensor
 
 _FOLDER = Path(__file__).parent
@@ -80,7 +82,21 @@ def _read(path: Path) -> Sensor:
         ) from None
     except (ValueError, RecursionError) as error:  # Not TOML, not UTF-8, or nested too deep.
         raise errors.refuse("sensor", "must be TOML", path, f"{error}.") from None
-    return with_absolute_patterns(from_table(table), path.parent)
+    sensor = from_table(table)
+    _warn_of_right_exposure(sensor, path)
+    return with_absolute_patterns(sensor, path.parent)
+
+
+def _warn_of_right_exposure(sensor: Sensor, path: Path) -> None:
+    """Warn of a right exposure that differs from the left one, which both imagers take."""
+    unused = [
+        f"right.{name}"
+        for name in EXPOSURE
+        if getattr(sensor.right, name) != getattr(sensor.left, name)
+    ]
+    if sensor.kind == "stereo" and unused:
+        message = f"{path}: {', '.join(unused)} not used: both imagers take the left one's."
+        warnings.warn(message, stacklevel=2)
 
 
 def from_table(table: dict[str, Any]) -> Sensor:

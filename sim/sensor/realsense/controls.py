@@ -121,6 +121,7 @@ KNOWN = frozenset({*WORDS, *RANGES, *WITHOUT_COUNTERPART})
 
 DEFAULT_PRESET = "default"  # Preset that an unchanged sensor represents.
 _MODEL = re.compile(r"d4\d\d")  # Model number in the name of a device or sensor.
+_SCHEMA = 1  # Only known version of files with sections.
 _SECTIONS = ("schema version", "device", "parameters", "viewer")
 PRODUCT_LINE = "D400"
 _EXAMPLE = 'Write {"param-leftrightthreshold": 24, ...}.'
@@ -249,6 +250,9 @@ def _entries(table: Mapping[str, Any]) -> list[tuple[str, Any]]:
         return list(table.items())
     for name in table:
         errors.one_of("section", name, _SECTIONS)
+    version = table.get("schema version", _SCHEMA)
+    if version != _SCHEMA:
+        warnings.warn(f"schema version {version!r} is read as {_SCHEMA}.", stacklevel=2)
     device = _section(table, "device")
     line = device.get("product line", PRODUCT_LINE)
     if line != PRODUCT_LINE:
