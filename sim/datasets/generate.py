@@ -14,8 +14,8 @@ import tomli_w
 from starling.patterns import errors
 from starling.sim import files
 from starling.sim.console import progress
-from starling.sim.console.threads import cores
 from starling.sim.console.output import RECORD
+from starling.sim.console.threads import cores
 from starling.sim.datasets import check_plan, index, render_view, set_folder
 from starling.sim.datasets import plan as plans
 from starling.sim.datasets.plan import Plan, view

@@ -195,7 +195,8 @@ def _refuse_impossible(plan: SensorPlan, frames: int) -> None:
     effects = {name: value.ends[0] for name, value in plan.effects.items()}
     for path, value in plan.fields.items():
         for end in value.ends:
-            edits.with_values(base, {**first, path: end}.items())
+            changed = edits.with_values(base, {**first, path: end}.items())
+            refuse_impossible(setting.on_sensor(changed, effects), frames)
     camera = edits.with_values(base, first.items())
     refuse_impossible(setting.on_sensor(camera, effects), frames)
     for name, value in plan.effects.items():

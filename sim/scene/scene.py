@@ -52,7 +52,7 @@ class Mesh:
                     f"mesh {name}", "must be (n, 3) with n > 0", array.shape, "Is the mesh empty?"
                 )
         if not np.isfinite(self.vertices).all():
-            raise errors.refuse("mesh vertices", "must be finite", "NaN", "Check the numbers of the scene.")
+            raise errors.refuse("mesh vertices", "must be finite", "NaN", "Check the file.")
         if int(self.faces.max()) >= len(self.vertices):
             raise errors.refuse(
                 "mesh faces",

@@ -166,13 +166,6 @@ def in_time_order(scenes: Sequence[CapturedScene]) -> list[TimedFrame]:
         if not (same and scene.info.baseline_m == first.baseline_m):
             advice = "Export the scenes of one camera."
             raise refuse("scenes", "must be of one camera", scene.path, advice)
-    rooms = {scene.room for scene in scenes}
-    if len(rooms) > 1:
-        warnings.warn(
-            f"{scenes[0].path.parent}: {len(rooms)} rooms become one recording; poses are in the world "
-            f"of each room.",
-            stacklevel=2,
-        )
     numbered = [(scene, number) for scene in scenes for number in scene.frames]
     stamps = [scene.record(number).get("timestamp") for scene, number in numbered]
     times = [float(stamp) for stamp in stamps if stamp is not None]
