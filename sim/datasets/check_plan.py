@@ -21,8 +21,8 @@ def refuse_failing(plan: Plan) -> None:
     Meshes and piles are not checked if the plan says `missing = "skip"`.
 
     Raises:
-        InputError: if a mesh is damaged or not in metres, a captured scene lacks depth or image,
-            a pile has no room on its table, or drawn values are invalid together.
+        InputError: if a mesh is damaged or not in metres, or a captured scene lacks depth or image.
+            Also if a pile has no room on its table, or drawn values are invalid together.
     """
     if plan.missing == "stop":
         for number, source in enumerate(plan.sources, 1):

@@ -20,7 +20,6 @@ import pytest
 import tomli_w
 import trimesh
 
-from starling import command_line
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, exr, png
 from starling.sim.datasets import index, set_folder, shard, workers
@@ -300,76 +299,6 @@ def test_missing_mesh_stops_the_run_or_is_reported(tmp_path: Path, missing: str)
     assert report["skipped"] and report["frames"] + len(report["skipped"]) == 10
     assert all("cone.ply" in entry["why"] for entry in report["skipped"])
     assert verify(out, sample=0)["missing"] == 0
-
-
-def test_verify_finds_missing_duplicate_and_changed_frames(
-    plan: Path, whole: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
-):
-    out = tmp_path / "set"
-    shutil.copytree(whole, out)
-    assert command_line.main(["verify", str(out), "--sample", "0"]) == 0
-    image = out / "0000003" / "1" / "ir_left.png"
-    codes = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
-    codes[0, 0] ^= 1
-    cv2.imwrite(str(image), codes)
-    (out / "0000005" / "0" / "depth.png").unlink()
-    rows = index.read(out)
-    (out / index.FILE).write_bytes(index.encode([*rows[:-2], rows[0]]))
-    report = verify(out, sample=0)
-    assert report["frames"] == 18 and report["missing"] == 3
-    assert report["duplicate"] == 1 and report["differing"] == 1
-    assert command_line.main(["verify", str(out), "--sample", "0"]) == 1
-    shutil.rmtree(out)
-    shutil.copytree(whole, out)
-    rows = [{**row, "sha256": "0"} if row["frame"] == 0 else row for row in index.read(out)]
-    (out / index.FILE).write_bytes(index.encode(rows))
-    assert verify(out, sample=10)["differing"] == 1
-    (out / index.FILE).write_bytes(b"parquet")
-    with pytest.raises(InputError, match=r"index.parquet must be a Parquet file"):
-        index.read(out)
-    with pytest.raises(InputError, match=r"set must have its starling.json"):
-        verify(tmp_path, sample=0)
-    capsys.readouterr()
-
-
-OWN_FILES = ("capture.toml", "plan.toml", "index.parquet", "starling.json", "SHA256SUMS")
-
-
-@pytest.mark.parametrize("name", OWN_FILES)
-@pytest.mark.parametrize("damage", ["absent", "empty", "other", "changed"])
-def test_verify_reports_damage_of_every_own_file(
-    whole: Path, tmp_path: Path, name: str, damage: str
-):
-    out = tmp_path / "set"
-    shutil.copytree(whole, out)
-    data = (out / name).read_bytes()
-    (out / "0000005" / "0" / "depth.png").unlink()
-    if damage == "absent":
-        (out / name).unlink()
-    else:
-        changed = bytearray(data)
-        changed[len(data) // 2] ^= 1
-        (out / name).write_bytes({"empty": b"", "other": b"[]", "changed": bytes(changed)}[damage])
-    findings = verify(out, sample=0)["findings"]
-    files = {finding["file"] for finding in findings}
-    assert set(OWN_FILES) & files  # A wrong checksum is reported for the file that it names.
-    if name != "index.parquet":  # The frames are checked although another file is damaged.
-        assert "0000005/0" in files
-    assert command_line.main(["verify", str(out), "--sample", "0"]) == 1
-
-
-def test_damaged_archives_are_findings(plan: Path, tmp_path: Path):
-    out = tmp_path / "set"
-    generate(plan, out, workers=1, shard_frames=4, layout="shards")
-    archives = sorted(out.glob("*.tar"))
-    archives[0].write_bytes(archives[0].read_bytes()[:5000])
-    archives[1].unlink()
-    archives[2].write_bytes(b"")
-    report = verify(out, sample=0)
-    assert report["missing"] == 12
-    assert {archive.name for archive in archives[:3]} <= {
-        finding["file"] for finding in report["findings"]
-    }
 
 
 def test_damaged_part_of_an_unfinished_set_is_refused_by_name(plan: Path, tmp_path: Path):

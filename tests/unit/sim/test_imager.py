@@ -115,6 +115,7 @@ def test_auto_exposure_meets_its_level_or_its_limit(radiance):
     assert level <= 0.25 * part.ceiling_dn * (1 + 1e-4)
 
 
+@pytest.mark.filterwarnings("ignore:.*exposure_s is not used without gain")
 @pytest.mark.parametrize("gain", [0, -1.0, float("nan"), float("inf"), True, "1", None])
 def test_only_valid_exposures_are_read_from_a_record(gain):
     assert read_exposure({"exposure_s": 0.01, "gain": gain}) is None
