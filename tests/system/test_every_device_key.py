@@ -81,8 +81,10 @@ VALUES: dict[str, Any] = {
 # Further edits that make a key act.
 WITH: dict[str, dict[str, Any]] = {
     **{f"{side}.blooming": {"imager.exposure_s": 0.1} for side in ("left", "right")},
+    "matcher.search_px": {"baseline_m": 0.2},
     "left.auto_exposure_max_s": {"left.auto_exposure_level": 0.5},
 }
+RENDERED = re.compile("rolling|search")  # Keys that act with other rendered layers only.
 PAIRED = ("bit_depth", "dropped_bits")  # Equal on both sides, or refused.
 
 
@@ -109,7 +111,7 @@ def stage(velocity_m_s: float = 0.0) -> MitsubaScene:
 
 def layers_of(device: Sensor, path: str) -> Any:
     """Render; what acts on rendered layers only, shares those of the base."""
-    if path.startswith(("left.", "right.", "matcher.", "post.")) and "rolling" not in path:
+    if path.startswith(("left.", "right.", "matcher.", "post.")) and not RENDERED.search(path):
         return _base_layers()
     return render_layers(stage(0.5 if "rolling" in path else 0.0), device)
 
@@ -158,7 +160,7 @@ def test_every_key_of_a_sensor_matters(path: str) -> None:
             edits.apply(sensor(), [f"{path}=0.02"])
         return
     start = WITH.get(path, {})
-    part = path if "rolling" in path else f"{path.partition('.')[0]}." if "." in path else ""
+    part = path if RENDERED.search(path) else f"{path.partition('.')[0]}." if "." in path else ""
     value = dict(leaves(structure.to_table(sensor(start))))[path]
     after = said(lambda: outputs(sensor({**start, path: moved(path, value)}), path))
     assert after != repr(before(part, tuple(start.items())))

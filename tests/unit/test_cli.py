@@ -287,10 +287,10 @@ def test_match_prints_and_writes(capsys: Capsys, tmp_path: Path, small_set: Path
     assert (code, err) == (0, "")
     result = json.loads(printed)
     keys = {"bias_px", "nmad_px", "bad1_pct", "fill", "ndp_iou"}
+    pair = {"fill", "left_right_agreement"}
     for row in (*result["scenes"].values(), result["median"]):
-        assert {name: set(figures) for name, figures in row.items()} == dict.fromkeys(
-            ("ours", "device", "agreement"), keys
-        )
+        groups = {**dict.fromkeys(("ours", "device", "agreement"), keys), "pair": pair}
+        assert {name: set(figures) for name, figures in row.items()} == groups
     assert result["scenes"]["b"]["ours"]["fill"] is None
     assert result["scenes"]["b"]["agreement"]["fill"] == 1
     assert (out / "a" / "0" / "depth.png").is_file()
