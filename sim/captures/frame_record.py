@@ -84,8 +84,8 @@ def _matrix(name: str, value: Any) -> frames.Pose:
     rows = value if isinstance(value, list) else []
     numbers = [entry for row in rows for entry in (row if isinstance(row, list) else [None])]
     regular = [len(row) for row in rows if isinstance(row, list)] == [4, 4, 4, 4]
-    plain = all(isinstance(n, (int, float)) and not isinstance(n, bool) for n in numbers)
-    if not regular or not plain or any(abs(n) > 1e300 for n in numbers):
+    plain = [n for n in numbers if isinstance(n, (int, float)) and not isinstance(n, bool)]
+    if not regular or len(plain) < len(numbers) or any(abs(n) > 1e300 for n in plain):
         raise errors.refuse(name, "must be four rows of four numbers", repr(value)[:80], "[R t].")
     return np.array(value, np.float64)
 

@@ -197,7 +197,7 @@ def left_from_world(scene: CapturedScene, record: Mapping[str, Any]) -> Pose | N
 def pose_of_left(scene: CapturedScene, record: Mapping[str, Any]) -> Pose | None:
     """Return the left imager's pose in the world, the inverse of `left_from_world`."""
     transform = left_from_world(scene, record)
-    return None if transform is None else np.linalg.inv(transform)
+    return None if transform is None else np.asarray(np.linalg.inv(transform), np.float64)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
