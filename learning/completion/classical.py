@@ -137,7 +137,9 @@ def bilateral(frame: CompletionFrame) -> Image:
     upsampling, SIGGRAPH 2007).
     """
     known = trusted(frame)
-    return 1 / _from_coarse(guide(frame), inverse(frame.depth_m, known), known.astype(np.float32))
+    return _array(
+        1 / _from_coarse(guide(frame), inverse(frame.depth_m, known), known.astype(np.float32))
+    )
 
 
 def _from_coarse(image: NDArray[np.uint8], value: Image, weight: Image) -> Image:
@@ -222,7 +224,7 @@ def poisson(frame: CompletionFrame) -> Image:
     image = guide(frame).astype(np.float32)
     across, down = (_weight(image, axis) for axis in (1, 0))
     fixed = trusted(frame)
-    return 1 / _membrane(inverse(frame.depth_m, fixed), fixed, across, down)
+    return _array(1 / _membrane(inverse(frame.depth_m, fixed), fixed, across, down))
 
 
 def _weight(image: Image, axis: int) -> NDArray[np.float64]:
