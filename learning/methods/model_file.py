@@ -89,8 +89,8 @@ def take(arrays: Mapping[str, Any], kinds: Mapping[str, str], folder: Path) -> l
     """
     for name, kind in kinds.items():
         array = arrays.get(name)
-        whole = isinstance(array, np.ndarray) and array.dtype.isnative
-        if not whole or f"{array.dtype.kind}{array.ndim}" != kind:
+        actual = None if array is None else f"{array.dtype.kind}{array.ndim}"
+        if array is None or not array.dtype.isnative or actual != kind:
             value = (
                 f"{folder} with another {name}" if name in arrays else f"{folder} without {name}"
             )
