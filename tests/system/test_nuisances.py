@@ -98,6 +98,7 @@ def test_another_pattern_or_no_dots_have_no_scale(warm, tmp_path):
     assert fit_scene.estimate_pattern_scale(again, scene, SENSOR) is None
 
 
+@pytest.mark.long
 def test_a_scene_model_has_the_fitted_parameters(warm):
     model = scene_model.load_scene_model(warm, SENSOR)
     assert model.nuisances.keys() == {AMBIENT, SCALE, *TURN, *SHIFT}

@@ -150,6 +150,7 @@ def test_holes_do_not_move_with_samples(clutter):
     assert abs(holes(1) - holes(64)) < 0.001
 
 
+@pytest.mark.long
 def test_indirect_light_agrees_with_a_plain_path_tracer(clutter):
     """The averaged pattern and the low-pass conserve the total light."""
     mi, sensor = backend.mitsuba(), presets.load("d435")

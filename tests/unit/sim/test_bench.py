@@ -23,7 +23,7 @@ def test_progress_covers_all_rounds_and_the_first_is_not_counted(
         "simulate",
         "MitsubaScene",
         "scenes",
-        "_with_interreflection",
+        "dataclasses",
     ):
         monkeypatch.setattr(bench, name, _Anything(shot))
     monkeypatch.setattr(bench, "_floor", lambda *_: lambda *_: None)
