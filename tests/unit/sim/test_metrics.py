@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from starling.sim.stereo.filled import filled
+from starling.sim.arrays import filled
 
 from starling.patterns.errors import InputError
 from starling.sim import metrics
