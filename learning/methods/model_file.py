@@ -89,8 +89,11 @@ def take(arrays: Mapping[str, Any], kinds: Mapping[str, str], folder: Path) -> l
     """
     for name, kind in kinds.items():
         array = arrays.get(name)
-        actual = None if array is None else f"{array.dtype.kind}{array.ndim}"
-        if array is None or not array.dtype.isnative or actual != kind:
+        if not isinstance(array, np.ndarray) or not array.dtype.isnative:
+            actual = None  # A damaged member can be bytes.
+        else:
+            actual = f"{array.dtype.kind}{array.ndim}"
+        if actual != kind:
             value = (
                 f"{folder} with another {name}" if name in arrays else f"{folder} without {name}"
             )

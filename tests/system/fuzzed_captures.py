@@ -62,7 +62,7 @@ def _read_set(path: Path) -> object:
         scene.truth_m()
         stream.in_time_order([scene])
         for number in scene.frames:
-            stream.pose_of_left(scene.frame(number))
+            stream.pose_of_left(scene, scene.record(number))
     return captures
 
 

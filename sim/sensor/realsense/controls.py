@@ -228,7 +228,7 @@ def read_file(path: str | Path, sensor: str = "") -> dict[str, Control]:
             "device preset", "must hold a table", f"{type(table).__name__} in {path}", _EXAMPLE
         )
     _warn_other_device(table, sensor, path)
-    return canonical(_entries(table))
+    return canonical(_entries(table, path))
 
 
 def _warn_other_device(table: Mapping[str, Any], sensor: str, path: Path) -> None:
@@ -241,7 +241,7 @@ def _warn_other_device(table: Mapping[str, Any], sensor: str, path: Path) -> Non
         warnings.warn(message, stacklevel=2)
 
 
-def _entries(table: Mapping[str, Any]) -> list[tuple[str, Any]]:
+def _entries(table: Mapping[str, Any], path: Path) -> list[tuple[str, Any]]:
     """List all controls of either form."""
     if "hdr-preset" in table:
         rule, advice = "must hold controls", "HDR sequences are not modelled."
@@ -252,7 +252,8 @@ def _entries(table: Mapping[str, Any]) -> list[tuple[str, Any]]:
         errors.one_of("section", name, _SECTIONS)
     version = table.get("schema version", _SCHEMA)
     if version != _SCHEMA:
-        warnings.warn(f"schema version {version!r} is read as {_SCHEMA}.", stacklevel=2)
+        message = f"{path}: schema version {version!r:.80} is read as {_SCHEMA}."
+        warnings.warn(message, stacklevel=2)
     device = _section(table, "device")
     line = device.get("product line", PRODUCT_LINE)
     if line != PRODUCT_LINE:
