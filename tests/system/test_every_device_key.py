@@ -221,7 +221,7 @@ def test_every_section_of_a_device_preset_matters(tmp_path: Path) -> None:
     assert set(table) == set(controls._SECTIONS)
     first = said(lambda: applied(path, table))
     for change, message in (
-        ({"schema version": 2}, "warning: schema version 2 is read as 1"),
+        ({"schema version": 2}, "schema version 2 is read as 1"),
         ({"device": {**device, "name": "Intel RealSense D405"}}, "exported from a D405"),
         ({"device": {**device, "product line": "L500"}}, "device.product line must be D400"),
         ({"parameters": {"param-leftrightthreshold": 24}}, ""),

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from starling.sim.arrays import filled
 
 from starling.patterns.errors import InputError
 from starling.sim import metrics
+from starling.sim.arrays import filled
 
 
 def step_scene() -> np.ndarray:
