@@ -117,8 +117,6 @@ def trained_method(model: Path) -> str:
     try:
         path = shipped.folder(model) / RECORD
         method = files.parse_json(files.read_bytes(path), path)["arguments"]["method"]
-        one_of("method", method, registry.NAMES)
-        return method
     except (InputError, KeyError, TypeError) as error:
         raise refuse(
             "model",
@@ -126,6 +124,8 @@ def trained_method(model: Path) -> str:
             model,
             f"Train it, name the right one, or one of {', '.join(shipped.NAMES)}.",
         ) from error
+    one_of("method", method, registry.NAMES)
+    return method
 
 
 def trained_folder(model: Path, method: str) -> Path:

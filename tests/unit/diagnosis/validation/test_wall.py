@@ -44,6 +44,7 @@ STANDARD = {
     "textwrap",
     "time",
     "typing",
+    "warnings",
     "zipfile",
 }
 LIBRARIES = {"numpy", "scipy", "cv2"}
