@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import tomllib
 from collections.abc import Callable
@@ -33,6 +34,16 @@ def read_text(path: Path) -> str:
         InputError: if the file cannot be read, or is not UTF-8.
     """
     return decode(read_bytes(path), path)
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal digits.
+
+    Raises:
+        OSError: if it cannot be read.
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def decode(data: bytes, path: Path) -> str:

@@ -41,7 +41,6 @@ QUANTITIES = {
     "laser_power": PlausibleRange(
         low=0, high=1e5, remedy="Give the device's own number, mW or percent."
     ),
-    "count": PlausibleRange(low=1, high=1e9, remedy="Give fewer."),
 }
 
 

@@ -238,7 +238,7 @@ def _scene_folders(path: Path) -> list[Path]:
 
 
 def _is_scene(folder: Path) -> bool:
-    return any(name in _SCENE_FILES or _NUMBER.fullmatch(name) for name in os.listdir(folder))
+    return any(path.name in _SCENE_FILES or _NUMBER.fullmatch(path.name) for path in _list(folder))
 
 
 def _scene(path: Path, info: CaptureInfo) -> CapturedScene:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -126,7 +125,7 @@ def text(path: Path, plan: Plan, layout: Layout, shard_frames: int) -> str:
         layout: layout of the set.
         shard_frames: frames per archive and per task.
     """
-    digests = {str(file): _digest(file) for file in _files(plan)}
+    digests = {str(file): files.file_digest(file) for file in _files(plan)}
     run = {
         "folder": str(path.absolute().parent),
         "layout": layout,
@@ -139,15 +138,10 @@ def text(path: Path, plan: Plan, layout: Layout, shard_frames: int) -> str:
 
 def _files(plan: Plan) -> list[Path]:
     """Return the files of scenes and sensors, sorted by name."""
-    files = {Path(sensor.preset) for sensor in plan.sensors if sensor.preset.endswith(".toml")}
+    paths = {Path(sensor.preset) for sensor in plan.sensors if sensor.preset.endswith(".toml")}
     for source in plan.sources:
         if isinstance(source, (SceneFiles, Dropped)):
-            files |= set(source.paths)
+            paths |= set(source.paths)
         if isinstance(source, Captured):
-            files |= {path / "truth.png" for path in source.paths}
-    return sorted(path for path in files if path.is_file())
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+            paths |= {path / "truth.png" for path in source.paths}
+    return sorted(path for path in paths if path.is_file())

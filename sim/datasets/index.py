@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import typing
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,8 +16,6 @@ from starling.sim.console import output
 from starling.sim.sensor import structure
 
 FILE = "index.parquet"
-
-
 _NULLABLE = ("exposure_s", "gain")  # A structured-light sensor has neither.
 
 
@@ -77,19 +76,16 @@ def encode(rows: Iterable[dict[str, Any]]) -> bytes:
 
 
 def _columns(pa: Any) -> list[tuple[str, Any]]:
-    """List the names and types of the columns."""
-    whole, number, text = pa.int64(), pa.float64(), pa.string()
-    return [
-        *((name, whole) for name in ("frame", "view", "scene")),
-        ("repeat", pa.int32()),
-        *((name, text) for name in ("name", "room", "sensor")),
-        ("seed", whole),
-        *((name, number) for name in ("ndp_rate", "mean_dn", *_NULLABLE)),
-        ("shard", text),
-        ("files", pa.list_(text)),
-        ("bytes", whole),
-        ("sha256", text),
-    ]
+    """List the names and types of the columns, in the order of the row's fields."""
+    kinds = {
+        int: pa.int64(),
+        float: pa.float64(),
+        float | None: pa.float64(),
+        str: pa.string(),
+        tuple[str, ...]: pa.list_(pa.string()),
+    }
+    hints = typing.get_type_hints(IndexRow)
+    return [(name, pa.int32() if name == "repeat" else kinds[hints[name]]) for name in hints]
 
 
 def read(path: Path) -> list[dict[str, Any]]:

@@ -22,6 +22,7 @@ from starling.sim.datasets.mesh_pile import RestingMesh
 from starling.sim.datasets.plan import Plan, PlannedView, view
 from starling.sim.datasets.source import Pile, SceneSpecifier, Setting
 from starling.sim.effects import setting
+from starling.sim.files import file_digest
 from starling.sim.geometry.frames import Pose
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
@@ -195,7 +196,7 @@ def _row(
 
 @lru_cache(maxsize=256)
 def _mesh_digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return file_digest(path)
 
 
 def fingerprint(files: Mapping[str, bytes]) -> str:

@@ -26,6 +26,7 @@ Layout = Literal["folders", "shards"]
 
 PLAN = "plan.toml"  # The plan as read, and everything else that determines the set.
 CHECKSUMS = "SHA256SUMS"  # Of the set's own files, as `sha256sum -c` reads it.
+OWN_FILES = (capture_info.FILE, PLAN, index.FILE, output.RECORD)
 _HEX = re.compile("[0-9a-f]{64}")
 _PARTS = ".parts"  # Folder with the rows of each complete task.
 _LOCK = ".lock"
@@ -128,7 +129,7 @@ class SetFolder:
         self._write(index.FILE, contents[index.FILE])
         for name in (capture_info.FILE, PLAN):
             contents[name] = (self.path / name).read_bytes()
-        lines = [f"{sha256(contents[name]).hexdigest()}  {name}\n" for name in sorted(contents)]
+        lines = [f"{sha256(contents[name]).hexdigest()}  {name}\n" for name in sorted(OWN_FILES)]
         self._write(CHECKSUMS, "".join(lines).encode())
         self._write(output.RECORD, contents[output.RECORD])  # It marks the set as finished.
         with output.refused(self.path):

@@ -16,6 +16,7 @@ from starling.patterns import errors
 from starling.patterns.errors import InputError
 from starling.sim import files
 from starling.sim.captures import info as capture_info
+from starling.sim.captures.info import CaptureInfo
 from starling.sim.console import output, progress
 from starling.sim.datasets import index, render_view, set_folder, shard
 from starling.sim.datasets import plan as plans
@@ -57,6 +58,8 @@ def verify(
     _refuse_no_set(path)
     findings: list[Finding] = []
     _check_own_files(path, findings)
+    info_file = path / capture_info.FILE
+    info = _attempt(findings, capture_info.FILE, lambda: capture_info.read(info_file))
     rows = _attempt(findings, index.FILE, lambda: index.read(path)) or []
     lost, differing = _check_frames(path, rows, findings, track)
     figures = _attempt(findings, output.RECORD, lambda: set_folder.figures(path))
@@ -64,8 +67,8 @@ def verify(
     wanted = len({row["frame"] for row in rows})
     if plan is not None:
         wanted = plan.count - plan.frames * (0 if figures is None else len(figures.skipped))
-        if sample:
-            differing |= _irreproducible(path, plan, rows, sample, findings, track)
+        if sample and info is not None:
+            differing |= _irreproducible(path, plan, info, rows, sample, findings, track)
     frames, missing, duplicate = index.count_frames(rows, wanted)
     if missing or duplicate:
         problem = f"lacks {missing} frames of the plan, and repeats {duplicate}"
@@ -100,8 +103,7 @@ def _attempt(findings: list[Finding], file: str, read: Callable[[], T]) -> T | N
 def _check_own_files(path: Path, findings: list[Finding]) -> None:
     """Compare the set's own files with their checksums."""
     known = _attempt(findings, set_folder.CHECKSUMS, lambda: set_folder.checksums(path)) or {}
-    own = (capture_info.FILE, set_folder.PLAN, index.FILE, output.RECORD)
-    for name in own if known else ():
+    for name in set_folder.OWN_FILES if known else ():
         data = _attempt(findings, name, lambda name=name: files.read_bytes(path / name))
         if data is None:
             continue
@@ -112,8 +114,6 @@ def _check_own_files(path: Path, findings: list[Finding]) -> None:
         else:
             continue
         findings.append(Finding(file=name, problem=problem))
-    info = path / capture_info.FILE
-    _attempt(findings, capture_info.FILE, lambda: capture_info.read(info))
 
 
 def _check_frames(
@@ -166,6 +166,7 @@ def _unpack(path: Path, name: str) -> dict[str, bytes]:
 def _irreproducible(
     path: Path,
     plan: Plan,
+    info: CaptureInfo,
     rows: Sequence[Row],
     sample: int,
     findings: list[Finding],
@@ -174,10 +175,6 @@ def _irreproducible(
     """Regenerate a random sample of views; return the frames that differ."""
     views = sorted({row["view"] for row in rows if row["view"] < plan.scenes * plan.views})
     chosen = np.random.default_rng(plan.seed).permutation(len(views))[:sample]
-    info_file = path / capture_info.FILE
-    info = _attempt([], capture_info.FILE, lambda: capture_info.read(info_file))
-    if info is None:  # `_check_own_files` has reported it.
-        return set()
     render_view.load_scene.cache_clear()  # Files may have changed since this process read them.
     before = {row["frame"]: row["sha256"] for row in rows}
     differing: set[int] = set()

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from starling.patterns.errors import refuse
+from starling.sim import files
 from starling.sim.captures import png
 from starling.sim.captures.capture import CapturedScene, CaptureSet, Frame
 from starling.sim.captures.exchange.stream import left_from_world
@@ -96,7 +96,7 @@ def _models(captures: CaptureSet, meshes: Path) -> dict[str, trimesh.Trimesh]:
     models = {}
     for name, digest in digests.items():
         path = _mesh_file(meshes, name)
-        if digest is not None and sha256(path.read_bytes()).hexdigest() != digest:
+        if digest is not None and files.file_digest(path) != digest:
             rule = f"must hold the {name} that was rendered"
             raise refuse("meshes", rule, f"another content in {path}", "Restore the file.")
         models[name] = solids.join([part for _, part in sources.mesh_parts(path)])
