@@ -212,11 +212,11 @@ def test_incomparable_captures_are_refused(place, tmp_path, capsys):
     shutil.copytree(place / "other", reference)
     info = reference / "capture.toml"
     text = info.read_text()
-    info.write_text(text.replace("baseline_m = ", "baseline_m = 1"))
+    info.write_text(text.replace("baseline_m = 0.0", "baseline_m = 0.1"))
     assert "must be of one baseline_m" in refused_against(place, reference, out, capsys)
     info.write_text(text)
     camera_file = reference / "clutter-2" / "camera.toml"
-    camera_file.write_text(text.replace("baseline_m = ", "baseline_m = 1"))
+    camera_file.write_text(text.replace("baseline_m = 0.0", "baseline_m = 0.1"))
     assert "must be of one camera here" in refused_against(place, reference, out, capsys)
     camera_file.unlink()
     for scene in capture.open_set(reference).scenes:

@@ -199,5 +199,5 @@ def _left_out(path: Path) -> dict[str, str]:
     left_out = files.parse_json(files.read_bytes(path), path)
     if not (isinstance(left_out, dict) and all(isinstance(v, str) for v in left_out.values())):
         rule = "must be a JSON object"
-        raise refuse("without", rule, left_out, "Give an effect by capture set.")
+        raise refuse(path.name, rule, left_out, "Give an effect by capture set.")
     return left_out

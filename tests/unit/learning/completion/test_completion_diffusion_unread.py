@@ -45,7 +45,9 @@ def emptied(captures: Path, numbers: Sequence[int]) -> None:
 def test_a_frame_is_read_when_it_is_drawn(captures: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
     real = png.read
-    monkeypatch.setattr(png, "read", lambda path, name: read.append(str(path)) or real(path, name))
+    monkeypatch.setattr(
+        png, "read", lambda path, name, **size: read.append(str(path)) or real(path, name, **size)
+    )
     drawn = unread(captures)
     assert len(drawn) == 4 and drawn.identity and not read
     sample = drawn[2]
