@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from starling.diagnosis.howfar.distances import scene_distances
+from starling.diagnosis.howfar.evidence import evidence
 from starling.diagnosis.howfar.reduction import GapReduction, gap_reductions
 from starling.diagnosis.scenes.request import CAPTURED
 from starling.diagnosis.scenes.scene_model import SceneModel
@@ -33,6 +35,7 @@ class Evaluation:
     # Shapley share of each effect in the reduction of its segment's features; they sum to 1 in each
     # segment. Empty if some effects can only be applied together.
     shares: dict[str, float]
+    evidence: dict[str, object] = dataclasses.field(default_factory=dict)
 
 
 def evaluate_reduction(
@@ -56,6 +59,7 @@ def evaluate_reduction(
     distances = [_distances(scene, settings) for scene in track(held_out, "held-out scenes")]
     before, after, floor = ([scene[part] for scene in distances] for part in range(3))
     shares: dict[str, float] = {}
+    proofs: dict[str, object] = {}
     for segment in segments:
         table, real, simulated = _likelihoods(segment, held_out)
         change = _change(table, segment.settings) if segment.settings else real.no_change
@@ -68,9 +72,15 @@ def evaluate_reduction(
             for row, size in zip(rows, likelihood.scene_sizes(applied), strict=True):
                 row[name] = float(size)
         shares |= _shares(segment, table, real)
+        trained = segment.table
+        for name, each in evidence(segment, table, real).items():
+            proofs[name] = {"test": dataclasses.asdict(each)}
+        for name, each in evidence(segment, trained, segment.likelihood).items():
+            proofs[name]["train"] = dataclasses.asdict(each)
     return Evaluation(
         figures=gap_reductions(before, after, floor, [scene.room for scene in held_out]),
         shares=shares,
+        evidence=proofs,
     )
 
 

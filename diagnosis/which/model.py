@@ -106,6 +106,15 @@ class EffectModel:
         places = (*self.places[:number], addition.place, *self.places[number + 1 :])
         return EffectModel(terms, places, self.interaction)
 
+    def with_signature(self, extended: Signature, number: int) -> EffectModel:
+        """Replace a signature by one with further values; all strengths stay."""
+        values = np.array(extended.values, float)
+        value = self.terms[number].value(self.places[number])
+        place = float(np.interp(float(value), values, range(len(values))))
+        terms = (*self.terms[:number], extended, *self.terms[number + 1 :])
+        places = (*self.places[:number], place, *self.places[number + 1 :])
+        return EffectModel(terms, places, self.interaction)
+
     def gain_over(self, reference: EffectModel, likelihood: Likelihood) -> float:
         """Compute the gain in log-likelihood over another model, summed over scenes."""
         difference = likelihood.cost(reference.predict()) - likelihood.cost(self.predict())

@@ -16,7 +16,7 @@ from starling.diagnosis.which.model import (
     SearchContext,
     fit_and_simulate,
 )
-from starling.diagnosis.which.response import Signature
+from starling.diagnosis.which.response import Signature, add_node
 from starling.diagnosis.which.steps import (
     Removal,
     accept,
@@ -24,12 +24,13 @@ from starling.diagnosis.which.steps import (
     promising_fits,
     prune,
 )
-from starling.diagnosis.which.strengths import refine
+from starling.diagnosis.which.strengths import beyond_range, refine
 from starling.diagnosis.which.table import Rows
 from starling.sim.effects.effect import Stage, Value
 
 _LEVEL = 0.9  # Confidence level of intervals.
 _MARGIN_SHARE = 0.1  # Share of an effect's own gain by which it must exceed a rival.
+_WIDENINGS = 2  # Number of times that a range is widened.
 _EQUAL_COST = 3.0  # Difference of log-likelihoods that is negligible: odds of 20 to 1.
 
 
@@ -41,6 +42,13 @@ class AcceptedEffect:
     interval: tuple[Value, Value]
     rivals: tuple[Fit, ...]  # Candidates that the data cannot distinguish from it in its place.
     rival_intervals: tuple[tuple[Value, Value], ...]
+
+    @property
+    def at_end(self) -> bool:
+        """Whether a number lies at an end of the values that were tried."""
+        tried = self.fit.places
+        numeric = self.fit.signature.candidate.numeric
+        return numeric and self.fit.place in (tried[0], tried[-1])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -82,6 +90,7 @@ def search_effects(
     )
     model = accept(singles, empty, context) or empty
     model, removals = prune(grow(model, context, signatures), context)
+    model, removals = _widen(model, removals, context)
     model, removals = _prefer_sensor(model, removals, context, signatures)
     predicted = model.predict()
     return SearchResult(
@@ -96,6 +105,25 @@ def search_effects(
         residual=likelihood.residual(predicted),
         unexplained=likelihood.unexplained(predicted),
     )
+
+
+def _widen(
+    model: EffectModel, removals: list[Removal], context: SearchContext
+) -> tuple[EffectModel, list[Removal]]:
+    """Try values beyond the range of effects that lie at its end, if the sensor can have them."""
+    widened = model
+    for number in range(len(model.terms)):
+        for _ in range(_WIDENINGS):
+            term, place = widened.terms[number], widened.places[number]
+            value = beyond_range(term, place)
+            extended = term if value is None else add_node(term, value, context.table)
+            if len(extended.values) == len(term.values):
+                break
+            proposal = fit_and_simulate(context, widened.with_signature(extended, number))
+            if proposal is None or proposal.gain_over(widened, context.likelihood) <= 0:
+                break
+            widened = proposal
+    return (model, removals) if widened is model else prune(widened, context)
 
 
 def _prefer_sensor(

@@ -189,6 +189,22 @@ def _next_value(fitted: Fit) -> Value | None:
     return value if distance > least * abs(float(value) - base) else None
 
 
+def beyond_range(signature: Signature, place: float) -> Value | None:
+    """Return a value of twice the departure if an effect lies at an end of its range, else None."""
+    last = len(signature.values) - 1
+    if not signature.candidate.numeric or place not in (0, last):
+        return None
+    base, end = float(signature.candidate.base), float(signature.values[round(place)])
+    beyond = [
+        node
+        for node in signature.candidate.nodes
+        if _is_beyond(signature, round(place), float(node))
+    ]
+    if beyond or end == base:
+        return None
+    return base + 2 * (end - base)
+
+
 def _halfway(first: float, second: float, base: float) -> float:
     """Return the geometric mean of two departures; the arithmetic mean if signs differ."""
     first_departure, second_departure = first - base, second - base

@@ -144,6 +144,7 @@ def _verdict(result: Attribution, *, seed: int) -> dict[str, Any]:
             for segment in result.segments
         },
         "howfar": figures.howfar(result.howfar),
+        "evidence": {} if result.howfar is None else result.howfar.evidence,
         "versions": record.versions(),
         "baselines": _baselines(result.segments, seed=seed),
         "baselines_by_arm": {

@@ -24,6 +24,7 @@ _MAY_BE_ZERO = {
     "read_noise_e",
     "shot_noise",
     "lens_blur_px",
+    "lens_halo",
     "smoothing_px",
     "speckle_contrast",
 }
@@ -58,6 +59,7 @@ class Nominal:
     pixel_pitch_m: float
     f_number: float
     wavelength_nm: float
+    lens_halo: float = 0.0  # Share of the lens spot's light in a halo; its variance stays.
     smoothing_px: float = 0.0  # Gaussian sigma of the device's averaging of codes.
     speckle_contrast: float = 0.0  # Speckle contrast per pixel before smoothing.
     lens_focus_m: float = 1.0

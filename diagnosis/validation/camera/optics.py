@@ -28,12 +28,13 @@ _FINE = 24  # Quadrature points per pixel.
 def focus(light_e: Image, view: LightView, strengths: Strengths) -> Image:
     """Blur light (h, w) by the spot of the lens.
 
-    The nominal lens has a Gaussian spot. Added variance has the shape of a disc, the spot of a
-    defocused round aperture. Removed variance narrows the Gaussian.
+    The nominal lens has a Gaussian spot, with a halo if `Nominal.lens_halo` is set. Added variance
+    has the shape of a disc, the spot of a defocused round aperture. Removed variance narrows the
+    spot.
     """
     nominal_px = strengths.nominal.lens_blur_px
     narrow_px = min(nominal_px, strengths["lens_blur"])
-    sharp = psf.blur(light_e, psf.kernel("gaussian", narrow_px))
+    sharp = psf.with_halo(light_e, narrow_px, strengths.nominal.lens_halo)
     return psf.scatter(sharp, added_blur_px(view, strengths), "disc")
 
 

@@ -143,6 +143,21 @@ def scatter(image: Image, sigma_px: Image, shape: Shape) -> Image:
     return _mixed(image, sigma_px, lambda width: kernel(shape, width))
 
 
+def with_halo(image: Image, sigma_px: float, share: float) -> Image:
+    """Blur an image (h, w) by a Gaussian core and a wider Gaussian halo.
+
+    Args:
+        image: Light.
+        sigma_px: Standard deviation of the whole spot along each axis [px].
+        share: Share of the light in the halo, 0 to 1.
+    """
+    core_px = sigma_px / math.sqrt(1.0 - share + share * _HALO_RATIO**2)
+    core = blur(image, kernel("gaussian", core_px))
+    if share == 0.0:
+        return core
+    return (1.0 - share) * core + share * blur(image, kernel("gaussian", _HALO_RATIO * core_px))
+
+
 def scatter_ellipses(image: Image, spots: Moments) -> Image:
     """Spread the light of every pixel by an elliptic spot with a bright core and a halo.
 

@@ -1,0 +1,222 @@
+r"""Diagnose development cases whose base is imperfect, and score effects and surrogates.
+
+The second camera implementation captures eight development scenes. Its lens spot has a halo that
+the base lacks, and its ambient light is occluded in corners. Both stay unknown to the diagnosis.
+`--perfect` leaves both away. WORK caches light, captures, simulations and verdicts.
+
+Usage:
+    python benchmarks/diagnosis/imperfect_base.py --work WORK [--perfect] [--cases N]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from starling.diagnosis.validation.adapters import light_sets
+from starling.diagnosis.validation.adapters.cameras import builtin_camera
+from starling.diagnosis.validation.camera import nominal
+from starling.diagnosis.validation.camera.catalogue import ROWS
+from starling.diagnosis.validation.protocol import limits, programs, shoot
+from starling.diagnosis.validation.protocol.case import Case, CaseKind, draw
+from starling.sim import effects
+
+SCENES = tuple(
+    f"tabletop:{n}" if n % 4 == 3 else f"clutter:{n}" for n in range(7110, 7118)
+)  # Development scenes.
+SIZE = (320, 180)  # Width and height [px].
+FRAMES = 2  # Frames per scene.
+ENTROPY = 59  # Seed of the drawn cases.
+COUNTS: dict[CaseKind, int] = {"null": 10, "single": 24, "pair": 8, "unknown": 10}
+HALO = 0.2  # Share of the lens spot's light in its halo.
+REACH_M = 0.15  # Distance up to which surfaces occlude ambient light [m].
+DIRECTIONS = 12  # Directions in the image in which occluders are looked for.
+STEPS = 6  # Samples in each direction.
+
+
+def main() -> None:
+    """Diagnose all cases and print the scores."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--work", type=Path, required=True)
+    parser.add_argument("--perfect", action="store_true")
+    parser.add_argument("--cases", type=int, help="number of cases; default: all")
+    options = parser.parse_args()
+    name = "perfect" if options.perfect else "imperfect"
+    light = make_light(options.work, imperfect=not options.perfect)
+    believed = nominal.read(light / nominal.FILE)
+    cases = draw_cases(believed)[: options.cases]
+    folder = options.work / name
+    make_captures(folder / "cases", light, cases)
+    sensor = options.work / "light" / programs.SENSOR
+    programs.diagnose(folder / "cases", folder / "verdicts", sensor, options.work / "cache")
+    verdicts = [
+        json.loads((folder / "verdicts" / f"{case.name}.json").read_text()) for case in cases
+    ]
+    for case, verdict in zip(cases, verdicts, strict=True):
+        print(line(case, verdict))
+    print(json.dumps(scores(cases, verdicts, believed), indent=1))
+
+
+def make_light(work: Path, *, imperfect: bool) -> Path:
+    """Render the scenes once, and copy them with occluded ambient light."""
+    light = work / "light"
+    if not light.exists():
+        light_sets.write(light, SCENES, builtin_camera(*SIZE))
+    if not imperfect:
+        return light
+    occluded = work / "occluded light"
+    if not occluded.exists():
+        temporary = work / "part"
+        shutil.rmtree(temporary, ignore_errors=True)
+        shutil.copytree(light, temporary)
+        camera = nominal.read(light / nominal.FILE)
+        for path in sorted(temporary.glob(f"*/{light_sets.LIGHT}")):
+            with np.load(path) as file:
+                arrays = {name: file[name] for name in file.files}
+            for side in ("left", "right"):
+                share = open_sky(arrays[f"{side}_depth_m"].astype(float), camera)
+                arrays[f"{side}_ambient_e"] *= share.astype(np.float32)
+            np.savez_compressed(path, **arrays)
+        table = json.loads((temporary / nominal.FILE).read_text())
+        (temporary / nominal.FILE).write_text(json.dumps({**table, "lens_halo": HALO}, indent=1))
+        temporary.rename(occluded)
+    return occluded
+
+
+def open_sky(depth_m: NDArray[np.float64], camera: nominal.Nominal) -> NDArray[np.float64]:
+    """Return the share (h, w) of ambient light that nearby surfaces leave, from a depth image.
+
+    In each direction of the image, the highest surface above the tangent plane within `REACH_M`
+    blocks light below it (Bavoil et al., Image-space horizon-based ambient occlusion, 2008).
+    """
+    across, down = camera.tangents()
+    point = np.stack([across * depth_m, down * depth_m, depth_m])
+    smooth = ndimage.uniform_filter(np.nan_to_num(depth_m, nan=100.0), 3)
+    position = np.stack([across * smooth, down * smooth, smooth])
+    normal = np.cross(np.gradient(position, axis=1), np.gradient(position, axis=2), axis=0)
+    normal *= np.sign(-(normal * point).sum(0)) / np.maximum(np.linalg.norm(normal, axis=0), 1e-12)
+    reach_px = np.clip(np.nan_to_num(camera.fx_px * REACH_M / depth_m, nan=1.0), 1.0, 60.0)
+    rows, columns = np.indices(depth_m.shape)
+    blocked = np.zeros_like(depth_m)
+    for angle in 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
+        sine = np.zeros_like(depth_m)
+        for step in (1 + np.arange(STEPS)) / STEPS:
+            row = np.clip(np.rint(rows + step * reach_px * np.sin(angle)), 0, camera.height - 1)
+            column = np.clip(
+                np.rint(columns + step * reach_px * np.cos(angle)), 0, camera.width - 1
+            )
+            toward = point[:, row.astype(int), column.astype(int)] - point
+            distance = np.maximum(np.linalg.norm(toward, axis=0), 1e-9)
+            height = (toward * normal).sum(0) / distance
+            fade = np.clip(1.0 - (distance / REACH_M) ** 2, 0.0, 1.0)
+            sine = np.fmax(sine, np.clip(height - 0.1, 0.0, 1.0) * fade)
+        blocked += sine / DIRECTIONS
+    return np.nan_to_num(1.0 - blocked, nan=1.0)
+
+
+def draw_cases(believed: nominal.Nominal) -> tuple[Case, ...]:
+    """Draw the cases."""
+    return draw(
+        believed,
+        COUNTS,
+        families={effect.name: effect.family for effect in effects.table()},
+        limits=limits.read(),
+        kinds=("image", "post"),
+        entropy=ENTROPY,
+    )
+
+
+def make_captures(folder: Path, light: Path, cases: Sequence[Case]) -> None:
+    """Capture the cases, with depth by our matcher."""
+    camera = nominal.read(light / nominal.FILE)
+    missing = [case for case in cases if not (folder / case.name).exists()]
+    if not missing:
+        return
+    temporary = folder.with_name("part")
+    shutil.rmtree(temporary, ignore_errors=True)
+    for case in missing:
+        shoot.shoot(light, case, temporary / case.name, frames=FRAMES)
+    programs.run("own_depth", temporary, flags={"--sensor": light / programs.SENSOR})
+    folder.mkdir(parents=True, exist_ok=True)
+    for case in missing:
+        shoot.postprocess(temporary / case.name, case, camera)
+        (temporary / case.name).rename(folder / case.name)
+
+
+def line(case: Case, verdict: Mapping[str, Any]) -> str:
+    """Write a case and its verdict as a line."""
+    listed = ", ".join(
+        f"{'(' if effect['stand_in'] else ''}{effect['name']}="
+        f"{_short(effect['parameters'][effect['name']])} gain {effect['gain']:.0f}"
+        f"{')' if effect['stand_in'] else ''}"
+        for effect in verdict["effects"]
+    )
+    true = ", ".join(f"{name}={_short(value)}" for name, value in case.settings.items())
+    return f"{case.name} {case.kind:8} true {true or 'none'}; {verdict['verdict']}: {listed}"
+
+
+def _short(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def scores(
+    cases: Sequence[Case], verdicts: Sequence[Mapping[str, Any]], believed: nominal.Nominal
+) -> dict[str, float]:
+    """Score reported effects, which are no surrogates, by kind of case."""
+    reported = [
+        {
+            effect["name"].partition(".")[0]: effect
+            for effect in verdict["effects"]
+            if not effect["stand_in"]
+        }
+        for verdict in verdicts
+    ]
+    pairs = list(zip(cases, reported, strict=True))
+    known = [(case, names) for case, names in pairs if case.kind in ("single", "pair")]
+    right = [name in names for case, names in known for name in case.settings]
+    in_sets = [
+        any(name in {part.partition(".")[0] for part in each["set"]} for each in names.values())
+        for case, names in known
+        for name in case.settings
+    ]
+    wrong = [any(name not in case.settings for name in names) for case, names in pairs]
+    errors = [
+        error
+        for case, names in known
+        for name, true in case.settings.items()
+        if name in names and (error := _error_pct(names[name], true, believed)) is not None
+    ]
+    return {
+        "right effects reported": float(np.mean(right)),
+        "right effects in a set": float(np.mean(in_sets)),
+        "cases with a wrong effect": float(np.mean(wrong)),
+        "nulls with an effect": float(
+            np.mean([bool(names) for case, names in pairs if case.kind == "null"])
+        ),
+        "unknowns with an effect": float(
+            np.mean([bool(names) for case, names in pairs if case.kind == "unknown"])
+        ),
+        "median error of the strength [%]": float(np.median(errors)),
+    }
+
+
+def _error_pct(effect: Mapping[str, Any], true: float, believed: nominal.Nominal) -> float | None:
+    row, value = ROWS[effect["name"].partition(".")[0]], effect["parameters"][effect["name"]]
+    if row.scale == "choice":
+        return None
+    if effect["name"] != row.name or isinstance(value, str):
+        return 100.0
+    departure = row.departure(believed, true)
+    return 100 * abs(row.departure(believed, value) - departure) / departure
+
+
+if __name__ == "__main__":
+    main()
