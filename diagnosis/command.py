@@ -130,15 +130,15 @@ def _tried(families: Sequence[str], leave_out: Sequence[str]) -> list[str] | Non
 
 
 def fixed(diagnosis: Diagnosis, sensor: Sensor) -> Sensor:
-    """Return the sensor with the accepted effects applied, except effects of the scene.
+    """Return the sensor with the reported effects applied, except effects of the scene.
 
-    If the accepted effects exclude each other, the sensor is returned unchanged.
+    If the reported effects exclude each other, the sensor is returned unchanged.
     """
     return setting.on_sensor(sensor, diagnosis.settings) if diagnosis.compatible else sensor
 
 
 def _scene_effects(diagnosis: Diagnosis) -> list[str]:
-    """List accepted effects that belong to the scene, so that no sensor file can hold them."""
+    """List reported effects that belong to the scene, so that no sensor file can hold them."""
     return [
         name
         for name in diagnosis.settings
@@ -148,11 +148,9 @@ def _scene_effects(diagnosis: Diagnosis) -> list[str]:
 
 def as_text(result: Mapping[str, Any]) -> str:
     """Write the result of `diagnose_captures` as text: the answer, and the paths."""
-    lines = [*result["says"], f"Report: {result['report']}"]
+    lines = [*result["says"], *result["notes"], f"Report: {result['report']}"]
     if result["fixed"] is not None:
-        surrogates = any(effect["stand_in"] for effect in result["effects"])
-        note = ", with surrogate effects" if surrogates else ""
-        lines.append(f"Sensor: {result['fixed']}{note}")
+        lines.append(f"Sensor: {result['fixed']}")
     if result["not_in_sensor"]:
         names = ", ".join(result["not_in_sensor"])
         lines.append(f"Effects of the scene, not written to a sensor file: {names}")

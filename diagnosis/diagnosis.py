@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from starling.diagnosis.howfar.evaluation import Evaluation
+from starling.diagnosis.howfar.evidence import EffectEvidence
+from starling.diagnosis.howfar.remainder import Remainder, remainder
 from starling.diagnosis.howfar.residual import METHOD, LearnedResidual, try_residual
 from starling.diagnosis.report.scene_section import SceneImages, scene_images
 from starling.diagnosis.scenes.fit_scene import fitted_values
 from starling.diagnosis.scenes.limits import list_limits
+from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.scenes.selection import load_scenes
 from starling.diagnosis.validation.adapters.families import refuse_unknown_families
 from starling.diagnosis.where.location import GapLocation, locate_gap
+from starling.diagnosis.where.remainder import RemainderPlace, remainder_place
 from starling.diagnosis.which.attribution import (
     Kind,
     absorbed_effects,
@@ -47,8 +51,11 @@ class Diagnosis:
     limits: tuple[str, ...]  # Limits of these captures, one sentence each.
     where: GapLocation
     segments: tuple[SegmentResult, ...]
-    settings: dict[str, Value]  # Value by accepted effect, in all segments.
-    compatible: bool  # Whether one sensor can have all accepted effects.
+    evidence: dict[str, EffectEvidence]  # By accepted effect, in all segments.
+    settings: dict[str, Value]  # Value by reported effect: accepted, and no surrogate.
+    compatible: bool  # Whether one sensor can have all reported effects.
+    remainders: dict[str, Remainder]  # By segment.
+    places: dict[str, RemainderPlace]  # By segment with a remainder.
     absorbed: tuple[str, ...]  # Effects that estimates of reflectance and light partly absorb.
     # The best further capture for each accepted effect and its first equivalent candidate.
     discriminations: tuple[Discrimination, ...]
@@ -104,6 +111,12 @@ def diagnose(
         discriminations = propose_captures(attribution.segments, scenes.training, pool, track)
     settings = attribution.applicable
     learned, failures = try_residual(learner, scenes, settings, track=track)
+    remainders = {
+        segment.table.segment.value: remainder(
+            segment, bool(segment.settings.keys() & settings.keys()), attribution.howfar
+        )
+        for segment in attribution.segments
+    }
     device = (against or captures).info.sensor
     limits = list_limits(device, scenes, families, untried, compatible=attribution.together)
     return Diagnosis(
@@ -115,8 +128,11 @@ def diagnose(
         limits=(*limits, *failures),
         where=location,
         segments=attribution.segments,
+        evidence=attribution.evidence,
         settings=attribution.settings,
         compatible=attribution.together,
+        remainders=remainders,
+        places=_places(scenes.training, settings, remainders),
         absorbed=absorbed_effects(attribution.settings, scenes.complete),
         discriminations=tuple(discriminations),
         howfar=attribution.howfar,
@@ -124,6 +140,20 @@ def diagnose(
         sensitivities=attribution.sensitivities,
         example=scene_images((scenes.held_out or scenes.complete)[0], settings),
     )
+
+
+def _places(
+    training: Sequence[SceneModel],
+    settings: Mapping[str, Value],
+    remainders: Mapping[str, Remainder],
+) -> dict[str, RemainderPlace]:
+    """Describe the remainder in each segment that has one."""
+    places = {
+        segment: remainder_place(training, settings, segment)
+        for segment, left in remainders.items()
+        if left.share
+    }
+    return {segment: place for segment, place in places.items() if place is not None}
 
 
 def _refuse_options(

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from starling.diagnosis.howfar.distances import scene_distances
-from starling.diagnosis.howfar.evidence import evidence
 from starling.diagnosis.howfar.reduction import GapReduction, gap_reductions
+from starling.diagnosis.scenes.observation import SceneObservation
 from starling.diagnosis.scenes.request import CAPTURED
 from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.which import null
 from starling.diagnosis.which.likelihood import Likelihood
+from starling.diagnosis.which.null import BaseSamples
 from starling.diagnosis.which.response import PredictedChange
 from starling.diagnosis.which.segment import SegmentResult
 from starling.diagnosis.which.table import FeatureTable
@@ -31,17 +31,50 @@ OTHER = 100  # Device number and seed of the simulated capture that replaces the
 class Evaluation:
     """Answers to the question how far the gap closes."""
 
-    figures: dict[str, GapReduction]
-    # Shapley share of each effect in the reduction of its segment's features; they sum to 1 in each
-    # segment. Empty if some effects can only be applied together.
+    figures: dict[str, GapReduction]  # With all reported effects together; empty without any.
+    alone: dict[str, dict[str, GapReduction]]  # With each accepted effect by itself.
+    # Shapley share of each reported effect in the reduction of its segment's features; they sum to
+    # 1 in each segment. Empty if some effects can only be applied together.
     shares: dict[str, float]
-    evidence: dict[str, object] = dataclasses.field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class HeldOutSegment:
+    """One segment on the held-out scenes."""
+
+    segment: SegmentResult
+    table: FeatureTable
+    base: BaseSamples
+    likelihood: Likelihood  # Of the real gap.
+
+    def own(self, settings: Settings) -> dict[str, Value]:
+        """Select the values of effects that the segment accepts."""
+        return {name: value for name, value in settings.items() if name in self.segment.settings}
+
+
+def held_out_segments(
+    segments: Sequence[SegmentResult], held_out: Sequence[SceneModel]
+) -> list[HeldOutSegment]:
+    """Simulate the base of each segment on held-out scenes.
+
+    Args:
+        segments: segments with their features.
+        held_out: scenes that were not used to select effects, at least one.
+    """
+    prepared = []
+    for segment in segments:
+        table = segment.table.with_scenes(held_out)
+        base = null.simulate_base(table)
+        likelihood = base.likelihood(table.rows(CAPTURED), segment.screening.weight)
+        prepared.append(
+            HeldOutSegment(segment=segment, table=table, base=base, likelihood=likelihood)
+        )
+    return prepared
 
 
 def evaluate_reduction(
-    held_out: Sequence[SceneModel],
-    settings: Settings,
-    segments: Sequence[SegmentResult],
+    segments: Sequence[HeldOutSegment],
+    reported: Settings,
     *,
     track: progress.Progress = progress.silent,
 ) -> Evaluation:
@@ -51,64 +84,80 @@ def evaluate_reduction(
     In addition, `features of the SEGMENT` is the size of the gap over all features.
 
     Args:
-        held_out: scenes that were not used to select effects.
-        settings: value by accepted effect.
-        segments: segments with their features.
+        segments: segments on the held-out scenes, at least one.
+        reported: value by accepted effect that is no surrogate.
         track: wraps loops that take long.
     """
-    distances = [_distances(scene, settings) for scene in track(held_out, "held-out scenes")]
-    before, after, floor = ([scene[part] for scene in distances] for part in range(3))
+    accepted = {name: value for each in segments for name, value in each.segment.settings.items()}
+    trials = [{name: value} for name, value in accepted.items()]
+    together = dict(reported)
+    if together and together not in trials:
+        trials.append(together)
+    base = [_draws(scene, {}) for scene in segments[0].table.scene_models]
+    measured = {
+        tuple(trial): _reductions(segments, base, trial)
+        for trial in track(trials, "held-out scenes")
+        if all(each.table.change(each.own(trial)) is not None for each in segments)
+    }
     shares: dict[str, float] = {}
-    proofs: dict[str, object] = {}
-    for segment in segments:
-        table, real, simulated = _likelihoods(segment, held_out)
-        change = _change(table, segment.settings) if segment.settings else real.no_change
-        name = f"features of the {segment.table.segment.value}"
+    for each in segments:
+        own = each.own(reported)
+        shares |= _shares(own, each.table, each.likelihood) if own else {}
+    return Evaluation(
+        figures=measured.get(tuple(together), {}),
+        alone={name: measured.get((name,), {}) for name in accepted},
+        shares=shares,
+    )
+
+
+def _reductions(
+    segments: Sequence[HeldOutSegment],
+    base: Sequence[Sequence[SceneObservation]],
+    settings: Settings,
+) -> dict[str, GapReduction]:
+    """Measure the gap reduction by some effects; `base` holds draws of each scene without."""
+    held_out = segments[0].table.scene_models
+    distances = [
+        _distances(scene, draws, settings) for scene, draws in zip(held_out, base, strict=True)
+    ]
+    before, after, floor = ([scene[part] for scene in distances] for part in range(3))
+    for each in segments:
+        segment = each.segment.table.segment.value
+        own = each.own(settings)
+        capture_base, capture = null.simulate_capture(each.table, each.base, own, number=OTHER)
+        simulated = capture_base.likelihood(capture, each.likelihood.weight)
+        none = each.likelihood.no_change
+        change = _change(each.table, own) if own else none
         for rows, likelihood, applied in (
-            (before, real, real.no_change),
-            (after, real, change),
+            (before, each.likelihood, none),
+            (after, each.likelihood, change),
             (floor, simulated, change),
         ):
             for row, size in zip(rows, likelihood.scene_sizes(applied), strict=True):
-                row[name] = float(size)
-        shares |= _shares(segment, table, real)
-        trained = segment.table
-        for name, each in evidence(segment, table, real).items():
-            proofs[name] = {"test": dataclasses.asdict(each)}
-        for name, each in evidence(segment, trained, segment.likelihood).items():
-            proofs[name]["train"] = dataclasses.asdict(each)
-    return Evaluation(
-        figures=gap_reductions(before, after, floor, [scene.room for scene in held_out]),
-        shares=shares,
-        evidence=proofs,
-    )
+                row[f"features of the {segment}"] = float(size)
+    return gap_reductions(before, after, floor, [scene.room for scene in held_out])
 
 
-def _distances(scene: SceneModel, settings: Settings) -> tuple[dict[str, float], ...]:
+def _draws(scene: SceneModel, settings: Settings) -> list[SceneObservation]:
+    """Simulate a scene with several seeds; nothing if it is compared with another capture."""
+    if scene.against is not None:
+        return []
+    return [scene.observe(scene.request(settings, seed=seed)) for seed in range(DRAWS)]
+
+
+def _distances(
+    scene: SceneModel, base: Sequence[SceneObservation], settings: Settings
+) -> tuple[dict[str, float], ...]:
     """Return the distances before, after and at the noise floor for one scene."""
     if scene.against is not None:
         return {}, {}, {}
-    before, after = (
-        [scene.observe(scene.request(values, seed=seed)) for seed in range(DRAWS)]
-        for values in ({}, settings)
-    )
+    after = _draws(scene, settings)
     replacement = scene.observe(scene.request(settings, seed=OTHER, device=OTHER))
     return (
-        scene_distances(scene.real, before, scene.strata),
+        scene_distances(scene.real, base, scene.strata),
         scene_distances(scene.real, after, scene.strata),
         scene_distances(replacement, after, scene.strata),
     )
-
-
-def _likelihoods(
-    segment: SegmentResult, held_out: Sequence[SceneModel]
-) -> tuple[FeatureTable, Likelihood, Likelihood]:
-    """Return the feature table, and likelihoods of real and of simulated captures."""
-    table = segment.table.with_scenes(held_out)
-    base, weight = null.simulate_base(table), segment.screening.weight
-    capture_base, simulated = null.simulate_capture(table, base, segment.settings, number=OTHER)
-    real = base.likelihood(table.rows(CAPTURED), weight)
-    return table, real, capture_base.likelihood(simulated, weight)
 
 
 def _change(table: FeatureTable, settings: Settings) -> PredictedChange:
@@ -117,18 +166,16 @@ def _change(table: FeatureTable, settings: Settings) -> PredictedChange:
     return PredictedChange(change)
 
 
-def _shares(
-    segment: SegmentResult, table: FeatureTable, likelihood: Likelihood
-) -> dict[str, float]:
-    """Return Shapley values of the accepted effects over their joint reduction.
+def _shares(settings: Settings, table: FeatureTable, likelihood: Likelihood) -> dict[str, float]:
+    """Return Shapley values of effects over their joint reduction.
 
     Source: Shapley, A value for n-person games (1953), eq. 13.
     """
-    names = tuple(segment.settings)
+    names = tuple(settings)
     reduction: dict[tuple[str, ...], float] = {(): 0.0}
     for count in range(1, len(names) + 1):
         for subset in itertools.combinations(names, count):
-            change = table.change({name: segment.settings[name] for name in subset})
+            change = table.change({name: settings[name] for name in subset})
             if change is None:  # For example a small SGM penalty above the base's large one.
                 return {}
             size = likelihood.size(PredictedChange(change))

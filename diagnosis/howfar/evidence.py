@@ -1,71 +1,77 @@
-"""Evidence for each accepted effect on scenes that were not used to select it."""
+"""Evidence for each accepted effect, and the reasons for which an effect is a surrogate.
+
+A surrogate reduces the gap in the place of another cause. That something else remains is no reason:
+a correct effect beside an unknown one also leaves a remainder.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from starling.diagnosis.which.likelihood import LARGEST, Likelihood, clipped_squares, total_size
+from starling.diagnosis.which.likelihood import Likelihood
 from starling.diagnosis.which.residuals import by_group
 from starling.diagnosis.which.response import PredictedChange
+from starling.diagnosis.which.search import AcceptedEffect
 from starling.diagnosis.which.segment import SegmentResult
 from starling.diagnosis.which.table import FeatureTable
 
+SurrogateReason = Literal["rival", "range", "held out", "worse"]
+
+_WORSE_SHARE = 0.25  # Least ratio of what an effect worsens to what it improves.
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Evidence:
-    gain: float
-    gain_scenes: list[float]
-    before: float
-    after: float
-    worse: float
-    better: float
-    own: float
-    own_norm: float
-    cosine: float
+class EffectEvidence:
+    """What an effect does on scenes that did not select it, given the other effects."""
+
+    gain: float  # Gain in log-likelihood.
+    improved: float  # Decrease in the size of the gap, summed over feature groups that improve.
+    worsened: float  # Increase, summed over feature groups that worsen.
+    reasons: tuple[SurrogateReason, ...]  # Empty for an effect that is no surrogate.
 
 
-def evidence(
+def weigh_effects(
     segment: SegmentResult, table: FeatureTable, likelihood: Likelihood
-) -> dict[str, Evidence]:
-    settings, names = segment.settings, table.names
-    whole = table.change(settings)
-    assert whole is not None
-    found = {}
-    for name in settings:
-        rest = {other: value for other, value in settings.items() if other != name}
-        others = table.change(rest) if rest else np.zeros_like(whole)
-        if others is None:
-            continue
-        change_before, change_after = PredictedChange(others), PredictedChange(whole)
-        before, after = likelihood.residual(change_before), likelihood.residual(change_after)
-        groups_before = by_group(names, before, likelihood.weight)
-        groups_after = by_group(names, after, likelihood.weight)
-        steps = [groups_after[g] - groups_before[g] for g in groups_before]
-        response = (whole - others) / likelihood.deviation
-        known = np.isfinite(likelihood.gap)
-        moved = likelihood.weight * np.where(known, np.minimum(response**2, LARGEST), 0.0)
-        gap = np.nan_to_num(before)
-        dot = float((likelihood.weight * gap * np.where(known, response, 0.0)).sum())
-        norm = np.sqrt(
-            (likelihood.weight * gap**2).sum()
-            * (likelihood.weight * np.where(known, response, 0.0) ** 2).sum()
-        )
-        gains = likelihood.cost(change_before) - likelihood.cost(change_after)
-        found[name] = Evidence(
-            gain=float(gains.sum()),
-            gain_scenes=gains.tolist(),
-            before=total_size(before, likelihood.weight),
-            after=total_size(after, likelihood.weight),
-            worse=float(sum(max(step, 0.0) for step in steps)),
-            better=float(sum(max(-step, 0.0) for step in steps)),
-            own=1
-            - float(
-                (moved * clipped_squares(after)).sum()
-                / max((moved * clipped_squares(before)).sum(), 1e-9)
-            ),
-            own_norm=float((moved * clipped_squares(after)).sum() / max(moved.sum(), 1e-9)),
-            cosine=dot / max(float(norm), 1e-9),
-        )
-    return found
+) -> dict[str, EffectEvidence]:
+    """Weigh the evidence for each accepted effect of a segment.
+
+    Args:
+        segment: segment with its accepted effects.
+        table: feature table of held-out scenes, or of the training scenes if none is held out.
+        likelihood: likelihood of the gap of these scenes.
+    """
+    return {
+        effect.fit.name: _weigh(effect, segment, table, likelihood)
+        for effect in segment.search.accepted
+    }
+
+
+def _weigh(
+    effect: AcceptedEffect, segment: SegmentResult, table: FeatureTable, likelihood: Likelihood
+) -> EffectEvidence:
+    settings = segment.settings
+    rest = {name: value for name, value in settings.items() if name != effect.fit.name}
+    after, before = table.change(settings), table.change(rest)
+    assert after is not None  # The search accepts only effects that the sensor can have.
+    changes = [PredictedChange(np.zeros_like(after) if before is None else before)]
+    changes.append(PredictedChange(after))
+    costs = [likelihood.cost(change).sum() for change in changes]
+    groups = [
+        by_group(table.names, likelihood.residual(change), likelihood.weight) for change in changes
+    ]
+    steps = np.array([groups[1][name] - size for name, size in groups[0].items()])
+    gain = float(costs[0] - costs[1])
+    improved, worsened = float(-steps[steps < 0].sum()), float(steps[steps > 0].sum())
+    reasons: list[SurrogateReason] = []
+    if any(rival.total > effect.fit.total for rival in effect.rivals):
+        reasons.append("rival")
+    if effect.at_end:
+        reasons.append("range")
+    if gain <= 0:
+        reasons.append("held out")
+    if worsened > _WORSE_SHARE * improved:
+        reasons.append("worse")
+    return EffectEvidence(gain=gain, improved=improved, worsened=worsened, reasons=tuple(reasons))

@@ -8,9 +8,12 @@ from typing import Any
 
 from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.howfar.evaluation import Evaluation
+from starling.diagnosis.howfar.evidence import EffectEvidence
+from starling.diagnosis.howfar.reduction import GapReduction
 from starling.diagnosis.howfar.residual import LearnedResidual
 from starling.diagnosis.report import sentences
 from starling.diagnosis.where import frames
+from starling.diagnosis.where.remainder import RemainderPlace
 from starling.diagnosis.which.search import AcceptedEffect
 from starling.diagnosis.which.segment import SegmentResult
 
@@ -24,10 +27,15 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": diagnosis.kind,
         "against": diagnosis.against,
         "says": sentences.answer(diagnosis),
+        "notes": sentences.notes(diagnosis),
         "effects": [
             {**effect, "taken_up": effect["name"] in diagnosis.absorbed}
-            for effect in effects(diagnosis.segments)
+            for effect in effects(diagnosis.segments, diagnosis.evidence, diagnosis.howfar)
         ],
+        "unexplained_share": {
+            segment: dataclasses.asdict(left) for segment, left in diagnosis.remainders.items()
+        },
+        "weak": weak_candidates(diagnosis.segments),
         "noticed": [dataclasses.asdict(limits) for limits in diagnosis.sensitivities],
         "tell_apart": [
             {**dataclasses.asdict(pair), "enough": pair.enough}
@@ -52,12 +60,14 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
                 quantity: frames.common_frame(diagnosis.where.maps, quantity)
                 for quantity in dict.fromkeys(each.quantity for each in diagnosis.where.maps)
             },
+            "levels": diagnosis.where.levels,
             "bodies": [dataclasses.asdict(body) for body in diagnosis.where.bodies],
         },
         "which": {
             segment.table.segment.value: {
                 **_segment(segment),
                 "frame": frames.segment_frame(diagnosis.where.maps, segment.table.segment.value),
+                "remainder": _place(diagnosis.places.get(segment.table.segment.value)),
             }
             for segment in diagnosis.segments
         },
@@ -73,16 +83,43 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def effects(segments: Sequence[SegmentResult]) -> list[dict[str, Any]]:
+def effects(
+    segments: Sequence[SegmentResult],
+    evidence: Mapping[str, EffectEvidence],
+    evaluation: Evaluation | None,
+) -> list[dict[str, Any]]:
     """Return the figures of each accepted effect."""
-    return [_effect(segment, effect) for segment in segments for effect in segment.search.accepted]
+    return [
+        _effect(segment, effect, evidence[effect.fit.name], evaluation)
+        for segment in segments
+        for effect in segment.search.accepted
+    ]
+
+
+def weak_candidates(segments: Sequence[SegmentResult]) -> list[dict[str, Any]]:
+    """Return the best candidates of segments with a gap in which no effect is accepted."""
+    return [
+        {
+            "name": fit.name,
+            "arm": segment.table.segment.value,
+            "value": fit.value,
+            "gain": fit.total,
+            "needed": segment.search.threshold,
+        }
+        for segment in segments
+        for fit in segment.weak
+    ]
 
 
 def howfar(evaluation: Evaluation | None) -> dict[str, Any]:
     """Return before, after, floor and reduction of each figure."""
     if evaluation is None:
         return {}
-    return {name: dataclasses.asdict(reduction) for name, reduction in evaluation.figures.items()}
+    return _reductions(evaluation.figures)
+
+
+def _reductions(figures: Mapping[str, GapReduction]) -> dict[str, Any]:
+    return {name: dataclasses.asdict(reduction) for name, reduction in figures.items()}
 
 
 def _with_bound(figures: dict[str, Any], residual: LearnedResidual | None) -> dict[str, Any]:
@@ -101,7 +138,16 @@ def _part(part: Any) -> dict[str, Any]:
     return {**dataclasses.asdict(part), "image_share": part.image_share}
 
 
-def _effect(segment: SegmentResult, effect: AcceptedEffect) -> dict[str, Any]:
+def _place(place: RemainderPlace | None) -> dict[str, Any] | None:
+    return None if place is None else dataclasses.asdict(place)
+
+
+def _effect(
+    segment: SegmentResult,
+    effect: AcceptedEffect,
+    evidence: EffectEvidence,
+    evaluation: Evaluation | None,
+) -> dict[str, Any]:
     return {
         "name": effect.fit.name,
         "arm": segment.table.segment.value,
@@ -116,7 +162,10 @@ def _effect(segment: SegmentResult, effect: AcceptedEffect) -> dict[str, Any]:
         },
         "rival_gains": {rival.name: rival.total for rival in effect.rivals},
         "gain": effect.fit.total,
-        "stand_in": segment.unexplained,
+        "at_end": effect.at_end,
+        "stand_in": bool(evidence.reasons),
+        "evidence": dataclasses.asdict(evidence),
+        "closes": {} if evaluation is None else _reductions(evaluation.alone[effect.fit.name]),
     }
 
 

@@ -9,10 +9,10 @@ from html import escape
 import numpy as np
 
 from starling.diagnosis.diagnosis import Diagnosis
+from starling.diagnosis.howfar.evaluation import Evaluation
 from starling.diagnosis.howfar.reduction import GapReduction
 from starling.diagnosis.howfar.residual import Absorption, LearnedResidual
-from starling.diagnosis.report import sentences
-from starling.sim.report.elements import Bar, Kind, chart, counted, interval, number, prose
+from starling.sim.report.elements import Bar, Kind, chart, counted, interval, number, prose, table
 
 _KINDS: dict[str, Kind] = {"after": "second", "floor": "part", "bound": "third"}
 TITLES = {
@@ -34,15 +34,16 @@ def section(diagnosis: Diagnosis) -> str:
     residual = diagnosis.residual
     learned = "" if residual is None else _learned(residual)
     bound = {} if residual is None else residual.bound
-    if diagnosis.howfar is None:
+    if diagnosis.howfar is None or not diagnosis.howfar.figures:
         before = {} if residual is None else residual.alone
         why = (
             "no scene is held out"
             if not diagnosis.held_out
-            else "no effect was accepted whose contribution can be measured"
+            else "no effect is reported whose contribution can be measured"
         )
         return (
             prose(f"The gap reduction was not evaluated: {why}.")
+            + _alone(diagnosis.howfar)
             + "".join(
                 f"<h4>{_title(name)}</h4>{_bars(before=before[name], bound=bound[name])}"
                 for name in bound
@@ -62,21 +63,39 @@ def section(diagnosis: Diagnosis) -> str:
         "Gap reduction: (before minus after) over (before minus floor). Above 100 %, the remaining "
         "gap is smaller than the difference of two devices; below 0 %, the gap has grown."
     )
-    surrogates = (
-        "Surrogate effects are among the accepted ones. Their gap reduction measures how well they "
-        "imitate an unknown effect; it does not show that they are present."
-    )
     return (
         prose(text)
-        + (prose(surrogates) if sentences.with_surrogates(diagnosis) else "")
         + _overview(diagnosis.howfar.figures)
         + "".join(
             _figure(name, reduction, bound.get(name))
             for name, reduction in diagnosis.howfar.figures.items()
         )
+        + _alone(diagnosis.howfar)
         + _shares(diagnosis.howfar.shares)
         + learned
     )
+
+
+def _alone(evaluation: Evaluation | None) -> str:
+    """List what each accepted effect closes by itself, also surrogates."""
+    if evaluation is None:
+        return ""
+    names = list(dict.fromkeys(name for each in evaluation.alone.values() for name in each))
+    rows = [
+        [f"<code>{escape(effect)}</code>", *(_closed(figures.get(name)) for name in names)]
+        for effect, figures in evaluation.alone.items()
+    ]
+    if not names or not rows:
+        return ""
+    text = "Gap reduction in percent by each accepted effect alone, surrogates included."
+    head = ["Effect", *(f"<code>{escape(name)}</code>" for name in names)]
+    return f"<h3>Each effect by itself</h3>{prose(text)}{table(head, rows)}"
+
+
+def _closed(reduction: GapReduction | None) -> str:
+    if reduction is None or reduction.closed_pct is None:
+        return ""
+    return number(reduction.closed_pct, ".0f")
 
 
 def _overview(figures: Mapping[str, GapReduction]) -> str:

@@ -18,7 +18,7 @@ from starling.sim.report.elements import counted, listed, number, prose, table
 _VERDICTS = {
     "effects": "Consistent with known effects",
     "no gap": "No gap found",
-    "none of the known": "Not explained by the known effects",
+    "none of the known": "No known effect explains the gap",
     "cannot tell": "These captures cannot identify the effect",
 }
 _QUESTIONS = ("Where", "Which", "How far")
@@ -53,6 +53,7 @@ def _answer(diagnosis: Diagnosis) -> str:
     scenes = counted(len(diagnosis.scenes), "scene")
     return (
         f'<ul class="answer">{items}</ul>{_compared(diagnosis)}'
+        f"{elements.sentences(sentences.notes(diagnosis), '')}"
         f"<p>Diagnosed: {scenes}, {listed(diagnosis.scenes)}. {held_out}</p>"
         f"{limits if diagnosis.limits else ''}"
     )

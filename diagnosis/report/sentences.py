@@ -4,15 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from starling.diagnosis.diagnosis import Diagnosis
+from starling.diagnosis.howfar.evidence import SurrogateReason
 from starling.diagnosis.howfar.reduction import GapReduction
 from starling.diagnosis.report.words import side_names
 from starling.diagnosis.where import frames
+from starling.diagnosis.where.remainder import RemainderPlace, Scale
 from starling.diagnosis.which.search import AcceptedEffect
 from starling.diagnosis.which.segment import SegmentResult
 from starling.sim.effects.effect import Value
+from starling.sim.report.elements import counted
 
-_SUMMARY = {"ndp_brier": "holes (Brier score)"}  # Figures short enough for the summary sentence.
+_LEVEL_RATIO = 1.25  # Ratio of levels from which the exposure is called off.
+REASONS: dict[SurrogateReason, str] = {
+    "rival": "another effect explains more",
+    "range": "its value is at the end of what is possible",
+    "held out": "it does not help on held-out rooms",
+    "worse": "it makes other figures worse",
+}
+SCALES: dict[Scale, str] = {
+    "pixels": "single pixels",
+    "dots": "dots, up to 16 px",
+    "image": "the image, beyond 16 px",
+}
+FIGURES = {
+    "ndp_brier": "the Brier score of holes",
+    "ndp_1_auc": "the ranking of holes",
+    "ndp_ece": "the calibration of holes",
+    "ndp_1_iou": "the overlap of holes",
+    "bias_px": "the bias of disparity",
+    "log_nmad": "the noise of disparity",
+    "error_distribution_px": "the distribution of disparity errors",
+    "dot_contrast": "the contrast of dots",
+    "infrared_nll": "the likelihood of the images",
+    "log_noise_in_time": "the noise in time",
+}
 SEGMENTS = {
     "image": "the infrared images",
     "depth": "the device's matcher and filters",
@@ -53,6 +81,20 @@ def answer(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
+def notes(diagnosis: Diagnosis) -> list[str]:
+    """Return what the answer leaves out: levels, all effects, surrogates and the remainder."""
+    return [
+        *_levels(diagnosis),
+        *(
+            _note(diagnosis, effect)
+            for segment in diagnosis.segments
+            for effect in segment.search.accepted
+        ),
+        *(_too_weak(segment) for segment in diagnosis.segments if segment.weak),
+        *_remainders(diagnosis),
+    ]
+
+
 def _where(diagnosis: Diagnosis) -> str:
     part = diagnosis.where.parts["ndp_rate"]
     real = part.device if part.device is not None else part.rematched
@@ -63,14 +105,8 @@ def _where(diagnosis: Diagnosis) -> str:
     text = f"{_percent(real)} of the pixels have no depth, against {_percent(base)} {clause}"
     if part.image_share is not None and part.image is not None and part.matcher is not None:
         text += (
-            f"; the images contribute {_points(part.image[0])} to the gap, matcher and filters "
+            f"; images contribute {_points(part.image[0])}, matcher and filters "
             f"{_points(part.matcher[0])}"
-        )
-    if diagnosis.where.rules:
-        rule = diagnosis.where.rules[0]
-        text += (
-            f"; the largest part lies where {rule.text} "
-            f"({_points(rule.gap)} in {_percent(rule.area)} of the pixels)"
         )
     return text + "."
 
@@ -80,38 +116,102 @@ def _which(diagnosis: Diagnosis) -> str:
         return "These captures cannot identify the effect."
     if diagnosis.kind == "no gap":
         return "No gap beyond noise was found, so no effect is reported."
-    if diagnosis.kind == "effects":
-        accepted = [
-            _accepted(diagnosis, effect)
-            for segment in diagnosis.segments
-            for effect in segment.search.accepted
-        ]
-        return f"The gap is consistent with {' and '.join(accepted)}."
-    leads = [
-        f"{SEGMENTS[segment.table.segment.value]}: {lead(segment)}{fixed_frame(diagnosis, segment)}"
+    reported = reported_effects(diagnosis)
+    if reported:
+        further = len(reported) - 1
+        text = f"The gap is consistent with {_with_interval(reported[0])}"
+        text += f" and {counted(further, 'further effect')}" if further else ""
+        shares = [left.share for left in diagnosis.remainders.values() if left.share is not None]
+        return f"{text}; {_percent(max(shares))} of it stays unexplained." if shares else f"{text}."
+    surrogates = list(diagnosis.evidence)
+    if surrogates:
+        return f"No known effect explains the gap; {surrogates[0]} only imitates its cause."
+    weak = [(segment, fit) for segment in diagnosis.segments for fit in segment.weak]
+    if weak:
+        segment, best = max(weak, key=lambda item: item[1].total)
+        return (
+            f"There is a gap, but each known effect is too weak to name; {best.name} comes first, "
+            f"with a gain of {best.total:.0f} of {segment.search.threshold:.0f}."
+        )
+    return "There is a gap, but no known effect reduces it."
+
+
+def reported_effects(diagnosis: Diagnosis) -> list[AcceptedEffect]:
+    """Return the effects that are no surrogates, by decreasing gain."""
+    reported = [
+        effect
         for segment in diagnosis.segments
-        if segment.unexplained
+        for effect in segment.search.accepted
+        if effect.fit.name in diagnosis.settings
     ]
-    text = "None of the known effects explains the gap. What they leave shows in " + "; ".join(
-        leads
+    return sorted(reported, key=lambda effect: -effect.fit.total)
+
+
+def _levels(diagnosis: Diagnosis) -> Iterator[str]:
+    """Report that captures are brighter or darker than the base, which is no effect yet."""
+    ratios = diagnosis.where.levels
+    if not ratios:
+        return
+    middle = float(np.median(list(ratios.values())))
+    if 1 / _LEVEL_RATIO < middle < _LEVEL_RATIO:
+        return
+    sides = side_names(diagnosis.against)
+    low, high = min(ratios.values()), max(ratios.values())
+    yield (
+        f"Your exposure is off by {middle:.2g}: that is the level of {sides.have[0]} over "
+        f"{sides.have[1]}, {low:.2g} to {high:.2g} by room."
     )
-    return " ".join([f"{text}.", *_partly_explained(diagnosis)])
 
 
-def _partly_explained(diagnosis: Diagnosis) -> Iterator[str]:
-    """Report accepted effects if a segment is unexplained: surrogates there, effects elsewhere."""
+def _note(diagnosis: Diagnosis, effect: AcceptedEffect) -> str:
+    """Describe one accepted effect, and why it is a surrogate if it is one."""
+    text = f"{_with_interval(effect)}"
+    names = [rival.name for rival in effect.rivals]
+    if effect.fit.name in diagnosis.absorbed:
+        names.append(ESTIMATED)
+    text += f", not separable from {', '.join(names)}" if names else ""
+    text += ", at the end of its range" if effect.at_end else ""
+    reasons = diagnosis.evidence[effect.fit.name].reasons
+    if reasons:
+        return f"Surrogate: {text}; {' and '.join(REASONS[reason] for reason in reasons)}."
+    return f"Effect: {text}."
+
+
+def _too_weak(segment: SegmentResult) -> str:
+    """Name the best candidates where no effect gains enough."""
+    best = ", ".join(f"{fit.name} ({fit.total:.0f})" for fit in segment.weak)
+    needed = f"{segment.search.threshold:.0f}"
+    name = SEGMENTS[segment.table.segment.value]
+    return f"Too weak to name in {name}: {best}; a gain of {needed} is needed."
+
+
+def _remainders(diagnosis: Diagnosis) -> Iterator[str]:
+    """Describe how much of each segment's gap stays unexplained, and where."""
     for segment in diagnosis.segments:
-        accepted = [_accepted(diagnosis, effect) for effect in segment.search.accepted]
-        name = SEGMENTS[segment.table.segment.value]
-        if accepted and segment.unexplained:
-            yield f"Surrogate effects in {name}: {', '.join(accepted)}."
-        elif accepted:
-            yield f"The gap in {name} is consistent with {' and '.join(accepted)}."
+        name = segment.table.segment.value
+        left = diagnosis.remainders[name]
+        if not left.share:
+            continue
+        ends = ""
+        if left.interval is not None:
+            ends = f" (95 %: {100 * left.interval[0]:.0f} to {100 * left.interval[1]:.0f})"
+        yield f"Unexplained in {SEGMENTS[name]}: {100 * left.share:.0f} %{ends} of the gap."
+        if segment.lead or segment.varying:
+            yield f"It shows in {lead(segment)}."
+        place = diagnosis.places.get(name)
+        if place is not None and (words := _place(place)):
+            yield f"It {words}."
 
 
-def with_surrogates(diagnosis: Diagnosis) -> bool:
-    """Whether any accepted effect is a surrogate for an unknown one."""
-    return any(segment.unexplained and segment.search.accepted for segment in diagnosis.segments)
+def _place(place: RemainderPlace) -> str:
+    texts = []
+    if place.frame is not None:
+        texts.append(FRAMES[place.frame])
+    if place.zone is not None:
+        texts.append(f"is strongest at the {place.zone} of the image")
+    if place.scale is not None:
+        texts.append(f"has the scale of {SCALES[place.scale]}")
+    return ", ".join(texts)
 
 
 def lead(segment: SegmentResult) -> str:
@@ -140,31 +240,28 @@ def describe_group(group: str) -> str:
     return f"{GROUPS[kind]}{side}{separator and ','}{separator}{covariate}"
 
 
-def _accepted(diagnosis: Diagnosis, effect: AcceptedEffect) -> str:
+def _with_interval(effect: AcceptedEffect) -> str:
     low, high = (number(end) for end in effect.interval)
-    text = f"{effect.fit.name} {number(effect.fit.value)} (90 %: {low} to {high})"
-    names = [rival.name for rival in effect.rivals]
-    if effect.fit.name in diagnosis.absorbed:
-        names.append(ESTIMATED)
-    if names:
-        text += f" (not separable from {', '.join(names)})"
-    return text
+    return f"{effect.fit.name} {number(effect.fit.value)} (90 %: {low} to {high})"
 
 
 def _howfar(diagnosis: Diagnosis) -> str:
-    if diagnosis.howfar is None:
+    if diagnosis.howfar is None or not diagnosis.howfar.figures:
         return "The gap reduction was not evaluated."
-    texts = [
-        f"{_SUMMARY.get(name, name)} {_reduction(reduction)}"
+    scenes = counted(len(diagnosis.held_out), "held-out scene")
+    closed = {
+        name: reduction
         for name, reduction in diagnosis.howfar.figures.items()
-        if name in _SUMMARY or name.startswith("features")
-    ]
-    count = len(diagnosis.held_out)
-    scenes = "1 held-out scene" if count == 1 else f"{count} held-out scenes"
-    if not texts:
+        if reduction.closed_pct is not None
+    }
+    if not closed:
         return f"No gap that could be reduced was measured on {scenes}."
-    clause = " with surrogate effects" if with_surrogates(diagnosis) else ""
-    return f"Gap reduction on {scenes}{clause}: " + ", ".join(texts) + "."
+    name = max(closed, key=lambda each: min(closed[each].closed_pct or 0.0, 100.0))
+    return f"On {scenes}, the reported effects close {_reduction(closed[name])} of {_figure(name)}."
+
+
+def _figure(name: str) -> str:
+    return FIGURES.get(name, f"the {name}")
 
 
 def _residual(diagnosis: Diagnosis) -> list[str]:

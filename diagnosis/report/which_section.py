@@ -93,24 +93,19 @@ def _accepted(diagnosis: Diagnosis, segment: SegmentResult) -> str:
                 escape(_unit(effect.fit.name)),
                 escape(sentences.number(effect.fit.signature.candidate.base)),
                 number(effect.fit.total, ".1f"),
+                "effect" if effect.fit.name in diagnosis.settings else "surrogate",
             ]
         )
-    role = "Surrogate effect" if segment.unexplained else "Consistent with"
-    head = [role, "Value", "90 % interval", "Unit", "Base", "Held-out gain"]
-    items = "".join(
-        f"<li>{_credible_set(diagnosis, effect, surrogate=segment.unexplained)}</li>"
-        for effect in accepted
-    )
+    head = ["Effect", "Value", "90 % interval", "Unit", "Base", "Held-out gain", "Role"]
+    items = "".join(f"<li>{_credible_set(diagnosis, effect)}</li>" for effect in accepted)
     return f"{table(head, rows)}<ul>{items}</ul>"
 
 
-def _credible_set(diagnosis: Diagnosis, accepted: AcceptedEffect, *, surrogate: bool) -> str:
+def _credible_set(diagnosis: Diagnosis, accepted: AcceptedEffect) -> str:
     effect, _ = setting.parameter_of(accepted.fit.name)
     name = f"<b>{escape(accepted.fit.name)}</b>"
     imitates = f'<br><span class="quiet">It imitates: {escape(effect.imitates)}</span>'
     absorbed = accepted.fit.name in diagnosis.absorbed
-    if not accepted.rivals and surrogate:
-        return f"{name} reduces the gap but does not explain it.{imitates}"
     if not accepted.rivals and not absorbed:
         return f"{name} is separable from the other effects that were examined closely.{imitates}"
     rivals = [
@@ -127,10 +122,8 @@ def _lead(diagnosis: Diagnosis, segment: SegmentResult) -> str:
     if not segment.unexplained:
         return ""
     groups = sentences.lead(segment) + sentences.fixed_frame(diagnosis, segment)
-    return (
-        f'<ul class="open"><li>None of the known effects explains the remaining gap. It shows in '
-        f"{escape(groups)}.</li></ul>"
-    )
+    text = f"No known effect explains the remainder. It shows in {groups}."
+    return f'<ul class="open"><li>{escape(text)}</li></ul>'
 
 
 def _groups(segment: SegmentResult) -> str:

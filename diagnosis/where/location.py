@@ -11,6 +11,7 @@ from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.scenes.strata import Image, Mask, Strata
 from starling.diagnosis.where import covariates, maps, rules, swap
 from starling.diagnosis.where.covariates import BinGap
+from starling.diagnosis.where.levels import level_ratios
 from starling.diagnosis.where.maps import BodyGap, GapMap
 from starling.diagnosis.where.rules import GapRule
 from starling.diagnosis.where.swap import StageFigures
@@ -29,6 +30,7 @@ class GapLocation:
     hole_bins: tuple[BinGap, ...]  # Gap in pixels without depth.
     error_bins: tuple[BinGap, ...]  # Gap in pixels wrong by more than `WRONG_PX`.
     rules: tuple[GapRule, ...]
+    levels: dict[str, float]  # By room: median ratio of captured to base level, before any effect.
 
 
 def _wrong(disparity_px: Image, strata: Strata) -> Mask:
@@ -85,6 +87,7 @@ def locate_gap(scene_models: Sequence[SceneModel]) -> GapLocation:
         hole_bins=tuple(covariates.bin_gaps(first, second, scene_strata, rooms, masks)),
         error_bins=tuple(covariates.bin_gaps(wrong[0], wrong[1], scene_strata, rooms, masks)),
         rules=tuple(rules.find_rules(first, second, scene_strata, rooms)),
+        levels=level_ratios(scene_models, base),
     )
 
 

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from starling.diagnosis.howfar.evaluation import Evaluation, evaluate_reduction
+from starling.diagnosis.howfar.evaluation import (
+    Evaluation,
+    evaluate_reduction,
+    held_out_segments,
+)
+from starling.diagnosis.howfar.evidence import EffectEvidence, weigh_effects
 from starling.diagnosis.scenes import fit_scene
 from starling.diagnosis.scenes.estimated import ABSORBED_FAMILIES
 from starling.diagnosis.scenes.observation import DepthObservation, StereoObservation
@@ -37,13 +42,14 @@ class Attribution:
 
     kind: Kind
     segments: tuple[SegmentResult, ...]
-    settings: dict[str, Value]  # Value by accepted effect, in all segments.
-    together: bool  # Whether one sensor can have all accepted effects.
-    howfar: Evaluation | None  # None without test rooms, or without applicable effects.
+    evidence: dict[str, EffectEvidence]  # By accepted effect, in all segments.
+    settings: dict[str, Value]  # Value by reported effect: accepted, and no surrogate.
+    together: bool  # Whether one sensor can have all reported effects.
+    howfar: Evaluation | None  # None without test rooms or accepted effects.
 
     @property
     def applicable(self) -> dict[str, Value]:
-        """Value by accepted effect; empty if they exclude each other."""
+        """Value by reported effect; empty if they exclude each other."""
         return self.settings if self.together else {}
 
     @property
@@ -154,15 +160,28 @@ def attribute_effects(
     segments = tuple(
         diagnose_segment(table, screening) for table, screening in track(screenings, "search")
     )
-    settings = {name: value for segment in segments for name, value in segment.settings.items()}
+    prepared = held_out_segments(segments, held_out) if held_out else []
+    evidence: dict[str, EffectEvidence] = {}
+    for number, segment in enumerate(segments):
+        scenes = prepared[number] if prepared else segment
+        evidence |= weigh_effects(segment, scenes.table, scenes.likelihood)
+    settings = {
+        name: value
+        for segment in segments
+        for name, value in segment.settings.items()
+        if not evidence[name].reasons
+    }
     together = not settings or _compatible(segments[0].table.scene_models[0], settings)
-    evaluate = held_out and settings and together
+    howfar = None
+    if prepared and evidence and together:
+        howfar = evaluate_reduction(prepared, settings, track=track)
     return Attribution(
-        kind=_kind(segments),
+        kind=_kind(segments, settings),
         segments=segments,
+        evidence=evidence,
         settings=settings,
         together=together,
-        howfar=evaluate_reduction(held_out, settings, segments, track=track) if evaluate else None,
+        howfar=howfar,
     )
 
 
@@ -197,11 +216,11 @@ def _has_data(segment: Segment, scene_models: Sequence[SceneModel]) -> bool:
     }[segment]
 
 
-def _kind(segments: Sequence[SegmentResult]) -> Kind:
+def _kind(segments: Sequence[SegmentResult], reported: Mapping[str, Value]) -> Kind:
     if not segments:
         return "cannot tell"
-    if any(segment.unexplained for segment in segments):
-        return "none of the known"
-    if any(segment.search.accepted for segment in segments):
+    if reported:
         return "effects"
+    if any(segment.unexplained or segment.search.accepted for segment in segments):
+        return "none of the known"
     return "no gap"

@@ -162,10 +162,7 @@ def _replacements(
     context: SearchContext,
     signatures: Sequence[Signature],
 ) -> list[Fit]:
-    """Fit the other candidates in the place of one effect.
-
-    The candidates are refined only if the model explains the gap: a surrogate needs no exact rival.
-    """
+    """Fit the other candidates in the place of one effect."""
     background = model.predict(without=number)
     # The interaction may explain much; a candidate must gain on top of it to be worth refining.
     promising = promising_fits(model.unused(signatures), context, background=background)
@@ -173,8 +170,6 @@ def _replacements(
         context.fit(fitted.signature, background=background, reference=removal.reference)
         for fitted in promising
     ]
-    if not context.is_explained(model.predict()):
-        return sorted(fits, key=lambda fitted: -fitted.total)
     return refine(
         [fitted.signature for fitted in fits],
         context,

@@ -14,7 +14,7 @@ from starling.diagnosis.scenes.request import CAPTURED
 from starling.diagnosis.transfer import quantisation_step
 from starling.diagnosis.which import null, residuals
 from starling.diagnosis.which.candidates import Candidate, Segment, with_measured_node
-from starling.diagnosis.which.fit import fit, room_folds
+from starling.diagnosis.which.fit import Fit, fit, room_folds
 from starling.diagnosis.which.likelihood import (
     Likelihood,
     feature_weights,
@@ -36,6 +36,7 @@ NOISE_ALLOWANCE = 0.35  # Allowance on top of the noise size.
 NOISE_LIMIT = 0.65  # Upper limit of noise size plus allowance, unless noise alone exceeds it.
 # Share of the initial size, larger for matchers, which are simulated less exactly.
 SHARE_OF_INITIAL = {Segment.IMAGE: 0.04, Segment.DEPTH: 0.1, Segment.WHOLE: 0.04}
+_MOST_WEAK = 3  # Largest number of candidates that are reported as too weak to name.
 _QUANTISED = "subpixel_steps"  # Effect that leaves terraces in device depth.
 
 
@@ -111,6 +112,13 @@ class SegmentResult:
     def unexplained(self) -> bool:
         """Whether the gap is not explained; False if no effect was tried."""
         return bool(self.screening.signatures) and self.unexplained_size > self.explained_below
+
+    @property
+    def weak(self) -> tuple[Fit, ...]:
+        """The best candidates where a gap is evident and no effect is accepted."""
+        if not self.unexplained or self.search.accepted:
+            return ()
+        return tuple(fitted for fitted in self.search.alone[:_MOST_WEAK] if fitted.total > 0)
 
 
 def screen_effects(

@@ -133,7 +133,10 @@ def _verdict(result: Attribution, *, seed: int) -> dict[str, Any]:
     """Return the content of a verdict file."""
     return {
         "verdict": result.kind,
-        "effects": sorted(figures.effects(result.segments), key=lambda effect: -effect["gain"]),
+        "effects": sorted(
+            figures.effects(result.segments, result.evidence, result.howfar),
+            key=lambda effect: -effect["gain"],
+        ),
         "left": {
             segment.table.segment.value: {
                 "before": segment.sizes[0],
@@ -144,7 +147,6 @@ def _verdict(result: Attribution, *, seed: int) -> dict[str, Any]:
             for segment in result.segments
         },
         "howfar": figures.howfar(result.howfar),
-        "evidence": {} if result.howfar is None else result.howfar.evidence,
         "versions": record.versions(),
         "baselines": _baselines(result.segments, seed=seed),
         "baselines_by_arm": {
