@@ -11,16 +11,17 @@ from typing import Literal
 
 import numpy as np
 
-from starling.diagnosis.which.likelihood import Likelihood
+from starling.diagnosis.which.likelihood import Likelihood, clipped_squares
 from starling.diagnosis.which.residuals import by_group
 from starling.diagnosis.which.response import PredictedChange
 from starling.diagnosis.which.search import AcceptedEffect
 from starling.diagnosis.which.segment import SegmentResult
-from starling.diagnosis.which.table import FeatureTable
+from starling.diagnosis.which.table import FeatureTable, Rows
 
-SurrogateReason = Literal["rival", "range", "held out", "worse"]
+SurrogateReason = Literal["rival", "range", "held out", "misfit", "worse"]
 
-_WORSE_SHARE = 0.25  # Least ratio of what an effect worsens to what it improves.
+_LEAST_EXPLAINED = 0.7  # Least share of the gap that an effect explains in its own features.
+_WORSE_SHARE = 0.25  # Ratio of what an effect worsens to what it improves.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -28,6 +29,7 @@ class EffectEvidence:
     """What an effect does on scenes that did not select it, given the other effects."""
 
     gain: float  # Gain in log-likelihood.
+    explained: float  # Share of the gap that disappears in the features that it changes.
     improved: float  # Decrease in the size of the gap, summed over feature groups that improve.
     worsened: float  # Increase, summed over feature groups that worsen.
     reasons: tuple[SurrogateReason, ...]  # Empty for an effect that is no surrogate.
@@ -56,12 +58,12 @@ def _weigh(
     rest = {name: value for name, value in settings.items() if name != effect.fit.name}
     after, before = table.change(settings), table.change(rest)
     assert after is not None  # The search accepts only effects that the sensor can have.
-    changes = [PredictedChange(np.zeros_like(after) if before is None else before)]
-    changes.append(PredictedChange(after))
+    before = np.zeros_like(after) if before is None else before
+    changes = [PredictedChange(before), PredictedChange(after)]
     costs = [likelihood.cost(change).sum() for change in changes]
-    groups = [
-        by_group(table.names, likelihood.residual(change), likelihood.weight) for change in changes
-    ]
+    residuals = [likelihood.residual(change) for change in changes]
+    explained = explained_share((after - before) / likelihood.deviation, *residuals, likelihood)
+    groups = [by_group(table.names, residual, likelihood.weight) for residual in residuals]
     steps = np.array([groups[1][name] - size for name, size in groups[0].items()])
     gain = float(costs[0] - costs[1])
     improved, worsened = float(-steps[steps < 0].sum()), float(steps[steps > 0].sum())
@@ -72,6 +74,31 @@ def _weigh(
         reasons.append("range")
     if gain <= 0:
         reasons.append("held out")
+    if explained < _LEAST_EXPLAINED:
+        reasons.append("misfit")
     if worsened > _WORSE_SHARE * improved:
         reasons.append("worse")
-    return EffectEvidence(gain=gain, improved=improved, worsened=worsened, reasons=tuple(reasons))
+    return EffectEvidence(
+        gain=gain,
+        explained=explained,
+        improved=improved,
+        worsened=worsened,
+        reasons=tuple(reasons),
+    )
+
+
+def explained_share(response: Rows, before: Rows, after: Rows, likelihood: Likelihood) -> float:
+    """Compute the share of the gap that disappears in the features that an effect changes.
+
+    Features count by the square of their change. What other effects leave elsewhere has no weight.
+
+    Args:
+        response: (scenes, features) change by the effect over the deviation.
+        before: (scenes, features) gap without the effect over the deviation; NaN where unknown.
+        after: the same with the effect.
+        likelihood: likelihood of the gap, with the feature weights.
+    """
+    moved = likelihood.weight * clipped_squares(np.where(np.isfinite(before), response, 0.0))
+    total = float((moved * clipped_squares(before)).sum())
+    left = float((moved * clipped_squares(after)).sum())
+    return 1 - left / total if total > 0 else 0.0

@@ -22,6 +22,7 @@ REASONS: dict[SurrogateReason, str] = {
     "rival": "another effect explains more",
     "range": "its value is at the end of what is possible",
     "held out": "it does not help on held-out rooms",
+    "misfit": "it leaves much of the gap in the features that it changes",
     "worse": "it makes other figures worse",
 }
 SCALES: dict[Scale, str] = {
