@@ -70,25 +70,27 @@ def make_light(work: Path, *, imperfect: bool) -> Path:
     light = work / "light"
     if not light.exists():
         light_sets.write(light, SCENES, builtin_camera(*SIZE))
-    if not imperfect:
-        return light
-    occluded = work / "occluded light"
-    if not occluded.exists():
-        temporary = work / "part"
-        shutil.rmtree(temporary, ignore_errors=True)
-        shutil.copytree(light, temporary)
-        camera = nominal.read(light / nominal.FILE)
-        for path in sorted(temporary.glob(f"*/{light_sets.LIGHT}")):
-            with np.load(path) as file:
-                arrays = {name: file[name] for name in file.files}
-            for side in ("left", "right"):
-                share = open_sky(arrays[f"{side}_depth_m"].astype(float), camera)
-                arrays[f"{side}_ambient_e"] *= share.astype(np.float32)
-            np.savez_compressed(path, **arrays)
-        table = json.loads((temporary / nominal.FILE).read_text())
-        (temporary / nominal.FILE).write_text(json.dumps({**table, "lens_halo": HALO}, indent=1))
-        temporary.rename(occluded)
-    return occluded
+    return make_occluded(light, work / "occluded light") if imperfect else light
+
+
+def make_occluded(light: Path, out: Path) -> Path:
+    """Copy light with occluded ambient light, and a lens spot with a halo."""
+    if out.exists():
+        return out
+    part = out.with_name("part")
+    shutil.rmtree(part, ignore_errors=True)
+    shutil.copytree(light, part)
+    camera = nominal.read(light / nominal.FILE)
+    for path in sorted(part.glob(f"*/{light_sets.LIGHT}")):
+        with np.load(path) as file:
+            arrays = {name: file[name] for name in file.files}
+        for side in ("left", "right"):
+            share = open_sky(arrays[f"{side}_depth_m"].astype(float), camera)
+            arrays[f"{side}_ambient_e"] *= share.astype(np.float32)
+        np.savez_compressed(path, **arrays)
+    table = json.loads((part / nominal.FILE).read_text())
+    (part / nominal.FILE).write_text(json.dumps({**table, "lens_halo": HALO}, indent=1))
+    return part.rename(out)
 
 
 def open_sky(depth_m: NDArray[np.float64], camera: nominal.Nominal) -> NDArray[np.float64]:
