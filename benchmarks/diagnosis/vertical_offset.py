@@ -50,7 +50,7 @@ def main() -> None:
             path.unlink()
         part.rename(captures)
     result = diagnose_captures(
-        captures,
+        str(captures),
         resolve.load(str(light / programs.SENSOR)),
         out=options.work / f"diagnosis {options.offset:g}",
         cache=options.work / "cache",
