@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -116,10 +117,7 @@ def score(
         `intervals` are 95 % intervals over scene sets. Real pairs have none, because their sets
         share rooms. `goals` compares the scores to the goals of the tier.
     """
-    null, single, pair, unknown = (
-        [result for result in results if result.case.kind == kind]
-        for kind in ("null", "single", "pair", "unknown")
-    )
+    null, single, pair, unknown = _by_kind(results)
     present = [*single, *pair]
     statistics = {
         **_singles(single, nominal, families),
@@ -154,6 +152,7 @@ def score(
             "unknown": len(unknown) + len(left_out),
         },
         **scores,
+        "by_remainder": _by_remainder(results, left_out),
         "by_effect": breakdown.by_effect(single, nominal),
         "confusion": breakdown.confusion(results, left_out),
         "baselines": baseline_scores,
@@ -166,6 +165,31 @@ def score(
         ),
         "goals": compared,
         "failures": breakdown.failures(results, left_out),
+    }
+
+
+def _by_kind(results: Sequence[CaseResult]) -> list[list[CaseResult]]:
+    """Divide cases into nulls, singles, pairs and unknowns."""
+    kinds = ("null", "single", "pair", "unknown")
+    return [[result for result in results if result.case.kind == kind] for kind in kinds]
+
+
+def _by_remainder(
+    results: Sequence[CaseResult], left_out: Sequence[CaseResult]
+) -> dict[str, float | None]:
+    """Score the same verdicts by the earlier rule, by which any remainder makes surrogates."""
+    earlier, without = (
+        [dataclasses.replace(result, verdict=result.verdict.by_remainder()) for result in group]
+        for group in (results, left_out)
+    )
+    null, single, pair, unknown = _by_kind(earlier)
+    return {
+        "top1": statistic(single, lambda result: result.top1_correct).value,
+        "in_set": statistic(single, lambda result: result.in_set).value,
+        "false_named": statistic(null, lambda result: result.verdict.kind == "effects").value,
+        "pairs_both": statistic(pair, lambda result: result.both_in_sets).value,
+        "unknown_recall": _unknown_share([*unknown, *without]).value,
+        "unknown_false": _unknown_share([*null, *single, *pair]).value,
     }
 
 

@@ -38,6 +38,7 @@ class NamedEffect:
     interval: tuple[Value, Value]
     credible_set: tuple[str, ...]  # Equivalent candidates, including `name`.
     gain: float  # Held-out log-likelihood gain.
+    surrogate: bool = False  # Whether the diagnosis calls it a surrogate.
 
     @property
     def row(self) -> str:
@@ -64,8 +65,10 @@ class Verdict:
 
     @property
     def named(self) -> tuple[NamedEffect, ...]:
-        """Named effects; empty if the effects are only surrogates of an unknown effect."""
-        return self.effects if self.kind == "effects" else ()
+        """Named effects: those that are no surrogates."""
+        if self.kind != "effects":
+            return ()
+        return tuple(effect for effect in self.effects if not effect.surrogate)
 
     @property
     def top_effect(self) -> NamedEffect | None:
@@ -83,6 +86,19 @@ class Verdict:
         top = self.top_effect
         return None if top is None else self.closed_pct.get(_HEADLINE + top.segment)
 
+    def by_remainder(self) -> Verdict:
+        """Return the verdict by the earlier rule.
+
+        There, all effects are surrogates if any segment has an unexplained residual, else none.
+        """
+        if self.kind == "cannot tell":
+            return self
+        effects = tuple(dataclasses.replace(effect, surrogate=False) for effect in self.effects)
+        kind: Kind = "effects" if effects else "no gap"
+        if any(self.unexplained.values()):
+            kind = "none of the known"
+        return dataclasses.replace(self, kind=kind, effects=effects)
+
     def restricted_to(self, segment: SegmentName) -> Verdict:
         """Return the verdict on one pipeline segment alone.
 
@@ -92,9 +108,9 @@ class Verdict:
         if segment not in self.unexplained:
             raise refusal("arm", f"must be one of {sorted(self.unexplained)}", segment, _ADVICE)
         effects = tuple(effect for effect in self.effects if effect.segment == segment)
-        kind: Kind = "effects" if effects else "no gap"
-        if self.unexplained[segment]:
-            kind = "none of the known"
+        kind: Kind = "none of the known" if effects or self.unexplained[segment] else "no gap"
+        if any(not effect.surrogate for effect in effects):
+            kind = "effects"
         baselines = self.baselines_by_segment[segment]
         return dataclasses.replace(self, kind=kind, effects=effects, baselines=baselines)
 
@@ -225,7 +241,7 @@ def from_table(table: Any, *, name: str = "verdict") -> Verdict:
     top = _JsonValue(name, table)
     kind: Kind = top.get("verdict").one_of(_KINDS)
     effects = sorted(map(_named, top.get("effects").elements()), key=lambda effect: -effect.gain)
-    if kind == "effects" and not effects:
+    if kind == "effects" and all(effect.surrogate for effect in effects):
         raise refusal(f"{name}.effects", "must name one in this verdict", "none", _ADVICE)
     seconds = top.get("seconds").number()
     if seconds < 0:
@@ -273,6 +289,7 @@ def _named(entry: _JsonValue) -> NamedEffect:
         interval=(ends[0], ends[1]),
         credible_set=credible_set,
         gain=entry.get("gain").number(),
+        surrogate=entry.get("stand_in").truth(),
     )
 
 
@@ -304,6 +321,11 @@ class _JsonValue:
         if not real or not math.isfinite(self.value):
             raise self._type_error("a finite number")
         return float(self.value)
+
+    def truth(self) -> bool:
+        if not isinstance(self.value, bool):
+            raise self._type_error("true or false")
+        return self.value
 
     def text(self) -> str:
         if not isinstance(self.value, str) or not self.value:

@@ -18,6 +18,7 @@ def make_effect(
     *equivalent: str,
     segment: str = "image",
     gain: float = 10.0,
+    surrogate: bool = False,
 ) -> dict[str, Any]:
     """Return the JSON of an effect and its credible set."""
     ends = [value, value] if isinstance(value, str) else [value - 0.1, value + 0.1]
@@ -28,6 +29,7 @@ def make_effect(
         "interval": ends,
         "set": [name, *equivalent],
         "gain": gain,
+        "stand_in": surrogate,
         "base": "unknown keys are ignored",
     }
 

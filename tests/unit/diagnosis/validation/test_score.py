@@ -371,3 +371,12 @@ def test_baselines_with_equal_accuracy_are_counted(camera: Nominal) -> None:
     right, wrong = (make_result({"lens_blur": 0.8}, verdict) for verdict in (table, missed))
     scores = [score(cases, camera, families={}, tier=1) for cases in ([right], [wrong], [])]
     assert [values["baselines_as_good"] for values in scores] == [1, 3, None]
+
+
+def test_the_earlier_rule_is_scored_beside_the_new_one(camera: Nominal) -> None:
+    """A remainder in the images makes a surrogate of the effect by the earlier rule alone."""
+    table = make_verdict("effects", make_effect("lens_blur", 0.8))
+    table["left"]["image"]["beyond"] = 2.0
+    scores = score([make_result({"lens_blur": 0.8}, table)], camera, tier=1, families=FAMILIES)
+    assert scores["top1"] == 1.0 and scores["by_remainder"]["top1"] == 0.0
+    assert scores["by_remainder"]["unknown_false"] == 1.0

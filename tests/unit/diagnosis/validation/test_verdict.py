@@ -41,9 +41,26 @@ def test_a_credible_set_holds_effects_without_parameters() -> None:
 
 
 def test_surrogate_effects_are_not_named() -> None:
-    read = verdict.from_table(make_verdict("none of the known", make_effect("lens_blur")))
+    read = verdict.from_table(
+        make_verdict("none of the known", make_effect("lens_blur", surrogate=True))
+    )
     assert read.effects and not read.named and read.top_effect is None
     assert read.answer == "none of the known"
+    both = make_verdict("effects", make_effect("veil", surrogate=True), make_effect("roll", gain=3))
+    assert [effect.name for effect in verdict.from_table(both).named] == ["roll"]
+
+
+def test_by_the_earlier_rule_a_remainder_makes_all_effects_surrogates() -> None:
+    read = verdict.from_table(
+        make_verdict("effects", make_effect("veil", surrogate=True), make_effect("roll"))
+    )
+    assert [effect.name for effect in read.by_remainder().named] == ["veil", "roll"]
+    table = make_verdict("effects", make_effect("roll"))
+    table["left"]["depth"]["beyond"] = 1.2
+    read = verdict.from_table(table)
+    assert read.answer == "roll" and read.by_remainder().answer == "none of the known"
+    untold = verdict.from_table(make_verdict("cannot tell"))
+    assert untold.by_remainder() is untold
 
 
 def test_headline_is_that_of_the_segment_of_the_top_effect() -> None:
@@ -67,33 +84,34 @@ def test_a_segment_without_a_named_effect_has_no_headline() -> None:
 
 def test_a_verdict_is_restricted_to_one_segment() -> None:
     """A gap in the depth segment does not affect the image segment, and vice versa."""
-    table = make_verdict(
-        "none of the known",
-        make_effect("median", 3, segment="depth"),
-        make_effect("veil", gain=3.0),
-    )
-    table["left"]["image"]["beyond"] = 0.2
-    table["left"]["depth"]["beyond"] = 1.2
+    median = make_effect("median", 3, segment="depth", surrogate=True)
+    table = make_verdict("effects", median, make_effect("veil", gain=3.0))
+    table["baselines_by_arm"]["depth"] = {"cosine": "veil"}
     read = verdict.from_table(table)
     image, depth = read.restricted_to("image"), read.restricted_to("depth")
     assert image.kind == "effects" and [effect.name for effect in image.named] == ["veil"]
-    assert depth.kind == "none of the known" and [effect.name for effect in depth.effects] == [
-        "median"
-    ]
-    table["baselines_by_arm"]["depth"] = {"cosine": "veil"}
-    assert verdict.from_table(table).restricted_to("depth").baselines == {"cosine": "veil"}
-    table["left"]["depth"]["beyond"] = table["left"]["depth"]["below"]
-    # A residual equal to the limit is explained.
-    assert verdict.from_table(table).restricted_to("depth").kind == "effects"
-    alone = verdict.from_table(make_verdict("effects", make_effect("median", 3, segment="depth")))
-    assert alone.restricted_to("image").kind == "no gap"
+    assert depth.kind == "none of the known" and not depth.named
+    assert [effect.name for effect in depth.effects] == ["median"]
+    assert depth.baselines == {"cosine": "veil"}
     with pytest.raises(WithheldError, match=r"arm must be one of \['depth', 'image'\]; got whole"):
         read.restricted_to("whole")
+
+
+@pytest.mark.parametrize(("beyond", "kind"), [(1.0, "no gap"), (1.01, "none of the known")])
+def test_a_segment_without_effects_may_be_unexplained(beyond: float, kind: str) -> None:
+    """A residual equal to the limit is explained."""
+    table = make_verdict("effects", make_effect("median", 3, segment="depth"))
+    table["left"]["image"]["beyond"] = beyond
+    assert verdict.from_table(table).restricted_to("image").kind == kind
 
 
 DAMAGE: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "no verdict": (lambda s: s.pop("verdict"), "verdict must have the key verdict; got ['base"),
     "kind": (lambda s: s.update(verdict="fine"), "verdict.verdict must be one of ('effects', "),
+    "surrogate": (
+        lambda s: s["effects"][0].update(stand_in=1),
+        "[0].stand_in must be true or false; got 1.",
+    ),
     "no list": (lambda s: s.update(effects={}), "verdict.effects must be a list; got {}. Run"),
     "none": (lambda s: s.update(effects=[]), "effects must name one in this verdict; got none."),
     "no object": (lambda s: s.update(effects=[3]), "effects[0] must be an object; got 3."),
