@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from starling.diagnosis.which.likelihood import Likelihood, clipped_squares
 from starling.diagnosis.which.residuals import by_group
@@ -20,7 +21,8 @@ from starling.diagnosis.which.table import FeatureTable, Rows
 
 SurrogateReason = Literal["rival", "range", "held out", "misfit", "worse"]
 
-_LEAST_EXPLAINED = 0.7  # Least share of the gap that an effect explains in its own features.
+_LEAST_EXPLAINED = 0.6  # Least share of the gap that an effect explains in its own features.
+_TINY = 1e-9  # Least denominator.
 _WORSE_SHARE = 0.25  # Ratio of what an effect worsens to what it improves.
 
 
@@ -62,7 +64,9 @@ def _weigh(
     changes = [PredictedChange(before), PredictedChange(after)]
     costs = [likelihood.cost(change).sum() for change in changes]
     residuals = [likelihood.residual(change) for change in changes]
-    explained = explained_share((after - before) / likelihood.deviation, *residuals, likelihood)
+    explained = explained_share(
+        (after - before) / likelihood.deviation, *residuals, likelihood.weight
+    )
     groups = [by_group(table.names, residual, likelihood.weight) for residual in residuals]
     steps = np.array([groups[1][name] - size for name, size in groups[0].items()])
     gain = float(costs[0] - costs[1])
@@ -87,18 +91,25 @@ def _weigh(
     )
 
 
-def explained_share(response: Rows, before: Rows, after: Rows, likelihood: Likelihood) -> float:
-    """Compute the share of the gap that disappears in the features that an effect changes.
+def explained_share(
+    response: Rows, before: Rows, after: Rows, weight: NDArray[np.float64]
+) -> float:
+    """Compute how much of the gap disappears in the features that an effect changes.
 
-    Features count by the square of their change. What other effects leave elsewhere has no weight.
+    Each feature has the relative decrease of its squared deviation, -1 to 1. Features count by the
+    square of their change. What other effects leave elsewhere has no weight.
 
     Args:
         response: (scenes, features) change by the effect over the deviation.
         before: (scenes, features) gap without the effect over the deviation; NaN where unknown.
         after: the same with the effect.
-        likelihood: likelihood of the gap, with the feature weights.
+        weight: (features,) feature weights.
+
+    Returns:
+        1 if nothing is left, 0 if nothing changes, below 0 if the gap grows.
     """
-    moved = likelihood.weight * clipped_squares(np.where(np.isfinite(before), response, 0.0))
-    total = float((moved * clipped_squares(before)).sum())
-    left = float((moved * clipped_squares(after)).sum())
-    return 1 - left / total if total > 0 else 0.0
+    known = np.isfinite(before)
+    moved = weight * clipped_squares(np.where(known, response, 0.0))
+    old, new = (np.where(known, gap, 0.0) ** 2 for gap in (before, after))
+    decrease = (old - new) / np.maximum(np.maximum(old, new), _TINY)
+    return float((moved * decrease).sum() / max(float(moved.sum()), _TINY))
