@@ -44,7 +44,7 @@ SMALL = tier.Tier(
     left_out=2,
 )
 TINY = dataclasses.replace(
-    SMALL, scenes=2, counts={"single": 2, "null": 2, "pair": 1, "unknown": 1}, left_out=1
+    SMALL, counts={"single": 2, "null": 2, "pair": 1, "unknown": 1}, left_out=1
 )
 NEUTRAL = {
     "gamma": 1.0,
