@@ -130,10 +130,8 @@ def test_families_that_act_on_nothing_are_refused(place, diagnosed, tmp_path, ca
     for family in ("pixel_locking", "rolling_shutter"):  # One acts on depth, the other on nothing.
         arguments = ["diagnose", str(place / "null"), *flags, "--families", family]
         assert command_line.main(arguments) == 1
-        message = (
-            f"families must have an effect that acts on what these captures hold; got {family}."
-        )
-        assert message in capsys.readouterr().err
+        rule = "families must have an effect that acts on what these captures hold"
+        assert f"{rule}; got {family}." in capsys.readouterr().err
 
 
 @pytest.mark.long
