@@ -195,7 +195,7 @@ def test_programs_refuse_unusable_capture_sets(done, tmp_path, capsys):
     assert "must each have a scene.toml or a capture to compare with" in message
     assert "cases must hold capture sets" in refused("own_depth", tmp_path / "none")
     (tmp_path / "cases" / "0" / name / "0" / own_depth.DEPTH).unlink(missing_ok=True)
-    (tmp_path / "cases" / "0" / name / "0" / "ir_left.png").unlink()
+    (tmp_path / "cases" / "0" / name / "0" / "ir_right.png").unlink()
     assert "must be an infrared pair" in refused("own_depth", tmp_path / "cases")
 
 
