@@ -93,8 +93,6 @@ def parse_toml(data: bytes, path: Path, build: Callable[[dict[str, Any]], T]) ->
         table = tomllib.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # No TOML, no UTF-8, or nested too deep.
         raise errors.refuse(path.name, "must be TOML", path, f"{error}.") from error
-    try:
+    with errors.naming(path):
         structure.refuse_long_integers(table, "")
         return build(table)
-    except errors.InputError as error:
-        raise errors.InputError(f"{path}: {error}") from error

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 from starling.patterns import errors
 from starling.sim.datasets import mesh_pile, render_view
 from starling.sim.datasets.plan import Plan, view
@@ -26,11 +23,11 @@ def refuse_failing(plan: Plan) -> None:
     """
     if plan.missing == "stop":
         for number, source in enumerate(plan.sources, 1):
-            with _naming(f"source {number}"):
+            with errors.naming(f"source {number}"):
                 _refuse_files(source)
     for number in range(min(plan.scenes * plan.views, _VIEWS)):
         planned = view(plan, number)
-        with _naming(f"view {number} of the plan"):
+        with errors.naming(f"view {number} of the plan"):
             refuse_impossible(render_view.camera(planned), plan.frames)
             if isinstance(planned.setting, Pile) and plan.missing == "stop":
                 mesh_pile.refuse_crowded(planned.setting)
@@ -46,11 +43,3 @@ def _refuse_files(source: object) -> None:
             if not (path / "truth.png").is_file() or not any(path.glob("*/ir_left.png")):
                 rule = "must have truth.png and ir_left.png"
                 raise errors.refuse("captures", rule, path, "Leave the scene out.")
-
-
-@contextmanager
-def _naming(name: str) -> Iterator[None]:
-    try:
-        yield
-    except errors.InputError as error:
-        raise errors.InputError(f"{name}: {error}") from error
