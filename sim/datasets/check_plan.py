@@ -13,12 +13,13 @@ _VIEWS = 64  # Views whose drawn values are tried; `plan.read` tries the ends of
 
 
 def refuse_failing(plan: Plan) -> None:
-    """Load every mesh of a plan once, and draw its first views.
+    """Load every mesh and Mitsuba XML of a plan once, and draw its first views.
 
-    Meshes and piles are not checked if the plan says `missing = "skip"`.
+    Scenes of files and piles are not checked if the plan says `missing = "skip"`.
 
     Raises:
-        InputError: if a mesh is damaged or not in metres, or a captured scene lacks depth or image.
+        InputError: if a mesh is damaged or not in metres, a Mitsuba XML cannot be loaded, or a
+            captured scene lacks depth or image.
             Also if a pile has no room on its table, or drawn values are invalid together.
     """
     if plan.missing == "stop":
@@ -38,6 +39,8 @@ def _refuse_files(source: object) -> None:
         for path in source.paths:
             if path.suffix.lower() in sources.MESH_SUFFIXES:
                 sources.refuse_mesh(path)
+            else:
+                sources.load_xml(path)
     if isinstance(source, Captured):
         for path in source.paths:
             if not (path / "truth.png").is_file() or not any(path.glob("*/ir_left.png")):

@@ -106,10 +106,14 @@ def run_locally(
             while waiting:
                 yield waiting.popleft().result()
         except BrokenProcessPool as error:
-            rule, advice = "must live as long as the run", "Start it again: it goes on from here."
-            raise errors.refuse("worker", rule, "one that was killed", advice) from error
+            raise _lost("worker", "one that was killed") from error
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _lost(name: str, got: str) -> errors.InputError:
+    rule, advice = "must live as long as the run", "Start it again: it goes on from here."
+    return errors.refuse(name, rule, got, advice)
 
 
 @contextmanager
@@ -138,15 +142,18 @@ def run_on_ray(
         address: HOST:PORT of a cluster, or `local` for one on this machine that ends with the run.
 
     Raises:
-        InputError: as `make`, or if Ray is not installed or the address does not answer.
+        InputError: as `make`, or if Ray is not installed, does not start or dies, or the address
+            does not answer.
     """
     ray = _ray()
     _refuse_silent(address)
     quiet = {"log_to_driver": False, "include_dashboard": False, "logging_level": "ERROR"}
     try:
         ray.init(address=address, **quiet)
-    except ConnectionError as error:
+    except Exception as error:  # Ray raises errors of many types, also a plain `Exception`.
         remedy = "Give the head of a cluster with this version of Ray and the same RAY_AUTH_TOKEN."
+        if address == "local":
+            remedy = "Start it again, or leave --ray out: processes of this machine then work."
         raise errors.refuse("ray", "must accept this run", f"{address}: {error}", remedy) from error
     try:
         work = ray.remote(num_cpus=1, max_retries=-1)(_make)
@@ -159,6 +166,10 @@ def run_on_ray(
                 running.append(work.remote(shared, waiting.pop()))
             ready, running = ray.wait(running, num_returns=1)
             yield _result(ray, ready[0])
+    except ray.exceptions.RayTaskError:  # An error of the task, not of Ray.
+        raise
+    except ray.exceptions.RayError as error:
+        raise _lost("ray", f"{address}: {type(error).__name__}") from error
     finally:
         ray.shutdown()
 
