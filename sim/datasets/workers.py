@@ -28,6 +28,7 @@ from starling.sim.datasets.render_view import RenderedView, Row, render
 _QUEUED = 2  # Queued tasks per worker; limits the memory of results that wait to be written.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _AHEAD = 2  # Tasks in progress per core; limits the memory of results that wait to be written.
+_PULSE_S = 1.0  # Interval between probes of Ray's process on this node [s].
 _PATIENCE_S = 5.0  # Timeout for the cluster's address to answer [s].
 
 
@@ -158,13 +159,17 @@ def run_on_ray(
     try:
         work = ray.remote(num_cpus=1, max_retries=-1)(_make)
         shared = ray.put((plan, info, out))
+        own_node = _own_node(ray)
         most = _AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
         waiting = list(tasks)[::-1]
         running: list[Any] = []
         while waiting or running:
             while waiting and len(running) < most:
                 running.append(work.remote(shared, waiting.pop()))
-            ready, running = ray.wait(running, num_returns=1)
+            ready: list[Any] = []
+            while not ready:
+                _refuse_dead(address, own_node)
+                ready, running = ray.wait(running, num_returns=1, timeout=_PULSE_S)
             yield _result(ray, ready[0])
     except ray.exceptions.RayTaskError:  # An error of the task, not of Ray.
         raise
@@ -172,6 +177,26 @@ def run_on_ray(
         raise _lost("ray", f"{address}: {type(error).__name__}") from error
     finally:
         ray.shutdown()
+
+
+def _own_node(ray: Any) -> tuple[str, int]:
+    """Return host and port of Ray's process on this node."""
+    own = ray.get_runtime_context().get_node_id()
+    (node,) = (node for node in ray.nodes() if node["NodeID"] == own)
+    return node["NodeManagerAddress"], node["NodeManagerPort"]
+
+
+def _refuse_dead(address: str, own_node: tuple[str, int]) -> None:
+    """Refuse a dead process of Ray on this node.
+
+    Some seconds after its death, Ray ends this process without an error.
+    """
+    try:
+        socket.create_connection(own_node, timeout=_PATIENCE_S).close()
+    except ConnectionRefusedError as error:
+        raise _lost("ray", f"{address}: its process on this node died") from error
+    except OSError:  # A slow answer is no death.
+        pass
 
 
 def _make(shared: tuple[Plan, CaptureInfo, Path], task: Task) -> TaskResult:

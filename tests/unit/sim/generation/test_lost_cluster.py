@@ -48,6 +48,7 @@ class FakeRay:
 
     def __init__(self, begin: Callable[[], None], give: Callable[[], TaskResult]) -> None:
         self.begin, self.give, self.closed = begin, give, False
+        self.server = socket.create_server(("127.0.0.1", 0))  # Ray's process on this node.
 
     def init(self, **_: Any) -> None:
         self.begin()
@@ -61,13 +62,25 @@ class FakeRay:
     def cluster_resources(self) -> dict[str, float]:
         return {"CPU": 1.0}
 
-    def wait(self, running: list[Any], *, num_returns: int) -> tuple[list[Any], list[Any]]:
+    def get_runtime_context(self) -> Any:
+        return SimpleNamespace(get_node_id=lambda: "own")
+
+    def nodes(self) -> list[dict[str, Any]]:
+        host, port = self.server.getsockname()
+        own = {"NodeID": "own", "NodeManagerAddress": host, "NodeManagerPort": port}
+        return [own, {**own, "NodeID": "other", "NodeManagerPort": 1}]
+
+    def wait(
+        self, running: list[Any], *, num_returns: int, timeout: float
+    ) -> tuple[list[Any], list[Any]]:
+        assert timeout > 0
         return running[:num_returns], running[num_returns:]
 
     def get(self, _: Any) -> TaskResult:
         return self.give()
 
     def shutdown(self) -> None:
+        self.server.close()
         self.closed = True
 
 
@@ -92,6 +105,16 @@ def test_a_dead_cluster_is_refused_as_a_dead_worker_is(monkeypatch: pytest.Monke
         r"Start it again: it goes on from here\.$"
     )
     with pytest.raises(InputError, match=message):
+        run(ray, monkeypatch)
+    assert ray.closed
+
+
+def test_a_dead_process_on_this_node_is_refused(monkeypatch: pytest.MonkeyPatch):
+    ray = FakeRay(lambda: None, throws(AssertionError()))
+    nodes = ray.nodes()
+    monkeypatch.setattr(ray, "nodes", lambda: nodes)
+    ray.server.close()
+    with pytest.raises(InputError, match="got local: its process on this node died"):
         run(ray, monkeypatch)
     assert ray.closed
 
