@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from starling.patterns import errors
+from starling.patterns import errors, regular_file
 from starling.sim.sensor import structure
 
 T = TypeVar("T")
@@ -22,7 +22,7 @@ def read_bytes(path: Path) -> bytes:
         InputError: if it cannot be read.
     """
     try:
-        return path.read_bytes()
+        return regular_file.read(path)
     except OSError as error:
         raise errors.refuse(path.name, "must be readable", path, f"{error.strerror}.") from error
 
