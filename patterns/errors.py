@@ -15,6 +15,9 @@ from typing import TypeGuard
 import numpy as np
 
 
+_LONGEST = 500  # Values longer than this are cut in messages [characters].
+
+
 class InputError(ValueError):
     """Refused input. The message is one line that states the remedy."""
 
@@ -22,6 +25,8 @@ class InputError(ValueError):
 def refuse(name: str, rule: str, value: object, remedy: str) -> InputError:
     """Build (not raise) the error `<name> <rule>; got <value>. <remedy>` on one line."""
     got = str(value).removesuffix(".")  # An error message as value ends its own sentence.
+    if len(got) > _LONGEST:
+        got = f"{got[:_LONGEST]} ... ({len(got)} characters)"
     text = f"{name} {rule}; got {got}. {remedy}"
     return InputError(" ".join(text.split()))
 
