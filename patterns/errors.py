@@ -14,7 +14,6 @@ from typing import TypeGuard
 
 import numpy as np
 
-
 _LONGEST = 500  # Values longer than this are cut in messages [characters].
 
 

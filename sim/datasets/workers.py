@@ -181,8 +181,8 @@ def run_on_ray(
 
 def _own_node(ray: Any) -> tuple[str, int]:
     """Return host and port of Ray's process on this node."""
-    own = ray.get_runtime_context().get_node_id()
-    (node,) = (node for node in ray.nodes() if node["NodeID"] == own)
+    identifier = ray.get_runtime_context().get_node_id()
+    (node,) = (node for node in ray.nodes() if node["NodeID"] == identifier)
     return node["NodeManagerAddress"], node["NodeManagerPort"]
 
 

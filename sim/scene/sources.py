@@ -183,7 +183,7 @@ def mesh_parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
 
 
 class _RegularFiles(FilePathResolver):
-    """Files beside a mesh: materials and textures. Pipes and devices are as missing files."""
+    """Materials and textures in the folder of a mesh. Pipes and devices are as missing files."""
 
     def get(self, name: str) -> bytes:
         """Read one file."""

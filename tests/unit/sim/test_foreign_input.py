@@ -57,6 +57,13 @@ def test_a_pattern_that_is_a_device_is_refused() -> None:
         image.load("/dev/zero", fov_x_deg=60, fov_y_deg=40)
 
 
+def test_null_bytes_in_names_are_refused() -> None:
+    with pytest.raises(InputError, match=r"pattern file must be readable; .*null byte"):
+        image.load("a\0.png", fov_x_deg=60, fov_y_deg=40)
+    with pytest.raises(InputError, match="out must hold no null byte"):
+        output.OutputFolder("a\0b")
+
+
 def test_a_material_that_is_a_pipe_is_as_missing(tmp_path: Path) -> None:
     box = trimesh.creation.box().export(file_type="obj")
     (tmp_path / "box.obj").write_text(f"mtllib m.mtl\nusemtl a\n{box}")

@@ -67,8 +67,8 @@ class FakeRay:
 
     def nodes(self) -> list[dict[str, Any]]:
         host, port = self.server.getsockname()
-        own = {"NodeID": "own", "NodeManagerAddress": host, "NodeManagerPort": port}
-        return [own, {**own, "NodeID": "other", "NodeManagerPort": 1}]
+        local = {"NodeID": "own", "NodeManagerAddress": host, "NodeManagerPort": port}
+        return [local, {**local, "NodeID": "other", "NodeManagerPort": 1}]
 
     def wait(
         self, running: list[Any], *, num_returns: int, timeout: float
