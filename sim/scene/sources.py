@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import warnings
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -64,14 +65,14 @@ def load(specifier: str, sensor: Sensor) -> Scene:
         return load_mesh(path, sensor)
     if path.suffix.lower() == ".xml":
         return load_xml(path)
-    if path.is_dir():
+    if os.path.isdir(path):  # Unlike `is_dir`, it bears names that are too long.
         return captured_scene.load(path, sensor)
     if path.suffix.lower() in _CONVERTIBLE:
         advice = "Convert it to GLB, for example with Blender or trimesh."
         rule = f"must be one of {', '.join(MESH_SUFFIXES)} or .xml"
         raise errors.refuse("scene", rule, path, advice)
     known = f"Builtin: {', '.join(scenes.BUILTIN)}; meshes: {', '.join(MESH_SUFFIXES)}."
-    if not path.exists() and "/" not in specifier:
+    if not os.path.exists(path) and "/" not in specifier:
         errors.one_of("scene", name, scenes.BUILTIN)
     raise errors.refuse(
         "scene",

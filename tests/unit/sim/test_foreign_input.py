@@ -64,6 +64,12 @@ def test_null_bytes_in_names_are_refused() -> None:
         output.OutputFolder("a\0b")
 
 
+def test_names_that_are_too_long_are_refused() -> None:
+    assert not capture.is_capture("x" * 400)
+    with pytest.raises(InputError, match="scene must be a known name"):
+        sources.load("x" * 400, presets.load("d435"))
+
+
 def test_a_material_that_is_a_pipe_is_as_missing(tmp_path: Path) -> None:
     box = trimesh.creation.box().export(file_type="obj")
     (tmp_path / "box.obj").write_text(f"mtllib m.mtl\nusemtl a\n{box}")
