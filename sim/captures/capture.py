@@ -197,7 +197,7 @@ def open_set(path: Path | str) -> CaptureSet:
         (720, 1280)
     """
     path = Path(os.path.abspath(path))
-    if not path.is_dir():
+    if not os.path.isdir(path):
         problem = "is a file" if os.path.exists(path) else "does not exist"
         raise errors.refuse(
             "captures",
