@@ -327,3 +327,10 @@ def test_a_known_pose_in_the_frame_of_a_distant_mesh_is_kept(tmp_path):
 def _exported(mesh, path):
     mesh.export(path, digits=9)
     return path
+
+
+@pytest.mark.parametrize("name", ["tabletop", "clutter", "room"])
+def test_a_seed_must_be_whole(name: str):
+    with pytest.raises(InputError, match=rf"{name}'s seed must be whole; got 1\.5\. Give 1\."):
+        builtin.named(name, "1.5")
+    assert builtin.named(name, "1.0").name == f"{name}:1"
