@@ -8,9 +8,13 @@ from __future__ import annotations
 import difflib
 import math
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import TypeGuard
 
 import numpy as np
+
+_LONGEST = 500  # Values longer than this are cut in messages [characters].
 
 
 class InputError(ValueError):
@@ -20,6 +24,8 @@ class InputError(ValueError):
 def refuse(name: str, rule: str, value: object, remedy: str) -> InputError:
     """Build (not raise) the error `<name> <rule>; got <value>. <remedy>` on one line."""
     got = str(value).removesuffix(".")  # An error message as value ends its own sentence.
+    if len(got) > _LONGEST:
+        got = f"{got[:_LONGEST]} ... ({len(got)} characters)"
     text = f"{name} {rule}; got {got}. {remedy}"
     return InputError(" ".join(text.split()))
 
@@ -36,7 +42,17 @@ def needs(name: str, package: str, extra: str) -> InputError:
     return refuse(name, f"needs {package}", "none", remedy)
 
 
-def _is_number(value: object) -> bool:
+@contextmanager
+def naming(name: object) -> Iterator[None]:
+    """Prefix input errors with what they concern: a file, a scene or an entry."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Return whether a value is a Python number, and no boolean."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
@@ -49,7 +65,7 @@ def in_interval(
         InputError: if the value is not a finite real number, or is outside.
     """
     # The comparison comes first: `math.isfinite` overflows on very large integers.
-    if not _is_number(value) or not low <= value <= high or not math.isfinite(value):
+    if not is_number(value) or not low <= value <= high or not math.isfinite(value):
         raise refuse(name, f"must be in [{low:g}, {high:g}]", repr(value), remedy)
 
 
@@ -59,7 +75,7 @@ def positive(name: str, value: float, remedy: str = "Give a number above zero.")
     Raises:
         InputError: if the value is not a finite real number, or is <= 0.
     """
-    if not _is_number(value) or not 0 < value <= sys.float_info.max:
+    if not is_number(value) or not 0 < value <= sys.float_info.max:
         raise refuse(name, "must be > 0", repr(value), remedy)
 
 

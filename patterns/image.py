@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from starling.patterns import regular_file
 from starling.patterns.errors import InputError, refuse
 from starling.patterns.field import LARGEST_SIDE_PX, SMALLEST_SIDE_PX
 from starling.patterns.pattern import Pattern
@@ -44,7 +45,7 @@ def load(path: str | Path, *, fov_x_deg: float, fov_y_deg: float) -> Pattern:
     """
     path = Path(path)
     try:
-        content = path.read_bytes()
+        content = regular_file.read(path)
     except OSError as error:
         value = f"{path} ({error.strerror})"
         raise refuse("pattern file", "must be readable", value, "Check the path.") from error

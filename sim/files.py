@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from starling.patterns import errors
+from starling.patterns import errors, regular_file
 from starling.sim.sensor import structure
 
 T = TypeVar("T")
@@ -22,7 +22,7 @@ def read_bytes(path: Path) -> bytes:
         InputError: if it cannot be read.
     """
     try:
-        return path.read_bytes()
+        return regular_file.read(path)
     except OSError as error:
         raise errors.refuse(path.name, "must be readable", path, f"{error.strerror}.") from error
 
@@ -93,8 +93,6 @@ def parse_toml(data: bytes, path: Path, build: Callable[[dict[str, Any]], T]) ->
         table = tomllib.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # No TOML, no UTF-8, or nested too deep.
         raise errors.refuse(path.name, "must be TOML", path, f"{error}.") from error
-    try:
+    with errors.naming(path):
         structure.refuse_long_integers(table, "")
         return build(table)
-    except errors.InputError as error:
-        raise errors.InputError(f"{path}: {error}") from error

@@ -1,4 +1,4 @@
-"""Shared fixtures of all tests: hypothesis profiles, real captures, and the GPU if present."""
+"""Shared fixtures of all tests: threads, hypothesis profiles, real captures, and the GPU."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+# Each worker of pytest-xdist has one core. Threads that wait for others there would waste it.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
 ROOT = Path(__file__).parents[1]
 

@@ -18,9 +18,16 @@ from starling.sim.captures import capture
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
+# Tests of `calibrate`, `diagnose` and completion call what these examples call.
+LONG = ("02_new_camera", "03_calibrate", "04_residual", "05_diagnose", "08_complete_depth")
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def _marked(example: Path) -> object:
+    marks = [pytest.mark.long] * (example.stem in LONG)
+    return pytest.param(example, id=example.stem, marks=marks)
+
+
+@pytest.mark.parametrize("example", map(_marked, EXAMPLES))
 def test_example_runs(example: Path, tmp_path: Path) -> None:
     run = subprocess.run(
         [sys.executable, example],

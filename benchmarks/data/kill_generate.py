@@ -27,7 +27,7 @@ from pathlib import Path
 
 from data_sets import GENERATE, SMALL, plan
 
-PAUSE_S = (0.5, 12.0)  # Range of the time between interruptions [s]; starting takes about 3 s.
+PAUSE_S = (0.5, 40.0)  # Range of the time between interruptions [s]; starting takes about 3 s.
 FULL_S = 4.0  # Time for which the disk stays full [s].
 BLOCK = bytes(1 << 16)
 QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}

@@ -22,6 +22,7 @@ from starling.calibration.photometry.speckle_contrast import (
     speckle_bound,
 )
 from starling.calibration.solution import Estimate, Solution
+from starling.patterns import errors
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 
@@ -44,10 +45,12 @@ def fit_noise(
         predictions: predictions of `fit_photometry`; without them, speckle is unidentifiable.
         sensor: sensor with fitted levels.
     """
-    with_repeats = [item.repeats for item in observations if item.repeats is not None]
+    by_scene = {item.name: item.repeats for item in observations if item.repeats is not None}
     open_sentences: list[str] = []
-    if with_repeats:
-        transfer = fit_photon_transfer(max(with_repeats, key=len), sensor)
+    if by_scene:
+        name, repeats = max(by_scene.items(), key=lambda item: len(item[1]))
+        with errors.naming(f"scene {name}"):
+            transfer = fit_photon_transfer(repeats, sensor)
         estimates, covariance = list(transfer.estimates), transfer.covariance
         open_sentences += transfer.undetermined
     else:

@@ -118,10 +118,10 @@ def fit_photometry(
     images = light_model.images(observations, sensor, layers or {})
     if not images:
         raise errors.refuse(
-            "observations",
-            "must have an image and a surface",
+            "captures",
+            "must hold a scene with infrared images and a surface",
             ", ".join(observation.name for observation in observations) or "none",
-            "Give truth.png or scene.toml.",
+            "Add images, and truth.png or a posed mesh in scene.toml.",
         )
     means = not light_model.dots_match(images)
     case = _case(images, sensor, free, means=means)

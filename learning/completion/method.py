@@ -66,7 +66,7 @@ def make_frame(
         advice = "Mark pixels without depth as not valid."
         raise refuse("depth_m", "must be finite and > 0 where valid", bad[0], advice)
     if known.size and np.median(known) > _FARTHEST_M:
-        advice = "Divide millimetres by 1000."
+        advice = "Divide millimetres by 1000; of captures, check depth_unit_m."
         raise refuse("depth_m", "must be in metres", f"a median of {np.median(known):g}", advice)
     return CompletionFrame(rgb=_unit(rgb), depth_m=depth, valid=mask)
 

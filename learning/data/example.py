@@ -59,24 +59,24 @@ def known_holes(example: Example) -> tuple[Mask, Mask]:
     """
     if example.ndp is None or example.counted is None:
         raise refuse(
-            "example",
-            "must have the device's holes for training and evaluation",
-            f"scene {example.scene} without",
+            f"scene {example.scene}",
+            "must have the device's depth and reference depth",
+            "one or none",
             "Give captures with depth.png and truth.png.",
         )
     if not example.ndp.shape == example.counted.shape == example.depth_m.shape:
         raise refuse(
-            "ndp, counted and depth_m",
+            f"ndp, counted and depth_m of scene {example.scene}",
             "must share one shape",
             f"{example.ndp.shape}, {example.counted.shape} and {example.depth_m.shape}",
-            f"Check scene {example.scene}.",
+            "Give all three of one view.",
         )
     if not example.counted.any():
         raise refuse(
-            "counted",
-            "must hold a pixel",
-            f"none in scene {example.scene}",
-            "Use scenes with known reference depth.",
+            f"scene {example.scene}",
+            "must have reference depth where the device can measure",
+            "no pixel",
+            "Leave it out, or check truth.png.",
         )
     return example.ndp, example.counted
 

@@ -95,11 +95,17 @@ def read_physics(folder: Path, key: str) -> Physics | None:
     Raises:
         InputError: if the file is damaged or of another version.
     """
-    if not model_file.path_of(folder, key).is_file():
+    path = model_file.path_of(folder, key)
+    if not path.is_file():
         return None
-    arrays = model_file.take(model_file.read(folder, key, _VERSION), _KINDS, folder)
+    remedy = "Delete it: it is simulated again."
+    try:
+        arrays = model_file.take(model_file.read(folder, key, _VERSION), _KINDS, folder)
+    except errors.InputError as error:
+        rule = "must be whole and of this version"
+        raise errors.refuse("simulation", rule, path, remedy) from error
     values: dict[str, Any] = dict(zip(_KINDS, arrays, strict=True))
     if len({array.shape for array in arrays if array.ndim}) > 1:
-        raise errors.refuse("simulation", "must have images of one size", folder, "Delete it.")
+        raise errors.refuse("simulation", "must have images of one size", path, remedy)
     values["draws"] = int(values["draws"])
     return Physics(**values)

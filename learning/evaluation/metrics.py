@@ -264,10 +264,8 @@ def by_room(scenes: Iterable[tuple[str, Judged]]) -> dict[str, Classification]:
         rooms.setdefault(room, []).append(judged)
     figures = {}
     for room in sorted(rooms):
-        try:
+        with errors.naming(f"room {room}"):
             figures[room] = classification(pool(rooms[room]))
-        except errors.InputError as error:
-            raise errors.InputError(f"room {room}: {error}") from error
     return figures
 
 

@@ -126,7 +126,8 @@ def depth_image(example: Example) -> Image:
     check_size(example.info, "depth_m", example.depth_m)
     known = np.isfinite(example.depth_m)
     if not known.any():
-        raise refuse("reference depth", "must be known somewhere", "no pixel", "Check truth.png.")
+        name = f"reference depth of scene {example.scene}"
+        raise refuse(name, "must be known somewhere", "no pixel", "Check its truth.png.")
     depth = np.where(known, np.minimum(example.depth_m, FARTHEST_M), 0)
     return (depth / UNIT_M).astype(np.float32)[None]
 

@@ -13,7 +13,7 @@ import torch
 from torch import nn
 
 from starling.learning.networks.device import to_device
-from starling.patterns.errors import refuse
+from starling.patterns.errors import naming, refuse
 from starling.sim.console import output
 
 VERSION = 1  # Version of the file's content; other versions are refused.
@@ -162,13 +162,16 @@ def load_network(
             on other input channels.
     """
     entries = {"weights": dict, "seen": list, "shape": list}
-    content = load(network_path(folder, name), name, entries)
-    if tuple(content["seen"]) != channels:
-        rule = f"must be trained on {', '.join(channels)}"
-        raise refuse("checkpoint", rule, ", ".join(map(str, content["seen"])), "Train again.")
-    if not (len(content["shape"]) == 2 and all(type(side) is int for side in content["shape"])):
-        raise refuse("checkpoint", "must have shape [h, w]", content["shape"], _RETRAIN)
-    restore(network, content["weights"])
+    path = network_path(folder, name)
+    content = load(path, name, entries)
+    seen, shape = content["seen"], content["shape"]
+    with naming(path):
+        if tuple(seen) != channels:
+            rule = f"must be trained on {', '.join(channels)}"
+            raise refuse("checkpoint", rule, ", ".join(map(str, seen)), "Train again.")
+        if not (len(shape) == 2 and all(type(side) is int for side in shape)):
+            raise refuse("checkpoint", "must have shape [h, w]", shape, _RETRAIN)
+        restore(network, content["weights"])
     to_device(network).requires_grad_(False).eval()
-    height, width = content["shape"]
+    height, width = shape
     return height, width

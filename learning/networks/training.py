@@ -206,7 +206,8 @@ def train(
     identity = batches.identity
     path = folder / CHECKPOINT
     if path.exists():
-        _resume(run, learner, checkpoint.load(path, kind, _ENTRIES), identity)
+        with errors.naming(path):
+            _resume(run, learner, checkpoint.load(path, kind, _ENTRIES), identity)
     save = partial(_save, run, learner, folder=folder, kind=kind, identity=identity)
     steps = range(run.step, settings.steps)
     for step in track(steps, f"train {kind}"):

@@ -176,7 +176,9 @@ class CaptureSet:
 def is_capture(path: Path | str) -> bool:
     """Return whether a path is a capture set or a scene folder in a set."""
     path = Path(os.path.abspath(path))
-    return path.is_dir() and any((p / capture_info.FILE).is_file() for p in (path, path.parent))
+    return os.path.isdir(path) and any(
+        (p / capture_info.FILE).is_file() for p in (path, path.parent)
+    )
 
 
 def open_set(path: Path | str) -> CaptureSet:
@@ -195,8 +197,8 @@ def open_set(path: Path | str) -> CaptureSet:
         (720, 1280)
     """
     path = Path(os.path.abspath(path))
-    if not path.is_dir():
-        problem = "is a file" if path.exists() else "does not exist"
+    if not os.path.isdir(path):
+        problem = "is a file" if os.path.exists(path) else "does not exist"
         raise errors.refuse(
             "captures",
             "must be a folder",

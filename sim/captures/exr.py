@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.patterns import errors
+from starling.patterns import errors, regular_file
 from starling.sim.reason import Reason
 from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.stereo.depth import DepthMap
@@ -110,7 +110,7 @@ def read(path: Path) -> tuple[Layers, DepthMap]:
     import OpenEXR
 
     try:
-        data = path.read_bytes()
+        data = regular_file.read(path)
     except OSError as error:
         raise errors.refuse("EXR file", "must be readable", path, f"{error.strerror}.") from error
     try:  # Check first: the library only prints a message and skips what it cannot read.

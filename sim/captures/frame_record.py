@@ -40,10 +40,8 @@ def parse(data: bytes, path: Path) -> dict[str, Any]:
     record = files.parse_json(data, path)
     if not isinstance(record, dict):
         raise errors.refuse(FILE, "must be one object", path, "Write {...}.")
-    try:
+    with errors.naming(path):
         return _checked(record, path)
-    except errors.InputError as error:
-        raise errors.InputError(f"{path}: {error}") from error
 
 
 def _checked(record: dict[str, Any], path: Path) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.patterns import errors
+from starling.patterns import errors, regular_file
 from starling.patterns.image import PNG_SIGNATURE, plain_png, png_chunks
 
 GreyImage = NDArray[np.uint8] | NDArray[np.uint16]
@@ -37,7 +37,7 @@ def read(path: Path, name: str, *, shape: tuple[int, int] | None = None) -> Grey
             neither 8 nor 16 bits, or is of another size.
     """
     try:
-        data = path.read_bytes()
+        data = regular_file.read(path)
     except OSError as error:
         raise errors.refuse(
             name, "must be a readable PNG file", path, f"{error.strerror}."
@@ -83,7 +83,7 @@ def read_picture(path: Path, name: str, *, colour: bool = False) -> NDArray[Any]
     """
     flags = cv2.IMREAD_COLOR if colour else cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
     try:
-        data = path.read_bytes()
+        data = regular_file.read(path)
         plain = plain_png(png_chunks(data)) if data.startswith(PNG_SIGNATURE) else data
         image = cv2.imdecode(np.frombuffer(plain, np.uint8), flags)
     except (OSError, ValueError, cv2.error) as error:

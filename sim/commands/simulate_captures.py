@@ -94,7 +94,7 @@ def simulate_captures(
     """
     from starling.sim.simulate import refuse_impossible
 
-    errors.in_interval("frames", frames, 1, 100_000, "Take at least one.")
+    errors.in_interval("frames", frames, 1, 100_000, "Give a count inside.")
     errors.in_interval("samples", samples, 0, 4096, "16 are enough for most scenes.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     started = time.perf_counter()

@@ -171,6 +171,8 @@ def refuse_own_input(out: Path | str, source: Path | str) -> None:
 
 def _resolved(path: Path | str) -> Path:
     """Follow symbolic links, so that their target is replaced and the links stay."""
+    if "\0" in str(path):
+        raise errors.refuse("out", "must hold no null byte", repr(str(path)), "Rename it.")
     path = Path(os.path.realpath(path))
     if not path.name:
         raise errors.refuse("out", "must have a name", path, "Choose a place inside it.")

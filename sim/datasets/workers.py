@@ -28,6 +28,7 @@ from starling.sim.datasets.render_view import RenderedView, Row, render
 _QUEUED = 2  # Queued tasks per worker; limits the memory of results that wait to be written.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _AHEAD = 2  # Tasks in progress per core; limits the memory of results that wait to be written.
+_PULSE_S = 1.0  # Interval between probes of Ray's process on this node [s].
 _PATIENCE_S = 5.0  # Timeout for the cluster's address to answer [s].
 
 
@@ -106,10 +107,14 @@ def run_locally(
             while waiting:
                 yield waiting.popleft().result()
         except BrokenProcessPool as error:
-            rule, advice = "must live as long as the run", "Start it again: it goes on from here."
-            raise errors.refuse("worker", rule, "one that was killed", advice) from error
+            raise _lost("worker", "one that was killed") from error
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _lost(name: str, got: str) -> errors.InputError:
+    rule, advice = "must live as long as the run", "Start it again: it goes on from here."
+    return errors.refuse(name, rule, got, advice)
 
 
 @contextmanager
@@ -138,29 +143,60 @@ def run_on_ray(
         address: HOST:PORT of a cluster, or `local` for one on this machine that ends with the run.
 
     Raises:
-        InputError: as `make`, or if Ray is not installed or the address does not answer.
+        InputError: as `make`, or if Ray is not installed, does not start or dies, or the address
+            does not answer.
     """
     ray = _ray()
     _refuse_silent(address)
     quiet = {"log_to_driver": False, "include_dashboard": False, "logging_level": "ERROR"}
     try:
         ray.init(address=address, **quiet)
-    except ConnectionError as error:
+    except Exception as error:  # Ray raises errors of many types, also a plain `Exception`.
         remedy = "Give the head of a cluster with this version of Ray and the same RAY_AUTH_TOKEN."
+        if address == "local":
+            remedy = "Start it again, or leave --ray out: processes of this machine then work."
         raise errors.refuse("ray", "must accept this run", f"{address}: {error}", remedy) from error
     try:
         work = ray.remote(num_cpus=1, max_retries=-1)(_make)
         shared = ray.put((plan, info, out))
+        own_node = _own_node(ray)
         most = _AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
         waiting = list(tasks)[::-1]
         running: list[Any] = []
         while waiting or running:
             while waiting and len(running) < most:
                 running.append(work.remote(shared, waiting.pop()))
-            ready, running = ray.wait(running, num_returns=1)
+            ready: list[Any] = []
+            while not ready:
+                _refuse_dead(address, own_node)
+                ready, running = ray.wait(running, num_returns=1, timeout=_PULSE_S)
             yield _result(ray, ready[0])
+    except ray.exceptions.RayTaskError:  # An error of the task, not of Ray.
+        raise
+    except ray.exceptions.RayError as error:
+        raise _lost("ray", f"{address}: {type(error).__name__}") from error
     finally:
         ray.shutdown()
+
+
+def _own_node(ray: Any) -> tuple[str, int]:
+    """Return host and port of Ray's process on this node."""
+    identifier = ray.get_runtime_context().get_node_id()
+    (node,) = (node for node in ray.nodes() if node["NodeID"] == identifier)
+    return node["NodeManagerAddress"], node["NodeManagerPort"]
+
+
+def _refuse_dead(address: str, own_node: tuple[str, int]) -> None:
+    """Refuse a dead process of Ray on this node.
+
+    Some seconds after its death, Ray ends this process without an error.
+    """
+    try:
+        socket.create_connection(own_node, timeout=_PATIENCE_S).close()
+    except ConnectionRefusedError as error:
+        raise _lost("ray", f"{address}: its process on this node died") from error
+    except OSError:  # A slow answer is no death.
+        pass
 
 
 def _make(shared: tuple[Plan, CaptureInfo, Path], task: Task) -> TaskResult:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -175,7 +175,7 @@ def _admitted(effect: Effect, parameter: Parameter, new: Value) -> Value:
         if new not in parameter.choices:
             known = ", ".join(map(written, parameter.choices))
             raise errors.refuse(name, f"must be one of {known}", new, "Choose one of them.")
-    elif not isinstance(new, int | float) or not math.isfinite(new):
+    elif not errors.is_number(new) or not abs(new) <= sys.float_info.max:
         raise errors.refuse(name, "must be a number", repr(new), f"Its unit is {parameter.unit}.")
     return new
 

@@ -15,7 +15,7 @@ Pose = NDArray[np.float64]  # (4, 4) rigid transform, named `to_from`: x_to = to
 
 _MITSUBA_FROM_OPENCV = np.diag([-1.0, -1.0, 1.0, 1.0])
 _ROUNDING = 1e-6  # Default tolerance of a rotation's orthonormality.
-_FARTHEST_M = 1e7  # Limit of the shift; world coordinates of maps are smaller [m].
+FARTHEST_M = 1e7  # Limit of the shift; world coordinates of maps are smaller [m].
 
 
 def refuse_not_rigid(name: str, pose: Pose, *, rounding: float = _ROUNDING) -> None:
@@ -39,7 +39,7 @@ def refuse_not_rigid(name: str, pose: Pose, *, rounding: float = _ROUNDING) -> N
         advice = "x is right, y down and z forward."
         raise errors.refuse(name, "must turn, not mirror", pose.tolist(), advice)
     for value in pose[:3, 3].tolist():
-        errors.in_interval(f"shift of {name}", value, -_FARTHEST_M, _FARTHEST_M)
+        errors.in_interval(f"shift of {name}", value, -FARTHEST_M, FARTHEST_M)
     if pose[3].tolist() != [0, 0, 0, 1]:
         raise errors.refuse(
             f"last row of {name}", "must be 0 0 0 1", pose[3].tolist(), "Is it transposed?"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import warnings
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from trimesh.resolvers import FilePathResolver
 
 from starling.patterns import errors
 from starling.sim.geometry import frames
@@ -34,6 +36,7 @@ _CONVERTIBLE = (
 )
 _LARGEST_M = 100.0  # Largest extent of a mesh; larger ones are not in metres [m].
 _USUAL_M = (0.005, 30.0)  # Extents of objects and rooms; others give a warning [m].
+_FLOAT32 = 1e-5  # Rounding of Mitsuba's single-precision matrices.
 _NEAR_M = 1000.0  # Largest coordinate of a mesh that is not shifted to the origin [m].
 _SURFACE = Material(name="unnamed", reflectance=0.5)
 _WHOLE = ("instance", "shapegroup")  # Shapes with child shapes, which are not supported.
@@ -62,14 +65,14 @@ def load(specifier: str, sensor: Sensor) -> Scene:
         return load_mesh(path, sensor)
     if path.suffix.lower() == ".xml":
         return load_xml(path)
-    if path.is_dir():
+    if os.path.isdir(path):  # Unlike `is_dir`, it bears names that are too long.
         return captured_scene.load(path, sensor)
     if path.suffix.lower() in _CONVERTIBLE:
         advice = "Convert it to GLB, for example with Blender or trimesh."
         rule = f"must be one of {', '.join(MESH_SUFFIXES)} or .xml"
         raise errors.refuse("scene", rule, path, advice)
     known = f"Builtin: {', '.join(scenes.BUILTIN)}; meshes: {', '.join(MESH_SUFFIXES)}."
-    if not path.exists() and "/" not in specifier:
+    if not os.path.exists(path) and "/" not in specifier:
         errors.one_of("scene", name, scenes.BUILTIN)
     raise errors.refuse(
         "scene",
@@ -130,10 +133,18 @@ def _check_size(parts: list[tuple[str, trimesh.Trimesh]], path: Path) -> None:
     """Refuse a mesh that cannot be in metres, and warn of an unusual size."""
     low, high = _bounds(parts)
     extent = float((high - low).max())
-    if not np.isfinite(extent) or extent > _LARGEST_M:
+    if not np.isfinite([low, high]).all():
+        rule, advice = "must have finite vertices", "Export it again."
+        raise errors.refuse("mesh", rule, f"NaN or infinite ones in {path}", advice)
+    if extent > _LARGEST_M:
         rule = f"must be at most {_LARGEST_M:g} m wide"
         advice = "It looks like millimetres: scale the mesh by 0.001."
         raise errors.refuse("mesh", rule, f"{extent:g} m in {path}", advice)
+    farthest_m = float(np.abs([low, high]).max())
+    if farthest_m > frames.FARTHEST_M:
+        rule = f"must lie within {frames.FARTHEST_M:g} m of its origin"
+        got = f"a coordinate of {farthest_m:g} m in {path}"
+        raise errors.refuse("mesh", rule, got, "Subtract an offset from all vertices.")
     if not _USUAL_M[0] <= extent <= _USUAL_M[1]:
         warnings.warn(
             f"{path} is {extent:.3g} m wide: meshes are read in metres. Scale it if that is wrong.",
@@ -161,7 +172,8 @@ def mesh_parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            parts = _parts(trimesh.load_scene(path, process=False))
+            resolver = _RegularFiles(str(path))
+            parts = _parts(trimesh.load_scene(path, process=False, resolver=resolver))
     except Exception as error:  # The parsers of trimesh raise errors of any type.
         raise errors.refuse(
             "scene", "must be a mesh", path, f"It cannot be read: {error}"
@@ -169,6 +181,16 @@ def mesh_parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
     if not parts:
         raise errors.refuse("scene", "must hold triangles", path, "The mesh is empty.")
     return parts
+
+
+class _RegularFiles(FilePathResolver):
+    """Materials and textures in the folder of a mesh. Pipes and devices are as missing files."""
+
+    def get(self, name: str) -> bytes:
+        """Read one file."""
+        if not self.absolute(name).is_file():
+            raise FileNotFoundError(name)
+        return super().get(name)
 
 
 def _parts(loaded: trimesh.Scene) -> list[tuple[str, trimesh.Trimesh]]:
@@ -219,12 +241,15 @@ def load_xml(path: Path) -> Scene:
     if loaded.sensors():
         matrix = np.array(loaded.sensors()[0].world_transform().matrix, np.float64)
         to_world = matrix.reshape(4, 4)
-        to_world[:3, :3] /= np.linalg.norm(to_world[:3, :3], axis=0)
+        scale = np.linalg.norm(to_world[:3, :3], axis=0)
+        to_world[:3, :3] /= np.where(scale > 0, scale, 1.0)
+    world_from_left = frames.opencv_from_mitsuba(to_world)
+    frames.refuse_not_rigid(f"to_world of the sensor in {path}", world_from_left, rounding=_FLOAT32)
     return Scene(
         name=path.stem,
         shapes=tuple(loaded.shapes()),
         ambient=Ambient(up=(0.0, 1.0, 0.0)),
-        world_from_left=frames.opencv_from_mitsuba(to_world),
+        world_from_left=world_from_left,
     )
 
 

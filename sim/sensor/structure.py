@@ -59,7 +59,7 @@ def from_table(cls: type[T], table: Mapping[str, Any], name: str = "") -> T:
         )
     hints = _hints(cls)
     for key in table:
-        errors.one_of(f"key in {name or cls.__name__}", key, hints)
+        errors.one_of(f"key in {name}" if name else "key", key, hints)
     values = {key: _value(hints[key], value, _join(name, key)) for key, value in table.items()}
     for field in dataclasses.fields(cls):  # type: ignore[arg-type]
         optional = (
@@ -85,7 +85,7 @@ def edit(tree: T, path: str, value: Any, name: str = "") -> T:
     """
     head, _, rest = path.partition(".")
     hints = _hints(type(tree))
-    errors.one_of(f"field in {name or type(tree).__name__}", head, hints)
+    errors.one_of(f"field in {name}" if name else "field", head, hints)
     old = getattr(tree, head)
     if rest:
         if not dataclasses.is_dataclass(old):

@@ -64,7 +64,7 @@ def _refusal(observations: tuple[Observation, ...], requested: str = "d415") -> 
     return str(caught.value)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_room_passes(captures: Path) -> None:
     folder = _folder(captures, "d415-faro")
     sensor = resolve.load("d415", captures=str(folder))

@@ -39,6 +39,7 @@ class Format:
     read: Callable[[Path], object]  # Reads the file, or the folder that it is in.
     mutator: Mutator
     native: bool = False  # The library can abort the process: it is read in a process of its own.
+    slow: bool = False  # One read takes tens of milliseconds.
 
 
 def plain_file(name: str, content: bytes) -> Callable[[Path], Path]:

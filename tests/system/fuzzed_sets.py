@@ -110,11 +110,19 @@ def _unpack(path: Path) -> object:
 FORMATS = {
     "plan": Format(write=plain_file("plan.toml", as_toml(_PLAN)), read=_read_plan, mutator=_TOML),
     "set's plan.toml": Format(write=_data_set("plan.toml"), read=_verify, mutator=_TOML),
-    "set's capture.toml": Format(write=_data_set("capture.toml"), read=_verify, mutator=_TOML),
-    "starling.json": Format(write=_data_set("starling.json"), read=_verify, mutator=_JSON),
-    "SHA256SUMS": Format(write=_data_set("SHA256SUMS"), read=_verify, mutator=_WORDS),
+    "set's capture.toml": Format(
+        write=_data_set("capture.toml"), read=_verify, mutator=_TOML, slow=True
+    ),
+    "starling.json": Format(
+        write=_data_set("starling.json"), read=_verify, mutator=_JSON, slow=True
+    ),
+    "SHA256SUMS": Format(write=_data_set("SHA256SUMS"), read=_verify, mutator=_WORDS, slow=True),
     "index.parquet": Format(
-        write=_data_set("index.parquet"), read=_verify, mutator=mutations.parquet, native=True
+        write=_data_set("index.parquet"),
+        read=_verify,
+        mutator=mutations.parquet,
+        native=True,
+        slow=True,
     ),
     "part": Format(
         write=_data_set(".parts/000000.json", finished=False), read=_finish, mutator=_JSON

@@ -116,6 +116,7 @@ def test_only_requested_families_are_tried(place, diagnosed):
     assert tried == {"veil", "vignetting"}
 
 
+@pytest.mark.long
 def test_families_that_act_on_nothing_are_refused(place, diagnosed, tmp_path, capsys):
     """A depth map of another matcher gives no verdict on effects of images."""
     shutil.copytree(place / "null", tmp_path / "sets" / "null")
@@ -129,12 +130,11 @@ def test_families_that_act_on_nothing_are_refused(place, diagnosed, tmp_path, ca
     for family in ("pixel_locking", "rolling_shutter"):  # One acts on depth, the other on nothing.
         arguments = ["diagnose", str(place / "null"), *flags, "--families", family]
         assert command_line.main(arguments) == 1
-        message = (
-            f"families must have an effect that acts on what these captures hold; got {family}."
-        )
-        assert message in capsys.readouterr().err
+        rule = "families must have an effect that acts on what these captures hold"
+        assert f"{rule}; got {family}." in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_no_gap_reports_no_effect(place, diagnosed):
     result = diagnosed(place / "null")
     assert result["verdict"] == "no gap" and result["effects"] == [] and result["howfar"] == {}
@@ -151,6 +151,7 @@ def test_one_scene_reports_its_limits(place, diagnosed):
     assert result["where"]["maps"] == []
 
 
+@pytest.mark.long
 def test_two_capture_sets_are_compared(place, diagnosed):
     result = diagnosed(place / "bent", "--against", str(place / "other"), "--fix")
     assert result["verdict"] == "effects" and result["against"] == str(place / "other")

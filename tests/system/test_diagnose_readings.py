@@ -276,6 +276,7 @@ def test_a_proposed_wall_has_the_light_of_the_scene(place):
     assert discriminate(model, sunlight, shifted, Segment.IMAGE, menu=wall)[0].deviations < 1e-9
 
 
+@pytest.mark.long
 def test_a_projector_that_a_capture_switches_off_stays_off(place):
     """Two projector powers look equal without the projector."""
     model = load(place / "null")

@@ -19,7 +19,7 @@ import sys
 import traceback
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -36,6 +36,8 @@ _LONGEST_S = 5.0  # Processor time of one read.
 _MOST_BYTES = 100e6  # Growth of the resident memory during one read.
 _ROOT = "fuzzed-files"  # Folder of the files, and so a part of the program's own warnings.
 _SHOWN = 8  # Failures in a message.
+_FEW = 200  # Mutations of each format in the quick test.
+_FEW_SLOW = 50  # Mutations of each slow format in the quick test.
 
 
 class _TooLongError(BaseException):
@@ -46,6 +48,7 @@ class _TooLongError(BaseException):
 class Failure:
     """A mutation that the reader does not survive."""
 
+    name: str  # Of the format.
     number: int
     cause: str
     data: str  # Bytes of the file: zlib, then base 85.
@@ -142,22 +145,33 @@ def fuzz(name: str, folder: Path, count: int) -> list[Failure]:
         cause = _cause(form, path)
         if cause is not None:
             packed = base64.b85encode(zlib.compress(data)).decode()
-            failures.append(Failure(number=number, cause=cause, data=packed))
+            failures.append(Failure(name=name, number=number, cause=cause, data=packed))
     return failures
 
 
-def _in_own_process(name: str, folder: Path, count: int) -> list[Failure]:
-    """Call `fuzz` in a new process; its death is a failure."""
+def _in_own_process(names: Sequence[str], folder: Path, count: int) -> list[Failure]:
+    """Call `fuzz` for several formats in a new process; its death is a failure."""
     module = "tests.system.test_fuzz_formats"
-    command = [sys.executable, "-m", module, name, str(folder), str(count)]
+    command = [sys.executable, "-m", module, str(folder), str(count), *names]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     if done.returncode == 0 and not done.stderr:
         return [Failure(**failure) for failure in json.loads(done.stdout)]
-    number = int((folder / "number").read_text())
+    last = max((path for path in folder.glob("*/number")), key=lambda path: int(path.parent.name))
+    name, number = names[int(last.parent.name)], int(last.read_text())
     data = mutate(_valid(name, folder), FORMATS[name].mutator, random.Random(f"{name} {number}"))
     cause = f"exit code {done.returncode}, {done.stderr[-1500:]}"
     packed = base64.b85encode(zlib.compress(data)).decode()
-    return [Failure(number=number, cause=cause, data=packed)]
+    return [Failure(name=name, number=number, cause=cause, data=packed)]
+
+
+def _each(names: Sequence[str], folder: Path, count: int) -> list[Failure]:
+    """Call `fuzz` for several formats, each in a folder named after its place."""
+    failures = []
+    for place, name in enumerate(names):
+        (folder / str(place)).mkdir()
+        few = FORMATS[name].slow and count == _FEW
+        failures += fuzz(name, folder / str(place), _FEW_SLOW if few else count)
+    return failures
 
 
 def _valid(name: str, folder: Path) -> bytes:
@@ -165,30 +179,38 @@ def _valid(name: str, folder: Path) -> bytes:
     return FORMATS[name].write(folder / "again").read_bytes()
 
 
-def _check(name: str, folder: Path, count: int, capfd: pytest.CaptureFixture[str]) -> None:
-    failures = (_in_own_process if FORMATS[name].native else fuzz)(name, folder, count)
+def _check(
+    names: Sequence[str], folder: Path, count: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    native = any(FORMATS[name].native for name in names)
+    failures = (_in_own_process if native else _each)(names, folder, count)
     printed = "".join(capfd.readouterr())
-    assert not printed, f"{name}: a library printed {printed[:1000]}"
+    assert not printed, f"{names}: a library printed {printed[:1000]}"
     causes = collections.Counter(failure.cause for failure in failures)
     shown = [
-        f"{name} {failure.number}: {failure.cause}\n  {failure.data}"
+        f"{failure.name} {failure.number}: {failure.cause}\n  {failure.data}"
         for failure in failures[:_SHOWN]
     ]
     assert not failures, "\n".join([f"{len(failures)} failures of {len(causes)} causes", *shown])
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", [name for name, form in FORMATS.items() if not form.native])
 def test_mutated_files(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    _check(name, tmp_path, 200, capfd)
+    _check([name], tmp_path, _FEW, capfd)
+
+
+def test_mutated_files_of_native_formats(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """One process reads them all, as it takes seconds to start."""
+    _check([name for name, form in FORMATS.items() if form.native], tmp_path, _FEW, capfd)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", FORMATS)
 def test_many_mutated_files(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    _check(name, tmp_path, 10_000, capfd)
+    _check([name], tmp_path, 10_000, capfd)
 
 
 if __name__ == "__main__":
-    _, _name, _folder, _count = sys.argv
-    _failures = fuzz(_name, Path(_folder), int(_count))
+    _, _folder, _count, *_names = sys.argv
+    _failures = _each(_names, Path(_folder), int(_count))
     print(json.dumps([dataclasses.asdict(failure) for failure in _failures]))

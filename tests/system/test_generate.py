@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
-import random
-import secrets
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +21,13 @@ import trimesh
 
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, exr, png
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.datasets import generate as generation
 from starling.sim.datasets import index, set_folder, shard, workers
 from starling.sim.datasets.generate import generate
+from starling.sim.datasets.plan import Plan
 from starling.sim.datasets.verify import verify
+from starling.sim.datasets.workers import Task, TaskResult
 from starling.sim.reason import Reason
 
 ROOT = Path(__file__).parents[2]
@@ -78,6 +81,18 @@ def whole(plan: Path) -> Path:
     return out
 
 
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Render in this process, as a worker takes seconds to start."""
+
+    def run(
+        plan: Plan, info: CaptureInfo, out: Path, tasks: Sequence[Task], workers_most: int
+    ) -> Iterator[TaskResult]:
+        return (workers.make(plan, info, out, task) for task in tasks)
+
+    monkeypatch.setattr(generation, "run_locally", run)
+
+
 def test_two_workers_give_the_result_of_one(plan: Path, whole: Path):
     out = plan.parent / "two"
     generate(plan, out, workers=2, shard_frames=4)
@@ -106,6 +121,7 @@ def test_a_set_is_read_as_captures_are(whole: Path):
         assert np.nanmedian(np.abs(error)) < 1  # Limit of dots half a pixel wide.
 
 
+@pytest.mark.usefixtures("in_process")
 def test_layers_do_not_change_other_files(tmp_path: Path):
     """`reason.png` agrees with `frame.exr`, and with the counts in `frame.json`."""
     few = {"scenes": 1, "views": 1, "frames": 1}
@@ -146,6 +162,7 @@ def test_objects_have_their_reported_poses(plan: Path, whole: Path):
     assert seen >= 3
 
 
+@pytest.mark.usefixtures("in_process")
 def test_shards_hold_the_files_of_folders(plan: Path, whole: Path):
     out = plan.parent / "shards"
     generate(plan, out, workers=1, layout="shards", shard_frames=4)
@@ -167,22 +184,33 @@ def test_shards_hold_the_files_of_folders(plan: Path, whole: Path):
     )
 
 
-@pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.long)])
-def test_killed_run_resumes_to_the_same_set(plan: Path, whole: Path, kills: int):
-    out = plan.parent / f"killed {kills}"
+def start(plan: Path, out: Path) -> subprocess.Popen[bytes]:
+    """Start a run on the command line, in a process group of its own."""
     command = [sys.executable, "-m", "starling", "generate", str(plan)]
     command += ["--out", str(out), "--workers", "1", "--shard-frames", "4"]
-    rng = random.Random(kills)
-    for _ in range(kills):
-        run = subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
-        time.sleep(rng.uniform(1.0, 12.0))
-        if run.poll() is None:
-            os.killpg(run.pid, signal.SIGKILL)
-        run.wait()
+    return subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
+
+
+def kill(run: subprocess.Popen[bytes]) -> None:
+    if run.poll() is None:
+        os.killpg(run.pid, signal.SIGKILL)
+    run.wait()
+
+
+@pytest.mark.usefixtures("in_process")
+def test_killed_run_resumes_to_the_same_set(plan: Path, whole: Path):
+    """The run is killed as soon as one of its five tasks is complete."""
+    out = plan.parent / "killed"
+    run = start(plan, out)
+    while run.poll() is None and not list(out.glob(".parts/*.json")):
+        time.sleep(0.02)
+    kill(run)
+    assert list(out.rglob("frame.json"))
     generate(plan, out, workers=1, shard_frames=4)
     assert content(out) == content(whole)
 
 
+@pytest.mark.usefixtures("in_process")
 def test_killed_worker_stops_the_run_without_losses(plan: Path, whole: Path):
     out = plan.parent / "orphan"
     script = (
@@ -214,6 +242,7 @@ def test_killed_worker_stops_the_run_without_losses(plan: Path, whole: Path):
     assert content(out) == content(whole)
 
 
+@pytest.mark.usefixtures("in_process")
 def test_full_disk_stops_the_run_which_can_be_resumed(plan: Path, whole: Path, monkeypatch: Any):
     out = plan.parent / "full"
     written, renamed = [0], os.replace
@@ -301,23 +330,26 @@ def test_missing_mesh_stops_the_run_or_is_reported(tmp_path: Path, missing: str)
     assert verify(out, sample=0)["missing"] == 0
 
 
-def test_damaged_part_of_an_unfinished_set_is_refused_by_name(plan: Path, tmp_path: Path):
-    for number, content in enumerate((b"[]", b"{}", b"\xff", b'{"rows": [{}], "skipped": []}')):
-        out = tmp_path / str(number)
-        generate(plan, out, workers=1, shard_frames=4)
-        (out / "starling.json").unlink()
-        (out / ".parts").mkdir()
-        (out / ".parts" / "000000.json").write_bytes(content)
-        with pytest.raises(InputError, match=r"part of the set must be whole; .*000000\.json"):
+def test_damaged_part_of_an_unfinished_set_is_refused_by_name(
+    plan: Path, whole: Path, tmp_path: Path
+):
+    """The parts of all tasks are there, so that none is repeated."""
+    out = shutil.copytree(whole, tmp_path / "set")
+    (out / "starling.json").unlink()
+    (out / ".parts").mkdir(exist_ok=True)
+    for number in range(5):
+        (out / ".parts" / f"{number:06d}.json").write_text('{"rows": [], "skipped": []}')
+    for damaged in (b"[]", b"{}", b"\xff", b'{"rows": [{}], "skipped": []}'):
+        (out / ".parts" / "000003.json").write_bytes(damaged)
+        with pytest.raises(InputError, match=r"part of the set must be whole; .*000003\.json"):
             generate(plan, out, workers=1, shard_frames=4)
 
 
-def test_mesh_replaced_by_another_of_equal_size_is_another_set(plan: Path, tmp_path: Path):
-    folder = tmp_path / "copy"
-    shutil.copytree(plan.parent, folder)
-    copied = folder / plan.name
+@pytest.mark.usefixtures("in_process")
+def test_mesh_replaced_by_another_of_equal_size_is_another_set(tmp_path: Path):
+    copied = write(tmp_path / "copy", scenes=1, views=1, frames=1)
     generate(copied, tmp_path / "set", workers=1, shard_frames=4)
-    mesh = folder / "things" / "box.ply"
+    mesh = copied.parent / "things" / "box.ply"
     data = bytearray(mesh.read_bytes())
     data[-1] ^= 1
     mesh.write_bytes(bytes(data))
@@ -334,38 +366,3 @@ def test_missing_pyarrow_or_ray_is_refused_with_advice(monkeypatch: Any, tmp_pat
         generate(write(tmp_path), tmp_path / "set", workers=1)
     with pytest.raises(InputError, match=r"cluster needs ray.*pip install -e '\.\[ray\]'"):
         workers._ray()
-
-
-@pytest.mark.long
-def test_cluster_that_loses_a_node_gives_the_same_set(plan: Path, whole: Path):
-    """Runs a head and a second node on this machine; the node is killed while it works."""
-    pytest.importorskip("ray")
-    out, port = plan.parent / "ray", "26399"
-    tool = [str(Path(sys.executable).with_name("ray"))]
-    # A cluster of the test's own, which lets nobody else in.
-    secret = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
-    environment = {**os.environ, **secret, "PYTHONPATH": str(ROOT)}
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
-    start = [*tool, "start", "--num-cpus", "1", "--include-dashboard", "false"]
-    subprocess.run([*start, "--head", "--port", port], check=True, **quiet)
-    node = subprocess.Popen(
-        [*tool, "start", "--num-cpus", "1", "--address", f"127.0.0.1:{port}", "--block"],
-        start_new_session=True,
-        **quiet,
-    )
-    try:
-        time.sleep(8)
-        command = [sys.executable, "-m", "starling", "generate", str(plan)]
-        command += ["--out", str(out), "--ray", f"127.0.0.1:{port}", "--shard-frames", "4"]
-        with (plan.parent / "ray.log").open("w+") as message:
-            run = subprocess.Popen(command, env=environment, stderr=message, stdout=message)
-            deadline = time.monotonic() + 240
-            while not list(out.glob(".parts/*.json")) and time.monotonic() < deadline:
-                assert run.poll() is None, Path(message.name).read_text()
-                time.sleep(0.2)
-            os.killpg(node.pid, signal.SIGKILL)
-            assert run.wait(timeout=300) == 0
-    finally:
-        subprocess.run([*tool, "stop", "--force"], check=False, **quiet)
-        node.wait()
-    assert content(out) == content(whole)

@@ -105,7 +105,7 @@ def test_long_motion_blur_is_smooth():
     assert np.abs(share[inside] - line).max() < 1 / 40
 
 
-@pytest.mark.parametrize("at_once", [1, 3])
+@pytest.mark.parametrize("at_once", [pytest.param(1, marks=pytest.mark.long), 3])
 def test_the_batch_size_of_time_samples_changes_no_bit(at_once, monkeypatch):
     """Views with and without rolling shutter, with all 40 time samples per launch or fewer."""
     shutter = dataclasses.replace(small().left, rolling_shutter_s=EXPOSURE_S)

@@ -109,6 +109,7 @@ def test_a_scene_model_has_the_fitted_parameters(warm):
     assert again.nuisances[SCALE] == FITTED[SCALE]
 
 
+@pytest.mark.long
 def test_a_displaced_reference_is_corrected(warm, tmp_path):
     """By about half, as few cells oppose the prior; the scene model uses the corrected one."""
     whole = shutil.copytree(warm.path.parent, tmp_path / "set")

@@ -100,7 +100,8 @@ def _view(loaded: dict[str, np.ndarray], side: str, shape: tuple[int, int]) -> L
         if not isinstance(values, np.ndarray) or values.dtype.kind not in kinds:
             rule = f"must be an array of kind {kinds}"
             raise refusal(key, rule, type(values).__name__, "Make the light again.")
-        with np.errstate(invalid="ignore"):  # NaN can be of a signalling kind.
+        # NaN can be of a signalling kind, and long numbers exceed 64 bits.
+        with np.errstate(invalid="ignore", over="ignore"):
             values = values.astype(np.uint32 if name == "body" else np.float64)
         if name == "up":
             with np.errstate(over="ignore"):
@@ -114,6 +115,9 @@ def _view(loaded: dict[str, np.ndarray], side: str, shape: tuple[int, int]) -> L
             raise refusal(key, f"must be of shape {shape}", values.shape, advice)
         elif name.endswith("_e") and not (np.isfinite(values).all() and (values >= 0).all()):
             raise refusal(key, "must be finite and >= 0", np.min(values), "Make it again.")
+        elif name == "depth_m" and ((values <= 0) | np.isinf(values)).any():
+            rule = "must be > 0, or NaN where there is no surface"
+            raise refusal(key, rule, np.nanmin(values), "Make it again.")
         arrays[name] = values
     return LightView(**arrays)
 

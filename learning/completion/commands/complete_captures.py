@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from starling.learning.completion import methods
 from starling.learning.completion.data.pairs import Pair, Picture, read_pair
 from starling.learning.completion.method import Image, complete
+from starling.patterns import errors
 from starling.sim.captures import capture, png
 from starling.sim.captures import info as capture_info
 from starling.sim.captures.capture import CapturedScene
@@ -74,7 +75,8 @@ def complete_captures(
         for scene, number in track(frames, "complete"):
             pair = read_pair(scene, number, picture)
             frame_start = time.perf_counter()
-            completed = complete(ready, pair.image, pair.depth_m, pair.valid)
+            with errors.naming(f"scene {scene.name}, frame {number}"):
+                completed = complete(ready, pair.image, pair.depth_m, pair.valid)
             durations.append(time.perf_counter() - frame_start)
             cannot += not np.isfinite(completed.depth_m).any()
             before.append(float(1 - pair.valid.mean()))

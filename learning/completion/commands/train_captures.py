@@ -27,7 +27,7 @@ from starling.learning.completion.data.layouts import (
 from starling.learning.completion.data.pairs import Picture
 from starling.learning.completion.data.training_frame import Holes, none_has_depth, training_frame
 from starling.learning.completion.diffusion import Variant
-from starling.patterns.errors import InputError, needs, refuse
+from starling.patterns.errors import naming, needs, refuse
 from starling.sim import files
 from starling.sim.console import progress
 from starling.sim.console.output import RECORD, refuse_own_input
@@ -290,7 +290,5 @@ def _trained_on(folder: Path) -> TrainedOn | None:
     known = [field.name for field in dataclasses.fields(TrainedOn)]
     if isinstance(arguments, dict):
         arguments = {name: arguments[name] for name in known if arguments.get(name) is not None}
-    try:
+    with naming(path):
         return structure.from_table(TrainedOn, arguments, "arguments")  # type: ignore[arg-type]
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error

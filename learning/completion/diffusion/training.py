@@ -111,7 +111,8 @@ def train(
     model = untrained_model(parts, variant, seed=seed)
     run = _Run(model, optim.Adam(trainable_parameters(model.conditioning), lr=settings.rate))
     if path.exists():
-        _resume(run, checkpoint.load(path, _KIND, _ENTRIES), identity)
+        with errors.naming(path):
+            _resume(run, checkpoint.load(path, _KIND, _ENTRIES), identity)
     for step in track(range(run.step, settings.steps), f"train diffusion-{variant}"):
         run.curve.append(_step(run, samples, settings, seed, step))
         run.step = step + 1

@@ -138,7 +138,7 @@ class FrameCrops:
 
     def __post_init__(self) -> None:
         if not self.samples:
-            raise refuse("frames", "must be at least one", 0, "Give captures with truth.png.")
+            raise refuse("frames", "must be at least one", 0, "Give frames with reference depth.")
         sizes = {sample.depth_m.shape for sample in self.samples}
         least = tuple(min(side) for side in zip(*sizes, strict=True))
         cut = tuple(map(min, least, self.settings.crop_px))

@@ -37,6 +37,7 @@ from starling.learning.networks.training import (
     one_cycle,
     train,
 )
+from starling.patterns import errors
 from starling.sim.console import progress
 
 _FALSE = 0.1  # The camera's depth counts as false above this error of its natural logarithm.
@@ -172,8 +173,10 @@ def load(folder: Path | str) -> Small:
         InputError: if there are no weights, they are of another method, or damaged.
     """
     network = SmallNetwork()
-    content = checkpoint.load(Path(folder) / WEIGHTS, _KIND, {"weights": dict})
-    checkpoint.restore(network, content["weights"])
+    path = Path(folder) / WEIGHTS
+    content = checkpoint.load(path, _KIND, {"weights": dict})
+    with errors.naming(path):
+        checkpoint.restore(network, content["weights"])
     return Small(to_device(network).eval().requires_grad_(False))
 
 

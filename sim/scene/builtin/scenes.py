@@ -83,7 +83,7 @@ def named(name: str, number: str) -> Scene:
 
 
 def refuse_number(name: str, value: float) -> None:
-    """Refuse a number outside the range of a builtin scene.
+    """Refuse a number outside the range of a builtin scene, and seeds that are not whole.
 
     Raises:
         InputError: if the name is unknown, or the number is out of range.
@@ -91,6 +91,8 @@ def refuse_number(name: str, value: float) -> None:
     errors.one_of("scene", name, BUILTIN)
     _, meaning, least = BUILTIN[name]
     errors.in_interval(f"{name}'s {meaning}", value, least, 2**31 if least == 0 else 50.0)
+    if meaning == "seed" and value != int(value):
+        raise errors.refuse(f"{name}'s seed", "must be whole", value, f"Give {int(value)}.")
 
 
 def _on_table(

@@ -41,11 +41,9 @@ def load(scene: CapturedScene, sensor: Sensor) -> Scene | None:
     known = scene.known()
     if known is None:
         return None
-    try:
+    with errors.naming(scene.path / scene_file.FILE):
         loaded = sources.load(_resolve_path(known.scene, scene.path), sensor)
         bodies = _with_materials(loaded.bodies, known.materials)
-    except errors.InputError as error:
-        raise errors.InputError(f"{scene.path / scene_file.FILE}: {error}") from error
     pose = known.world_from_left
     pose[:3, 3] -= loaded.origin_m
     return dataclasses.replace(loaded, bodies=bodies, world_from_left=pose)

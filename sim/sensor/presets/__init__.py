@@ -11,7 +11,7 @@ from typing import Any
 
 import tomli_w
 
-from starling.patterns import errors
+from starling.patterns import errors, regular_file
 from starling.sim.sensor import matcher, structure
 from starling.sim.sensor.imager import EXPOSURE
 from starling.sim.sensor.sensor import Sensor
@@ -75,7 +75,7 @@ def dumps(sensor: Sensor) -> str:
 
 def _read(path: Path) -> Sensor:
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        table = tomllib.loads(regular_file.read(path).decode("utf-8-sig"))
     except OSError as error:
         raise errors.refuse(
             "sensor", "must be a readable file", path, f"{error.strerror}."

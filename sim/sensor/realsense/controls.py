@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from starling.patterns import errors
+from starling.patterns import errors, regular_file
 from starling.sim import files
 
 Control = float | str  # Value of a control: a number, or one of its words.
@@ -214,7 +214,7 @@ def read_file(path: str | Path, sensor: str = "") -> dict[str, Control]:
     """
     path = Path(path)
     try:
-        data = path.read_bytes()
+        data = regular_file.read(path)
     except OSError as error:
         advice = f"{error.strerror}."
         raise errors.refuse("device preset", "must be a readable file", path, advice) from None

@@ -99,10 +99,8 @@ def apply(sensor: Sensor, controls: Controls) -> tuple[Sensor, Report]:
     for rule in (_thresholds, _costs, _depth_table, _exposure, _laser):
         rule(mapping)
     changed = [(item.field, item.after) for item in mapping.mapped if item.after != item.before]
-    try:
+    with errors.naming("device controls"):
         moved = edits.with_values(sensor, changed)
-    except errors.InputError as error:
-        raise errors.InputError(f"device controls: {error}") from error
     unmapped = {
         name: WITHOUT_COUNTERPART[name] for name in controls if name in WITHOUT_COUNTERPART
     } | {name: why for name, why in mapping.idle.items() if name in controls}

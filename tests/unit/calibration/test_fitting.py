@@ -210,6 +210,23 @@ def test_a_refused_fit_leaves_no_files(captures: Path, small: Sensor, tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
+def test_calibration_writes_the_sensor_and_the_report(
+    captures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one_room = tmp_path / "set"
+    shutil.copytree(captures / "scene-attic", one_room / "scene-attic")
+    shutil.copy(captures / "capture.toml", one_room)
+    out = tmp_path / "x.toml"
+    words = ["calibrate", str(one_room), "--sensor", "d435", "--free", "baseline", "--json"]
+    assert command_line.main([*words, "--set", "projector.power_w=1.0", "--out", str(out)]) == 0
+    reported = json.loads((tmp_path / "x" / "report.json").read_text())
+    assert reported["parameters"] == json.loads(capsys.readouterr().out)["parameters"]
+    names = {path.name for path in (tmp_path / "x").iterdir()}
+    assert {"report.html", "sensor.toml", "starling.json"} <= names
+    nominal = presets.load("d435")
+    assert resolve.load(str(out)).baseline_m == pytest.approx(nominal.baseline_m, abs=1e-3)
+
+
 @pytest.fixture(scope="module")
 def written(
     captures: Path, tmp_path_factory: pytest.TempPathFactory
@@ -228,7 +245,7 @@ def written(
     return elsewhere, json.loads(output.getvalue())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_sensor_file_and_its_folder_move_together(
     written: tuple[Path, dict[str, object]],
 ) -> None:
@@ -248,7 +265,7 @@ def test_the_sensor_file_and_its_folder_move_together(
     assert x == pytest.approx(1e-3, abs=2e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_folder_holds_the_report(written: tuple[Path, dict[str, object]]) -> None:
     folder, _ = written
     names = {path.name for path in (folder / "x").iterdir()}
@@ -264,7 +281,7 @@ def test_the_folder_holds_the_report(written: tuple[Path, dict[str, object]]) ->
     assert len((folder / "x" / "dots.csv").read_text().splitlines()) > 100
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_printed_figures_have_the_specified_keys(written: tuple[Path, dict[str, object]]) -> None:
     """The printed keys and the held-out score meet the specification."""
     folder, printed = written

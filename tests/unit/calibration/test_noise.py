@@ -11,6 +11,7 @@ from starling.calibration.observation import Observation
 from starling.calibration.photometry.noise import fit_noise, noise_bound_dn
 from starling.calibration.photometry.photon_transfer import fit_photon_transfer
 from starling.calibration.photometry.prediction import Prediction
+from starling.patterns.errors import InputError
 from tests.unit.calibration.lit_table import INFO
 from tests.unit.calibration.test_photon_transfer import repeats, sensor_with
 
@@ -29,6 +30,14 @@ def test_noise_is_fitted_to_the_scene_with_most_frames() -> None:
     assert [estimate.value for estimate in result.estimates[:3]] == [
         estimate.value for estimate in expected.estimates
     ]
+
+
+def test_copies_of_a_frame_are_refused_with_their_scene() -> None:
+    truth = sensor_with(bit_depth=8)
+    copies = np.repeat(repeats(truth.left, count=1), 2, axis=0)
+    scene = Observation(name="desk", room="a", info=INFO, repeats=copies)
+    with pytest.raises(InputError, match=r"^scene desk: repeats must differ"):
+        fit_noise([scene], (), truth)
 
 
 def test_the_noise_s_bound_is_that_at_the_median_level() -> None:

@@ -323,7 +323,7 @@ def test_a_tone_curve_is_refused() -> None:
 
 
 def test_captures_without_a_surface_are_refused() -> None:
-    with pytest.raises(InputError, match="observations must have an image and a surface"):
+    with pytest.raises(InputError, match="captures must hold a scene with infrared images"):
         fit_photometry([dataclasses.replace(observed(), scene=None)], START)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -53,3 +55,23 @@ def test_damaged_lists_of_left_out_effects_are_refused(tmp_path: Path, content: 
     (tmp_path / "without.json").write_text(content)
     with pytest.raises(InputError, match=r"must be (a )?JSON"):
         batch._left_out(tmp_path / "without.json")
+
+
+def scene_models(case: str, *, previous: list[Any], scene: str = "hall") -> Any:
+    pairs: Any = [(SimpleNamespace(name=scene), None)]
+    sensor: Any = None
+    return batch._scene_models(case, pairs, sensor, previous, {})
+
+
+def test_capture_sets_must_show_the_same_scenes():
+    attic = SimpleNamespace(name="attic", frames=1)
+    with pytest.raises(InputError, match=r"scenes must be the same in all .*hall"):
+        scene_models("7", previous=[attic])
+
+
+def test_capture_sets_must_have_equally_many_repeats(monkeypatch: pytest.MonkeyPatch):
+    two = SimpleNamespace(name="hall", frames=2)
+    monkeypatch.setattr(batch, "with_capture", lambda model, scene, against: two)
+    with pytest.raises(InputError, match=r"repeats must be equally many .*'7', \[2\].* Give \[1\]"):
+        scene_models("7", previous=[SimpleNamespace(name="hall", frames=1)])
+    assert scene_models("7", previous=[two]) == [two]

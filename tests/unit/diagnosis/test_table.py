@@ -136,3 +136,9 @@ def test_damaged_rows_count_as_missing(tmp_path: Path, damaged: bytes | np.ndarr
     else:
         np.save(path, damaged)
     assert module._load(path, 3) is None
+
+
+def test_a_cache_that_is_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "cache").touch()
+    with pytest.raises(InputError, match=r"cache must be a folder; got .*cache\. File exists"):
+        module.build_feature_table(NAMED_SCENES, Segment.IMAGE, cache=tmp_path / "cache")

@@ -275,7 +275,7 @@ def test_the_share_of_holes_is_the_mean_over_scenes():
     """Scenes with a quarter and with all pixels count equally: 0.5 and 0.25 average to 0.375."""
     assert captured.ndp_rate([_holes(0.5, 0.25), _holes(0.25, 1.0)]) == pytest.approx(0.375)
     nothing = dataclasses.replace(step_scene(0), counted=np.zeros(SHAPE, bool))
-    with pytest.raises(InputError, match="counted must hold a pixel; got none in scene scene0"):
+    with pytest.raises(InputError, match="scene scene0 must have reference depth"):
         captured.ndp_rate([nothing])
 
 

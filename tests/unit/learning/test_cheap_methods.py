@@ -73,12 +73,12 @@ def test_simple_weights_scenes_equally(tmp_path):
         ([], "examples must be at least one"),
         (
             [example(flat())],
-            "example must have the device's holes for training and evaluation; got scene a",
+            "scene a must have the device's depth and reference depth",
         ),
-        ([example(flat(), ndp=COUNTED)], "example must have the device's holes"),
+        ([example(flat(), ndp=COUNTED)], "must have the device's depth"),
         ([example(flat(), ndp=~COUNTED, counted=COUNTED)], "got 0 of 7200. Use scenes with both"),
         ([example(flat(), ndp=COUNTED, counted=COUNTED)], "got 7200 of 7200"),
-        ([example(flat(), ndp=COUNTED, counted=~COUNTED)], "counted must hold a pixel"),
+        ([example(flat(), ndp=COUNTED, counted=~COUNTED)], "scene a must have reference depth"),
         ([example(flat(), ndp=COUNTED[:5], counted=COUNTED)], "must share one shape"),
     ],
 )

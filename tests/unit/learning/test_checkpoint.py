@@ -135,7 +135,7 @@ def test_a_network_of_other_inputs_is_refused(tmp_path: Path, changed: dict, mes
     network = nn.Linear(3, 2)
     content = {"weights": network.state_dict(), "seen": ["infrared"], "shape": [4, 5]}
     checkpoint.save(tmp_path / "cnn.pt", "cnn", {**content, **changed})
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=rf"cnn\.pt: checkpoint {message}"):
         checkpoint.load_network(tmp_path, "cnn", network, ("infrared",))
 
 

@@ -173,7 +173,7 @@ def test_samples_have_the_counted_pixels() -> None:
         ([], "examples must be at least one; got 0"),
         ([_all_ndp(True)], "must be some and not all of the counted ones"),
         ([_all_ndp(False)], "must be some and not all of the counted ones; got 0 of"),
-        ([dataclasses.replace(step_scene(0), ndp=None)], "must have the device's holes"),
+        ([dataclasses.replace(step_scene(0), ndp=None)], "must have the device's depth"),
         (
             [step_scene(0), _of_another_size()],
             "size of the training scenes, 64x48; got 32x48 in scene1",

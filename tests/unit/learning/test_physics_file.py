@@ -56,15 +56,15 @@ def test_damaged_or_older_files_are_refused_in_one_line(tmp_path):
     write_physics(tmp_path, "scene", synthetic_physics())
     path = model_file.path_of(tmp_path, "scene")
     path.write_bytes(path.read_bytes()[:-40])
-    with pytest.raises(InputError, match=r"^model must be whole; got .*scene\.npz\. It is damaged"):
+    with pytest.raises(InputError, match=r"^simulation must be whole .*scene\.npz\. Delete it"):
         read_physics(tmp_path, "scene")
     arrays = {name: np.asarray(getattr(synthetic_physics(), name)) for name in NAMES}
     model_file.write(tmp_path, "scene", 99, arrays)
-    with pytest.raises(InputError, match="must be scene of version 3; got scene of version 99"):
+    with pytest.raises(InputError, match="simulation must be whole and of this version"):
         read_physics(tmp_path, "scene")
     del arrays["reason"]
     model_file.write(tmp_path, "scene", 3, arrays)
-    with pytest.raises(InputError, match=r"model must be whole; got .* without reason\."):
+    with pytest.raises(InputError, match="simulation must be whole and of this version"):
         read_physics(tmp_path, "scene")
 
 
@@ -77,8 +77,8 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
 def test_images_of_other_kinds_or_sizes_are_refused(tmp_path):
     arrays = {name: np.asarray(getattr(synthetic_physics(), name)) for name in NAMES}
     for name, damaged, message in (
-        ("draws", np.ones(2, int), "another draws"),
-        ("reason", arrays["ndp"], "another reason"),
+        ("draws", np.ones(2, int), "must be whole"),
+        ("reason", arrays["ndp"], "must be whole"),
         ("ndp", arrays["ndp"][:, 1:], "images of one size"),
     ):
         model_file.write(tmp_path, "scene", 3, {**arrays, name: damaged})

@@ -91,7 +91,7 @@ def test_scenes_are_weighted_equally(tmp_path):
     ("examples", "message"),
     [
         ([], "examples must be at least one; got 0"),
-        ([dataclasses.replace(SCENES[0], ndp=None)], "example must have the device's holes"),
+        ([dataclasses.replace(SCENES[0], ndp=None)], "must have the device's depth"),
         (
             [dataclasses.replace(SCENES[0], ndp=np.zeros(SHAPE, bool))],
             "no-depth pixels must be some and not all of the counted ones; got 0 of 1536",

@@ -30,3 +30,14 @@ def test_the_nearest_known_name_comes_first():
 
 def test_refusals_are_one_line():
     assert "\n" not in str(errors.refuse("a", "must be b", "c\nd", "Do\ne."))
+
+
+def test_long_values_are_cut():
+    text = str(errors.refuse("a", "must be b", "1" * 5000, "Shorten it."))
+    assert text.endswith("1 ... (5000 characters). Shorten it.") and len(text) < 600
+
+
+def test_errors_name_what_they_concern():
+    message = r"^scene a: size must be > 0; got 0\."
+    with pytest.raises(InputError, match=message), errors.naming("scene a"):
+        errors.positive("size", 0)

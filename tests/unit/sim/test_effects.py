@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import json
 from typing import Any
 
@@ -134,6 +135,10 @@ def test_settings_reach_both_imagers_one_component_and_the_scene() -> None:
         ({"lens_blur.siz": 1.0}, "parameter of lens_blur must be a known name"),
         ({"lens_blur": 400.0}, r"effect lens_blur: lens.blur_px must be in \[0, 20\]; got 400"),
         ({"lens_blur": "much"}, "lens_blur.* must be a number; got 'much'. Its unit is px"),
+        ({"lens_blur": datetime.date(2026, 1, 2)}, "lens_blur.* must be a number; got datetime"),
+        ({"lens_blur": 10**400}, "lens_blur.* must be a number; got 1000"),
+        ({"lens_blur": True}, "lens_blur.* must be a number; got True"),
+        ({"registration": [1]}, r"registration.* must be one of 0, 1; got \[1\]"),
         ({"hole_filling": "all"}, "hole_filling.* must be one of off, "),
         ({"quantisation": 9.0}, "quantisation.* must be one of 8, 10, 12, 16; got 9"),
         ({"speckle_filter": 20.5}, "must be a whole number; got 20.5"),

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from starling.patterns import image
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture
 from starling.sim.captures.exchange import bop, tum
@@ -25,11 +26,56 @@ from starling.sim.console import output
 from starling.sim.datasets.render_view import MemoryFolder
 from starling.sim.geometry import frames
 from starling.sim.imaging.imager.exposure import read_exposure
+from starling.sim.scene import sources
 from starling.sim.sensor import edits, presets, realsense, resolve
 from tests.unit.command_line import Capsys, run
 from tests.unit.sim.fusion.test_trajectory import pose_at, stream
 
 SMALL = ("width=64", "height=48", "fx_px=40", "fy_px=40", "cx_px=31.5", "cy_px=23.5")
+
+
+# --- pipes and devices ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["a/truth.png", "a/room", "a/0/frame.json"])
+@pytest.mark.parametrize("device", [False, True])
+def test_pipes_and_devices_are_refused(small_set: Path, name: str, device: bool) -> None:
+    path = small_set / name
+    path.unlink(missing_ok=True)
+    if device:
+        path.symlink_to("/dev/zero")
+    else:
+        os.mkfifo(path)
+    with pytest.raises(InputError, match=rf"{path.name}.*pipe or a device"):
+        (scene,) = capture.open_set(small_set).scenes[:1]
+        scene.truth_m()
+        scene.frame(0)
+
+
+def test_a_pattern_that_is_a_device_is_refused() -> None:
+    with pytest.raises(InputError, match="pattern file must be readable; got /dev/zero"):
+        image.load("/dev/zero", fov_x_deg=60, fov_y_deg=40)
+
+
+def test_null_bytes_in_names_are_refused() -> None:
+    with pytest.raises(InputError, match=r"pattern file must be readable; .*null byte"):
+        image.load("a\0.png", fov_x_deg=60, fov_y_deg=40)
+    with pytest.raises(InputError, match="out must hold no null byte"):
+        output.OutputFolder("a\0b")
+
+
+def test_names_that_are_too_long_are_refused() -> None:
+    assert not capture.is_capture("x" * 400)
+    with pytest.raises(InputError, match="scene must be a known name"):
+        sources.load("x" * 400, presets.load("d435"))
+
+
+def test_a_material_that_is_a_pipe_is_as_missing(tmp_path: Path) -> None:
+    box = trimesh.creation.box().export(file_type="obj")
+    (tmp_path / "box.obj").write_text(f"mtllib m.mtl\nusemtl a\n{box}")
+    os.mkfifo(tmp_path / "m.mtl")
+    ((_, part),) = sources.mesh_parts(tmp_path / "box.obj")
+    assert len(part.faces) == 12
 
 
 # --- device presets and sensors ---------------------------------------------------------------

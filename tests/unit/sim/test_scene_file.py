@@ -116,7 +116,7 @@ _POSE = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.8], [0, 0, 0, 1]]"
         ("[0, 0, 0, 1]", "[0, 0, 0.8, 1]", "last row of left_from_world must be 0 0 0 1; got"),
         ("[0, 0, 0, 1]", "[0, 0, 0, nan]", "last row of left_from_world must be 0 0 0 1; got"),
         ("[[materials]]", "[materials]", "materials must be a list of tables; got"),
-        (TEXT[TEXT.index("[[m") :], "[[poses]]", "key in SceneFile must be a known name; got 'p"),
+        (TEXT[TEXT.index("[[m") :], "[[poses]]", "key must be a known name; got 'p"),
         ("body =", "bodies =", r"key in materials\[0\] must be a known name; got 'bodies'"),
         ('body = "ball*"', "", r"materials\[0\].body must be given"),
         ('"ball*"', '""', "materials.body must name bodies; got ''. Give a name, or "),

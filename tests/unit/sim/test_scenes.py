@@ -127,6 +127,37 @@ def test_scenes_not_in_metres_are_refused(tmp_path):
         mitsuba_scene.MitsubaScene(point)
 
 
+@pytest.mark.parametrize(
+    ("vertex", "message"),
+    [
+        ((np.nan, 0, 0), "mesh must have finite vertices; got NaN or infinite ones in .*m.obj"),
+        ((np.inf, 0, 0), "mesh must have finite vertices"),
+        ((1e9, 0, 0), "mesh must lie within 1e.07 m of its origin; got a coordinate of 1e.09 m"),
+    ],
+)
+def test_vertices_that_cannot_be_are_refused(tmp_path, vertex, message):
+    corners = np.array([(0.0, 0, 0), (1.0, 0, 0), (0.0, 1, 0)])
+    corners = corners + vertex if np.isfinite(vertex).all() else np.vstack([corners[:2], vertex])
+    trimesh.Trimesh(corners, [[0, 1, 2]], process=False).export(tmp_path / "m.obj")
+    with pytest.raises(InputError, match=message):
+        sources.load(str(tmp_path / "m.obj"), SENSOR)
+
+
+@pytest.mark.parametrize(
+    ("transform", "message"),
+    [
+        ('<scale x="-1"/>', "to_world of the sensor in .*m.xml must turn, not mirror"),
+        ('<translate x="1e9"/>', "shift of to_world of the sensor in .*m.xml must be in"),
+    ],
+)
+def test_poses_of_mitsuba_files_are_rigid(tmp_path, transform, message):
+    pose = f'<transform name="to_world">{transform}</transform>'
+    content = f'<sensor type="perspective">{pose}</sensor><shape type="sphere"/>'
+    (tmp_path / "m.xml").write_text(f'<scene version="3.0.0">{content}</scene>')
+    with pytest.raises(InputError, match=message):
+        sources.load(str(tmp_path / "m.xml"), SENSOR)
+
+
 def test_the_camera_must_be_outside_bodies(tmp_path):
     path = tmp_path / "box.ply"
     inside = frames.pose((0.1, 0.2, 0.0))
@@ -296,3 +327,10 @@ def test_a_known_pose_in_the_frame_of_a_distant_mesh_is_kept(tmp_path):
 def _exported(mesh, path):
     mesh.export(path, digits=9)
     return path
+
+
+@pytest.mark.parametrize("name", ["tabletop", "clutter", "room"])
+def test_a_seed_must_be_whole(name: str):
+    with pytest.raises(InputError, match=rf"{name}'s seed must be whole; got 1\.5\. Give 1\."):
+        builtin.named(name, "1.5")
+    assert builtin.named(name, "1.0").name == f"{name}:1"

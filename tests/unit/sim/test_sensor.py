@@ -128,7 +128,7 @@ def test_a_setting_may_be_edited_in_the_file() -> None:
         (b"\xff", r"sensor must be TOML; got"),
         (b"deep = " + b"[" * 5000 + b"]" * 5000, r"sensor must be TOML; got"),
         (b"", "name must be given; got nothing"),
-        (b"widht = 3", r"key in Sensor must be a known name; got 'widht'. Known: width,"),
+        (b"widht = 3", r"key must be a known name; got 'widht'. Known: width,"),
         (b"left = 3", "left must be a table; got 3"),
         (b"matcher = 3", "matcher must be a table; got 3"),
         (b"matcher = {setting = 'fats'}", r"matcher must be a known name; got 'fats'. Known: fast"),

@@ -81,8 +81,8 @@ def test_whole_numbers_are_accepted_as_floats() -> None:
         ({"count": -(10**400)}, "count must fit in 64 bits; got a whole number of 1330 bits"),
         ({"place_m": [[1 << 20_000]]}, "place_m must fit in 64 bits"),
         ({"label": {"x": 1 << 20_000}}, r"label.x must fit in 64 bits"),
-        ({3: 3}, "key in Tree must be a known name; got 3"),
-        ({"other": 1}, "key in Tree must be a known name; got 'other'"),
+        ({3: 3}, "key must be a known name; got 3"),
+        ({"other": 1}, "key must be a known name; got 'other'"),
     ],
 )
 def test_wrong_tables_are_refused(table: dict[Any, Any], message: str) -> None:
@@ -106,5 +106,5 @@ def test_edits() -> None:
         structure.edit(TREE, "shape.radius_m", 3)
     with pytest.raises(InputError, match="label has no fields"):
         structure.edit(TREE, "label.x", 3)
-    with pytest.raises(InputError, match="field in Tree must be a known name; got ''"):
+    with pytest.raises(InputError, match="field must be a known name; got ''"):
         structure.edit(TREE, "", 3)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.learning.completion.method import Image
+from starling.patterns import regular_file
 from starling.patterns.errors import refuse
 from starling.sim.geometry.pinhole import Pinhole
 
@@ -85,7 +86,7 @@ def check_folder(path: Path) -> Path:
 
 def _image(path: Path, flags: int) -> NDArray[np.generic]:
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        data = np.frombuffer(regular_file.read(path), np.uint8)
     except OSError as error:
         raise refuse("image", "must be readable", path, f"{error.strerror}.") from error
     image = cv2.imdecode(data, flags) if data.size else None

@@ -80,6 +80,10 @@ def test_light_is_read_as_written(light_set: Path, light: SceneLight, camera: No
         ("left_laser_e", np.full((64, 96), -1.0, np.float32), "left_laser_e must be finite"),
         ("right_up", None, "light.npz must hold right_up"),
         ("left_up", np.zeros(3), "left_up must be three numbers with a length"),
+        ("left_up", np.full(3, 1e200), "left_up must be three numbers with a length"),
+        ("left_up", np.full(3, np.longdouble("1e4000")), "left_up must be three numbers"),
+        ("left_depth_m", np.zeros((64, 96)), "left_depth_m must be > 0, or NaN"),
+        ("right_depth_m", np.full((64, 96), np.inf), "right_depth_m must be > 0, or NaN"),
     ],
 )
 def test_refused_light(

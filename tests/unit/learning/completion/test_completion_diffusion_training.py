@@ -6,6 +6,7 @@ import dataclasses
 import json
 import sys
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,14 @@ import torch
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
 from starling import command_line
-from starling.learning.completion.diffusion import VARIANTS, Variant, model, training, weights
+from starling.learning.completion.diffusion import (
+    VARIANTS,
+    Variant,
+    method,
+    model,
+    training,
+    weights,
+)
 from starling.learning.completion.diffusion.data import (
     DiffusionBatch,
     TrainingSample,
@@ -298,17 +306,21 @@ def test_weights_without_checkpoint_are_refused(published: Path, tmp_path: Path)
 
 
 def test_training_and_completion_on_the_command_line(
-    published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    published: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ):
+    monkeypatch.setattr(method, "Diffusion", partial(Diffusion, steps=2))
     captures, out = capture_sets.write(tmp_path / "set"), tmp_path / "trained"
     flags = ["--start", str(published), "--variant", "rgbd-mask", "--steps", "1"]
     assert command_line.main(["train", "completion", str(captures), "--out", str(out), *flags]) == 0
-    method = f"diffusion={out / 'weights'}"
+    word = f"diffusion={out / 'weights'}"
     done = tmp_path / "done"
-    arguments = ["complete", str(captures), "--method", method, "--out", str(done), "--json"]
+    arguments = ["complete", str(captures), "--method", word, "--out", str(done), "--json"]
     assert command_line.main(arguments) == 0
     report = json.loads("{" + capsys.readouterr().out.rpartition("\n{")[2])
-    assert report["frames"] == 4 and report["method"] == method
+    assert report["frames"] == 4 and report["method"] == word
 
 
 def test_missing_packages_are_named(

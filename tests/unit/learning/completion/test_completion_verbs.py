@@ -93,6 +93,16 @@ def test_a_frame_without_depth_is_reported(captures: Path, tmp_path: Path, capsy
     assert record["said"].startswith("cannot")
 
 
+def test_depth_in_another_unit_is_refused_with_its_frame(captures: Path, tmp_path: Path, capsys):
+    capture_file = captures / "capture.toml"
+    info = dataclasses.replace(capture_info.read(capture_file), depth_unit_m=0.1)
+    capture_file.write_text(capture_info.dumps(info))
+    words = ("complete", captures, "--method", "poisson", "--out", tmp_path / "out")
+    message = refused(*words, capsys=capsys)
+    assert message.startswith("starling: scene attic-view, frame 0: depth_m must be in metres")
+    assert "check depth_unit_m" in message and not (tmp_path / "out").exists()
+
+
 def test_training_and_evaluation(captures: Path, tmp_path: Path, capsys: Capsys):
     model, out = tmp_path / "trained", tmp_path / "judged"
     two = ("--rooms", "attic", "cellar")

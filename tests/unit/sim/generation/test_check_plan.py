@@ -67,6 +67,21 @@ def test_meshes_are_loaded_once_at_the_start(tmp_path: Path) -> None:
     assert not (tmp_path / "set").exists()
 
 
+def test_mitsuba_files_are_loaded_at_the_start(tmp_path: Path) -> None:
+    path = tmp_path / "room.xml"
+    source = {"kind": "files", "paths": [path.name]}
+    plan = {**PLAN, "source": [WALL, source]}
+    for content, message in (
+        ("<scene", "source 2: scene must be"),
+        ('<scene version="3.0.0"></scene>', "source 2: scene must hold shapes"),
+    ):
+        path.write_text(content)
+        with pytest.raises(InputError, match=message):
+            check_plan.refuse_failing(plans.from_table(plan, tmp_path))
+    path.write_text('<scene version="3.0.0"><shape type="sphere"/></scene>')
+    check_plan.refuse_failing(plans.from_table(plan, tmp_path))
+
+
 def test_a_pile_without_room_is_refused(tmp_path: Path) -> None:
     mesh(tmp_path / "things" / "box.ply", 0.4)
     source = {"kind": "dropped", "folder": "things", "count": 9}

@@ -1,0 +1,19 @@
+"""Reading of regular files: pipes and devices block, or never end."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+
+def read(path: Path) -> bytes:
+    """Read a file that is no pipe or device.
+
+    Raises:
+        OSError: if it cannot be read, is a pipe or device, or has a null byte in its name.
+    """
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "Its name has a null byte")
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise OSError(errno.EINVAL, "It is a pipe or a device", str(path))
+    return path.read_bytes()
