@@ -10,6 +10,7 @@ from starling.diagnosis.scenes.strata import Image, Mask, Pixels
 from starling.sim.metrics import MAD_TO_SIGMA
 
 FEWEST = 100  # Least number of pixels in a bin.
+FARTHEST = 32  # Largest value at which a crowd is looked for.
 _LEAST = 1e-6  # Lower limit of the argument of a logarithm.
 
 
@@ -25,25 +26,39 @@ def mean(values: NDArray, where: Pixels) -> float:
     return float(inside.mean()) if inside.size >= FEWEST else float("nan")
 
 
-def median(values: NDArray, where: Pixels) -> float:
-    """Compute the median of finite values; NaN if they are too few."""
-    inside = _finite(values, where)
-    return float("nan") if inside is None else _median(inside)
-
-
 def spread(values: NDArray, where: Pixels) -> float:
     """Compute the logarithm of 1.4826 median absolute deviation; NaN if values are too few."""
     return median_and_spread(values, where)[1]
 
 
 def median_and_spread(values: NDArray, where: Pixels) -> tuple[float, float]:
-    """Compute `median` and `spread` with one median."""
+    """Compute the median of finite values, and `spread`; NaN if they are too few."""
     inside = _finite(values, where)
     if inside is None:
         return float("nan"), float("nan")
     middle = _median(inside)
     deviation = _median(np.abs(inside - inside.dtype.type(middle)))
     return middle, float(np.log(max(MAD_TO_SIGMA * deviation, _LEAST)))
+
+
+def crowd_median_and_spread(values: NDArray, where: Pixels, reach: float) -> tuple[float, float]:
+    """Compute `median_and_spread` of the values within `reach` of the most frequent value.
+
+    Values far off, such as wrong matches, do not count, wherever the most frequent value lies.
+    Both are NaN if it lies beyond `FARTHEST`.
+    """
+    inside = _finite(values, where)
+    if inside is None:
+        return float("nan"), float("nan")
+    cells = np.clip(np.rint(inside), -FARTHEST - 1, FARTHEST + 1).astype(np.intp) + FARTHEST + 1
+    count = np.bincount(cells, minlength=2 * FARTHEST + 3)[1:-1]
+    crowded = np.convolve(count, np.bartlett(2 * int(reach) + 3), mode="same")
+    middle = float(np.argmax(crowded) - FARTHEST)
+    near = inside[np.abs(inside - middle) <= reach + 0.5]  # Half a cell more.
+    if near.size < FEWEST:
+        return float("nan"), float("nan")
+    near = inside[np.abs(inside - _median(near)) <= reach]
+    return median_and_spread(near, np.arange(near.size))
 
 
 def _finite(values: NDArray, where: Pixels) -> NDArray | None:
