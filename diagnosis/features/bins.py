@@ -10,7 +10,11 @@ from starling.diagnosis.scenes.strata import Image, Mask, Pixels
 from starling.sim.metrics import MAD_TO_SIGMA
 
 FEWEST = 100  # Least number of pixels in a bin.
-FARTHEST = 32  # Largest value at which a crowd is looked for.
+FARTHEST = 6  # Largest value at which a crowd is looked for: 3 % of 200 px of disparity.
+_CROWD = 0.15  # Least share of the values in a crowd; wrong matches give 0.04 by chance.
+# Least spread, in DN or px. Quantised values may have a median deviation of 0, and its logarithm
+# would jump.
+_NARROWEST = 1e-3
 _LEAST = 1e-6  # Lower limit of the argument of a logarithm.
 
 
@@ -38,14 +42,14 @@ def median_and_spread(values: NDArray, where: Pixels) -> tuple[float, float]:
         return float("nan"), float("nan")
     middle = _median(inside)
     deviation = _median(np.abs(inside - inside.dtype.type(middle)))
-    return middle, float(np.log(max(MAD_TO_SIGMA * deviation, _LEAST)))
+    return middle, float(np.log(max(MAD_TO_SIGMA * deviation, _NARROWEST)))
 
 
 def crowd_median_and_spread(values: NDArray, where: Pixels, reach: float) -> tuple[float, float]:
     """Compute `median_and_spread` of the values within `reach` of the most frequent value.
 
     Values far off, such as wrong matches, do not count, wherever the most frequent value lies.
-    Both are NaN if it lies beyond `FARTHEST`.
+    Both are NaN if it lies beyond `FARTHEST`, or if few values are near it.
     """
     inside = _finite(values, where)
     if inside is None:
@@ -55,7 +59,7 @@ def crowd_median_and_spread(values: NDArray, where: Pixels, reach: float) -> tup
     crowded = np.convolve(count, np.bartlett(2 * int(reach) + 3), mode="same")
     middle = float(np.argmax(crowded) - FARTHEST)
     near = inside[np.abs(inside - middle) <= reach + 0.5]  # Half a cell more.
-    if near.size < FEWEST:
+    if near.size < max(FEWEST, _CROWD * inside.size):
         return float("nan"), float("nan")
     near = inside[np.abs(inside - _median(near)) <= reach]
     return median_and_spread(near, np.arange(near.size))

@@ -81,12 +81,12 @@ def _shift_features(kind: str, image: Image, partner: Image, strata: Strata) -> 
     everywhere = [(down, right) for down in _REACH for right in _REACH]
     search = _correlations(image, partner, strata, everywhere, row_step=_SEARCH_ROWS)
     peaks = {name: max(everywhere, key=values.__getitem__) for name, values in search.items()}
-    beside = {place: _cross(place) for place in set(peaks.values())}
-    around = sorted({place for cross in beside.values() for place in cross})
+    crosses = {place: _cross(place) for place in set(peaks.values())}
+    around = sorted({place for cross in crosses.values() for place in cross})
     features = {}
     for name, values in _correlations(image, partner, strata, around).items():
         down, right = peaks[name]
-        height, fits = _fit_peak([values[place] for place in beside[down, right]])
+        height, fits = _fit_peak([values[place] for place in crosses[down, right]])
         features[f"{kind}.match.{name}"] = float(np.arctanh(_MOST * np.clip(height, -1, 1)))
         if not height > _RELIABLE or max(abs(down), abs(right)) == REACH_PX:
             continue

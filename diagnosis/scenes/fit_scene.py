@@ -1,8 +1,8 @@
 """Nuisance parameters that are fitted to each scene before the diagnosis, as they differ by room.
 
-The parameters are the pose of the reference depth relative to the camera, ambient light, exposure
-as recorded in `frame.json`, and the scale of the projected pattern. The scale drifts with the
-laser's wavelength. Effects under diagnosis depart from the fitted values.
+The parameters are the pose of the reference depth relative to the camera, ambient light, and the
+scale of the projected pattern. The scale drifts with the laser's wavelength. Exposure and gain are
+read from `frame.json`. Effects under diagnosis depart from these values.
 """
 
 from __future__ import annotations

@@ -66,7 +66,20 @@ MEANT = {
         "hot_pixels": ("noise.bright outliers",),
         "flicker": ("time.flicker",),
     },
-    Segment.DEPTH: {},
+    Segment.DEPTH: {
+        "pixel_locking": ("error.fraction.fraction.1/8", "error.fraction.fraction.2/8"),
+        "smoothing_mean": ("surface.alike x4", "surface.rough x"),
+        "spatial_filter": ("surface.alike x4", "surface.rough x"),
+        "subpixel_steps": ("surface.equal x", "surface.values"),
+        "depth_unit": ("surface.equal x", "surface.values"),
+        "range": ("range.near", "holes.all"),
+        "range.far_m": ("range.far", "holes.all"),
+        "overlap_border": ("surface.columns",),
+        "disparity_shift": ("holes.all",),
+        "left_right_threshold": ("holes.all",),
+        "edge_jump": ("holes.all",),
+        "large_penalty": ("holes.all",),
+    },
 }
 CASES = [(segment, effect) for segment, effects in MEANT.items() for effect in effects]
 
