@@ -54,7 +54,7 @@ def warp_to_left(image: Image, disparity_px: Image) -> Image:
         cv2.remap(
             np.asarray(image, np.float32),
             np.asarray(x - np.nan_to_num(disparity_px), np.float32),
-            y,
+            np.asarray(y, np.float32),
             cv2.INTER_CUBIC,
             borderMode=cv2.BORDER_REPLICATE,
         ),
