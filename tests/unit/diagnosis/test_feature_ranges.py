@@ -38,8 +38,8 @@ def test_a_bias_is_read_over_the_whole_range_despite_wrong_matches(bias: float, 
 def test_foreground_that_grows_over_an_edge_is_a_wrong_match():
     """It is as frequent as true depth there, but not on the surfaces."""
     grown = measured(0.1, 0.0)
-    beside = GROUND.covariates["edge"].mask("beside a nearer thing")
-    grown[beside & (np.random.default_rng(1).random(grown.shape) < 0.6)] += 4
+    mask = GROUND.covariates["edge"].mask("beside a nearer thing")
+    grown[mask & (np.random.default_rng(1).random(grown.shape) < 0.6)] += 4
     features = depth_maps.disparity_features(grown, GROUND)
     assert features["error.bias.edge.beside a nearer thing"] == pytest.approx(0.1, abs=0.03)
 
