@@ -11,6 +11,7 @@ from starling.sim.metrics import MAD_TO_SIGMA
 
 FEWEST = 100  # Least number of pixels in a bin.
 FARTHEST = 6  # Largest value at which a crowd is looked for: 3 % of 200 px of disparity.
+_SAMPLE = 20_000  # Number of values among which a crowd is looked for.
 _CROWD = 0.15  # Least share of the values in a crowd; wrong matches give 0.04 by chance.
 # Least spread, in DN or px. Quantised values may have a median deviation of 0, and its logarithm
 # would jump.
@@ -54,12 +55,13 @@ def crowd_median_and_spread(values: NDArray, where: Pixels, reach: float) -> tup
     inside = _finite(values, where)
     if inside is None:
         return float("nan"), float("nan")
-    cells = np.clip(np.rint(inside), -FARTHEST - 1, FARTHEST + 1).astype(np.intp) + FARTHEST + 1
+    sample = inside[:: max(1, inside.size // _SAMPLE)]
+    cells = np.clip(np.rint(sample), -FARTHEST - 1, FARTHEST + 1).astype(np.intp) + FARTHEST + 1
     count = np.bincount(cells, minlength=2 * FARTHEST + 3)[1:-1]
     crowded = np.convolve(count, np.bartlett(2 * int(reach) + 3), mode="same")
     middle = float(np.argmax(crowded) - FARTHEST)
-    near = inside[np.abs(inside - middle) <= reach + 0.5]  # Half a cell more.
-    if near.size < max(FEWEST, _CROWD * inside.size):
+    near = sample[np.abs(sample - middle) <= reach + 0.5]  # Half a cell more.
+    if near.size < max(FEWEST, _CROWD * sample.size):
         return float("nan"), float("nan")
     near = inside[np.abs(inside - _median(near)) <= reach]
     return median_and_spread(near, np.arange(near.size))

@@ -30,7 +30,7 @@ _FLATTEST = 1e-3  # Least curvature of the logarithm of a peak [px^-2].
 _LOWEST = 0.05  # Lower limit of a peak's neighbour, relative to the peak.
 _REACH = range(-REACH_PX, REACH_PX + 1)
 _ROWS = 32  # Rows of one block, whose products fit into the memory near the processor.
-_SEARCH_ROWS = 4  # Step between rows of the search; the peak is fitted to all rows.
+_SEARCH_ROWS = 90  # Number of rows of the search; the peak is fitted to all rows.
 _SCENES = 16  # Scenes whose standardised expected images are cached.
 
 Place = tuple[int, int]  # Displacement down and right [px].
@@ -79,7 +79,8 @@ def _standardised_expected(strata: Strata) -> Image:
 def _shift_features(kind: str, image: Image, partner: Image, strata: Strata) -> dict[str, float]:
     """Compute height, position and width in x and y of the correlation peak, by bin."""
     everywhere = [(down, right) for down in _REACH for right in _REACH]
-    search = _correlations(image, partner, strata, everywhere, row_step=_SEARCH_ROWS)
+    row_step = max(1, len(image) // _SEARCH_ROWS)
+    search = _correlations(image, partner, strata, everywhere, row_step=row_step)
     peaks = {name: max(everywhere, key=values.__getitem__) for name, values in search.items()}
     crosses = {place: _cross(place) for place in set(peaks.values())}
     around = sorted({place for cross in crosses.values() for place in cross})
@@ -136,7 +137,7 @@ def _correlations(
         np.multiply(flat, flat, out=products[-3])
         np.multiply(still, still, out=products[-2])
         products[-1] = 1.0
-        sums += products.reshape(len(sums), -1) @ _members(strata, rows)
+        sums += products.reshape(len(sums), -1) @ _members(strata, rows).T
     count = sums[-1]
     with np.errstate(divide="ignore", invalid="ignore"):
         power = np.sqrt(np.maximum(sums[-3] / count * sums[-2] / count, 1e-6))
@@ -157,14 +158,14 @@ def _labels(strata: Strata, name: str) -> tuple[str, ...]:
 
 
 def _members(strata: Strata, rows: range) -> NDArray[np.float32]:
-    """Return which pixels of some rows are in which bin, 0 or 1 (pixels, bins)."""
+    """Return which pixels of some rows are in which bin, 0 or 1 (bins, pixels)."""
     chosen = slice(rows.start, rows.stop, rows.step)
     inside = strata.counted[chosen] & (strata.covariates["edge"].label[chosen] == 0)
     masks = [inside]
     for name in _BINS:
         label = strata.covariates[name].label[chosen]
         masks += [inside & (label == number) for number in range(len(_labels(strata, name)))]
-    return np.stack([mask.ravel() for mask in masks], axis=1).astype(np.float32)
+    return np.stack([mask.ravel() for mask in masks]).astype(np.float32)
 
 
 def _fit_peak(values: Sequence[float]) -> tuple[float, list[tuple[float, float]]]:
