@@ -10,6 +10,12 @@ from starling.diagnosis.scenes.strata import Image, Mask, Pixels
 from starling.sim.metrics import MAD_TO_SIGMA
 
 FEWEST = 100  # Least number of pixels in a bin.
+FARTHEST = 6  # Largest value at which a crowd is looked for: 3 % of 200 px of disparity.
+_SAMPLE = 20_000  # Number of values among which a crowd is looked for.
+_CROWD = 0.15  # Least share of the values in a crowd; wrong matches give 0.04 by chance.
+# Least spread, in DN or px. Quantised values may have a median deviation of 0, and its logarithm
+# would jump.
+_NARROWEST = 1e-3
 _LEAST = 1e-6  # Lower limit of the argument of a logarithm.
 
 
@@ -25,25 +31,40 @@ def mean(values: NDArray, where: Pixels) -> float:
     return float(inside.mean()) if inside.size >= FEWEST else float("nan")
 
 
-def median(values: NDArray, where: Pixels) -> float:
-    """Compute the median of finite values; NaN if they are too few."""
-    inside = _finite(values, where)
-    return float("nan") if inside is None else _median(inside)
-
-
 def spread(values: NDArray, where: Pixels) -> float:
     """Compute the logarithm of 1.4826 median absolute deviation; NaN if values are too few."""
     return median_and_spread(values, where)[1]
 
 
 def median_and_spread(values: NDArray, where: Pixels) -> tuple[float, float]:
-    """Compute `median` and `spread` with one median."""
+    """Compute the median of finite values, and `spread`; NaN if they are too few."""
     inside = _finite(values, where)
     if inside is None:
         return float("nan"), float("nan")
     middle = _median(inside)
     deviation = _median(np.abs(inside - inside.dtype.type(middle)))
-    return middle, float(np.log(max(MAD_TO_SIGMA * deviation, _LEAST)))
+    return middle, float(np.log(max(MAD_TO_SIGMA * deviation, _NARROWEST)))
+
+
+def crowd_median_and_spread(values: NDArray, where: Pixels, reach: float) -> tuple[float, float]:
+    """Compute `median_and_spread` of the values within `reach` of the most frequent value.
+
+    Values far off, such as wrong matches, do not count, wherever the most frequent value lies.
+    Both are NaN if it lies beyond `FARTHEST`, or if few values are near it.
+    """
+    inside = _finite(values, where)
+    if inside is None:
+        return float("nan"), float("nan")
+    sample = inside[:: max(1, inside.size // _SAMPLE)]
+    cells = np.clip(np.rint(sample), -FARTHEST - 1, FARTHEST + 1).astype(np.intp) + FARTHEST + 1
+    count = np.bincount(cells, minlength=2 * FARTHEST + 3)[1:-1]
+    crowded = np.convolve(count, np.bartlett(2 * int(reach) + 3), mode="same")
+    middle = float(np.argmax(crowded) - FARTHEST)
+    near = sample[np.abs(sample - middle) <= reach + 0.5]  # Half a cell more.
+    if near.size < max(FEWEST, _CROWD * sample.size):
+        return float("nan"), float("nan")
+    near = inside[np.abs(inside - _median(near)) <= reach]
+    return median_and_spread(near, np.arange(near.size))
 
 
 def _finite(values: NDArray, where: Pixels) -> NDArray | None:

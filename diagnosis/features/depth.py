@@ -1,4 +1,8 @@
-"""Features of depth: errors, holes, surface, difference from our matcher, and change in time."""
+"""Features of depth: errors, holes, surface, difference from our matcher, and change in time.
+
+Areas below a size are not monotone: a growing piece or hole leaves its class. Shares of wrong
+matches and pixelwise differences are capped.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,12 @@ from numpy.typing import NDArray
 
 from starling.diagnosis.features import bins
 from starling.diagnosis.scenes.observation import DepthObservation, FullObservation
-from starling.diagnosis.scenes.strata import FAR_OFF_PX, Image, Strata
+from starling.diagnosis.scenes.strata import FAR_OFF_PX, Image, Pixels, Strata
 
 _PLACES = ("depth", "x", "y", "radius", "level", "incidence")
 _RELATIVE_PLACES = ("edge", "level", "depth")
 _MOST_PX = 1.0  # Upper limit of a difference: beyond it is a wrong match of unknown size.
+_SMOOTHEST_PX = 1e-3  # Added to a roughness: keeps its logarithm finite on planes.
 _LAGS_PX = (1, 2, 4, 8, 16)  # Lags of the error's autocorrelation.
 _AREAS_PX = (30, 100, 300, 1000)  # Areas below which segments and holes are small.
 _STEP_PX = 1.0  # Larger differences of neighbours separate segments.
@@ -56,12 +61,11 @@ def disparity_features(measured_px: Image, strata: Strata) -> dict[str, float]:
         strata: reference and bins of the scene.
     """
     error = measured_px - strata.disparity_px
-    near = np.where(np.abs(error) <= FAR_OFF_PX, error, np.nan)
     [(_, everywhere)], [(_, interior)] = strata.all_pixels(), strata.all_pixels(interior=True)
     valid = np.isfinite(measured_px)
     missing = ~valid
     wrong = np.nan_to_num(np.abs(error), nan=0.0) > FAR_OFF_PX
-    middle, spread = bins.median_and_spread(near, interior)
+    middle, spread = _bias_and_spread(error, interior)
     features = {
         "error.bias.all": middle,
         "error.spread.all": spread,
@@ -69,18 +73,31 @@ def disparity_features(measured_px: Image, strata: Strata) -> dict[str, float]:
         "holes.all": bins.rate(missing, everywhere),
     }
     for name, where in strata.bins(*_PLACES, interior=True):
-        bias, spread = bins.median_and_spread(near, where)
+        bias, spread = _bias_and_spread(error, where)
         features |= {f"error.bias.{name}": bias, f"error.spread.{name}": spread}
     for name, where in strata.bins(*_PLACES):
         features[f"holes.{name}"] = bins.rate(missing, where)
+    # Foreground that grows over an edge crowds there too, so the crowd of the surfaces counts.
+    near = _near(error, middle)
     for name, where in strata.bins("edge"):
         bias, spread = bins.median_and_spread(near, where)
         features |= {f"error.bias.{name}": bias, f"error.spread.{name}": spread}
         features[f"error.far off.{name}"] = bins.rate(wrong, bins.among(where, valid))
         features[f"holes.{name}"] = bins.rate(missing, where)
     for name, where in strata.bins("fraction", interior=True):
-        features[f"error.fraction.{name}"] = bins.median(near, where) - middle
+        features[f"error.fraction.{name}"] = _bias_and_spread(error, where)[0] - middle
     return features
+
+
+def _bias_and_spread(error_px: NDArray, where: Pixels) -> tuple[float, float]:
+    """Compute the median error and the logarithm of its spread, without wrong matches."""
+    return bins.crowd_median_and_spread(error_px, where, FAR_OFF_PX)
+
+
+def _near(error_px: NDArray, middle_px: float) -> NDArray:
+    """Remove errors far from the bias of the surfaces; of none if that is unknown."""
+    middle_px = float(np.nan_to_num(middle_px))
+    return np.where(np.abs(error_px - middle_px) <= FAR_OFF_PX, error_px, np.nan)
 
 
 def bias_features(measured_px: Image, ours_px: Image, strata: Strata) -> dict[str, float]:
@@ -95,9 +112,10 @@ def bias_features(measured_px: Image, ours_px: Image, strata: Strata) -> dict[st
         strata: bins of the scene.
     """
     difference = measured_px - ours_px
-    near = np.where(np.abs(difference) < FAR_OFF_PX, difference, np.nan)
+    [(_, interior)] = strata.all_pixels(interior=True)
+    near = _near(difference, _bias_and_spread(difference, interior)[0])
     return {
-        f"against.bias.{name}": bins.median(near, where)
+        f"against.bias.{name}": bins.median_and_spread(near, where)[0]
         for name, where in (*strata.all_pixels(), *strata.bins(*_RELATIVE_PLACES))
     }
 
@@ -129,8 +147,9 @@ def surface_features(measured_px: Image, strata: Strata) -> dict[str, float]:
     """
     valid = np.isfinite(measured_px)
     error = np.where(valid, measured_px - strata.disparity_px, np.nan)
-    where = strata.interior & (np.abs(error) < 2)
-    error = error - np.nanmedian(np.where(where, error, np.nan)) if where.any() else error
+    bias_px, _ = _bias_and_spread(error, np.flatnonzero(strata.interior))
+    error = error - np.nan_to_num(bias_px)
+    where = strata.interior & (np.abs(error) < FAR_OFF_PX)
     features: dict[str, float] = {}
     inside = np.flatnonzero(where)
     power = bins.mean(error**2, inside)
@@ -148,7 +167,9 @@ def surface_features(measured_px: Image, strata: Strata) -> dict[str, float]:
         second = measured_px - 0.5 * (
             np.roll(measured_px, -1, axis) + np.roll(measured_px, 1, axis)
         )
-        features[f"surface.rough {name}"] = bins.spread(second, inside)
+        # A mean, as most second differences of quantised disparity are 0 and so is their median.
+        rough_px = bins.mean(np.minimum(np.abs(second), _MOST_PX), inside)
+        features[f"surface.rough {name}"] = bins.log(rough_px + _SMOOTHEST_PX)
     features |= _small_areas(measured_px, valid)
     if valid.any():
         low, high = np.quantile(measured_px[valid], (0.002, 0.998))

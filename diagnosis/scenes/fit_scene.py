@@ -1,13 +1,15 @@
 """Nuisance parameters that are fitted to each scene before the diagnosis, as they differ by room.
 
 The parameters are the pose of the reference depth relative to the camera, ambient light, and the
-scale of the projected pattern. The scale drifts with the laser's wavelength. Effects under
-diagnosis depart from the fitted values.
+scale of the projected pattern. The scale drifts with the laser's wavelength. Exposure and gain are
+read from `frame.json`. Effects under diagnosis depart from these values.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,16 +22,22 @@ from starling.diagnosis.scenes.pose import PosedScene
 from starling.sim import simulate
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.commands.simulate_captures import scene_seed
+from starling.sim.effects import setting as setting
 from starling.sim.effects.effect import Value
+from starling.sim.imaging.imager.exposure import Exposure
+from starling.sim.imaging.signals import signals
+from starling.sim.render import direct
 from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.scene.captured import known_geometry, room_light
 from starling.sim.scene.captured.room_light import LIT_ROOM_W_M2
 from starling.sim.scene.scene import ModelError, Scene
-from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 
 AMBIENT, SCALE = "ambient", "pattern_scale"  # Rows of the effect table.
 TURN = ("model_turn", "model_turn.y", "model_turn.z")
 SHIFT = ("model_shift", "model_shift.y", "model_shift.z")
+EXPOSURE, GAIN, AUTO_EXPOSURE = "exposure", "gain", "auto_exposure"
+_EQUAL_EXPOSURE = 0.01  # Relative difference of exposures that counts as equal.
 _STEP = 2e-3  # Relative step of the tried scales: dots move by 1.5 px at the image's edge.
 _STEPS = 3  # Steps to each side: three times the drift observed with temperature.
 _FINE_STEP = 1e-3  # Relative step of the parabola about the best tried scale.
@@ -115,31 +123,85 @@ def fit_pattern_scale(captured: CapturedScene, sensor: Sensor) -> Nuisances:
     return {} if scale is None else {SCALE: Nuisance(sensor.projector.pattern_scale, scale)}
 
 
-def light_nuisance(captured: CapturedScene, scene: Scene, sensor: Sensor) -> Nuisances:
-    """Return the ambient light that was estimated with a scene, as a nuisance parameter.
+def recorded_exposure(
+    captured: CapturedScene, exposures: Sequence[Exposure], sensor: Sensor
+) -> Nuisances:
+    """Return exposure time and gain of `frame.json` where they differ from the sensor's.
 
-    Ambient light is separated from reflectance by the dots. It is not fitted without images or with
+    Auto exposure of the sensor gives way to a recorded time. It stays where light and reflectance
+    are estimated: the level of such a scene is arbitrary, and auto exposure corrects it.
+
+    Args:
+        captured: captured scene.
+        exposures: exposure of its first repeat; empty if the camera records none.
+        sensor: the base.
+    """
+    imager = sensor.left
+    if not exposures or (imager.auto_exposure_level > 0 and captured.known() is None):
+        return {}
+    values = {
+        EXPOSURE: Nuisance(imager.exposure_s, exposures[0].exposure_s),
+        GAIN: Nuisance(imager.gain, exposures[0].gain),
+        AUTO_EXPOSURE: Nuisance(imager.auto_exposure_level, 0.0),
+    }
+    return {
+        name: nuisance
+        for name, nuisance in values.items()
+        if not math.isclose(nuisance.common, nuisance.value, rel_tol=_EQUAL_EXPOSURE)
+    }
+
+
+def fit_light(
+    captured: CapturedScene, scene: Scene, sensor: Sensor, fitted: Nuisances
+) -> tuple[Scene, Nuisances]:
+    """Fit ambient light, unless `scene.toml` states it.
+
+    The contrast of the dots separates it from reflectance. It is not fitted without images or with
     the projector off.
 
     Args:
         captured: captured scene.
-        scene: estimated scene.
+        scene: scene of its `scene.toml`, or estimated with its light.
         sensor: the base.
+        fitted: parameters fitted earlier; ambient light among them is not fitted again.
+
+    Returns:
+        The scene in fitted light, and all fitted parameters.
     """
-    if captured.fullest().ir_left is None or sensor.projector.power_w == 0:
-        return {}
-    return {AMBIENT: Nuisance(LIT_ROOM_W_M2, scene.ambient.irradiance_w_m2)}
+    known, image = captured.known(), captured.fullest().ir_left
+    if image is None or sensor.projector.power_w == 0:
+        return scene, fitted
+    if known is None:
+        light = Nuisance(LIT_ROOM_W_M2, scene.ambient.irradiance_w_m2)
+        return scene, {**fitted, AMBIENT: light}
+    if known_geometry.states_ambient(known):
+        return scene, fitted
+    if AMBIENT not in fitted:
+        stated, common = captured.info.black_level_dn, scene.ambient.irradiance_w_m2
+        black_dn = sensor.left.black_level_dn if stated is None else stated
+        dotted = np.maximum(image.astype(np.float32) - np.float32(black_dn), 0)
+        view = direct.layers(MitsubaScene(scene), sensor).left
+        signal = signals(view, scene, sensor, "left")
+        light = Nuisance(common, room_light.ambient_w_m2(dotted, signal, sensor.left))
+        fitted = {**fitted, AMBIENT: light}
+    lit = dataclasses.replace(scene.ambient, irradiance_w_m2=fitted[AMBIENT].value)
+    return dataclasses.replace(scene, ambient=lit), fitted
 
 
 def apply_to_sensor(sensor: Sensor, nuisances: Nuisances) -> Sensor:
-    """Set the fitted pattern scale in the sensor."""
-    if SCALE not in nuisances:
-        return sensor
-    return with_values(sensor, [("projector.pattern_scale", nuisances[SCALE].value)])
+    """Set the fitted parameters that belong to the sensor: pattern scale, exposure, gain."""
+    values = {
+        name: nuisance.value
+        for name, nuisance in nuisances.items()
+        if not setting.acts_on_scene_only(name)
+    }
+    return setting.on_sensor(sensor, values) if values else sensor
 
 
 def shift_settings(settings: Mapping[str, Value], nuisances: Nuisances) -> dict[str, Value]:
     """Convert settings from the common base to a scene's fitted base; departures stay equal.
+
+    Departures of exposure time and gain are factors.
 
     Args:
         settings: value by effect, relative to the common base.
@@ -148,6 +210,9 @@ def shift_settings(settings: Mapping[str, Value], nuisances: Nuisances) -> dict[
     shifted = dict(settings)
     for name in (settings.keys() & nuisances.keys()) - {*TURN, *SHIFT}:
         nuisance = nuisances[name]
+        if name in (EXPOSURE, GAIN):
+            shifted[name] = float(settings[name]) * nuisance.value / nuisance.common
+            continue
         shifted[name] = max(0.0, nuisance.value + (float(settings[name]) - nuisance.common))
     return shifted
 

@@ -6,7 +6,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from starling.diagnosis.scenes.fit_scene import SCALE, SHIFT, TURN
+from starling.diagnosis.scenes.fit_scene import (
+    AUTO_EXPOSURE,
+    EXPOSURE,
+    GAIN,
+    SCALE,
+    SHIFT,
+    TURN,
+)
 from starling.diagnosis.scenes.observation import DepthObservation, StereoObservation
 from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.scenes.selection import (
@@ -14,9 +21,10 @@ from starling.diagnosis.scenes.selection import (
     ROOMS_PER_TEST_ROOM,
     SceneSelection,
 )
-from starling.diagnosis.which.candidates import LEFT_OUT, Segment
+from starling.diagnosis.which.candidates import LEFT_OUT, Segment, effects_on_bodies
+from starling.sim import effects
 
-_EQUAL_EXPOSURE = 0.01  # Relative difference of exposures that counts as equal.
+_LISTED = 6  # Longest list of families that is written out.
 _SEGMENT_NAMES = {
     Segment.IMAGE: "images",
     Segment.DEPTH: "matcher and filters",
@@ -50,6 +58,7 @@ def list_limits(
         *_rooms(scenes.complete, held_out=bool(scenes.held_out)),
         *_contents(scenes.complete),
         *_light(scenes.complete),
+        *_plugin_scenes(scenes),
         "Not tried, as single static frames of one size do not show them: "
         f"{', '.join(sorted(LEFT_OUT))}.",
     ]
@@ -73,12 +82,24 @@ def _selection(
         captures = "These captures" if scene_models[0].against is None else "The other captures"
         yield f"{captures} name a {device} as their device; the given sensor is a {sensor_name}."
     if families is not None:
-        yield f"Only effects of these families were tried: {', '.join(sorted(families))}."
+        yield from _tried(set(families))
     for segment in untried:
         name = _SEGMENT_NAMES[segment]
         yield f"None of them acts on {name}: a gap there is not attributed."
     if unpaired:
         yield f"Only one of the two sets has these scenes; they are ignored: {', '.join(unpaired)}."
+
+
+def _tried(families: set[str]) -> Iterator[str]:
+    """Name the families that were tried, or those that were not, whichever list is short."""
+    known = {effect.family for effect in effects.table()}
+    others = sorted(known - families)
+    if len(families) <= _LISTED:
+        yield f"Only effects of these families were tried: {', '.join(sorted(families))}."
+    elif len(others) > _LISTED:
+        yield f"Effects of {len(families)} of the {len(known)} families were tried, as asked."
+    elif others:
+        yield f"Effects of these families were not tried: {', '.join(others)}."
 
 
 def _incomplete(scene_models: Sequence[SceneModel], incomplete: Sequence[str]) -> Iterator[str]:
@@ -147,6 +168,18 @@ def _contents(scene_models: Sequence[SceneModel]) -> Iterator[str]:
         )
 
 
+def _plugin_scenes(scenes: SceneSelection) -> Iterator[str]:
+    """Name the effects that do not act on the shapes of a Mitsuba XML."""
+    plugins = [scene.name for scene in scenes.complete if not scene.scene.bodies]
+    if not plugins:
+        return
+    names = ", ".join(effects_on_bodies())
+    if scenes.training[0].scene.bodies:
+        yield f"Shapes of {', '.join(plugins)} keep the XML's materials, despite effects: {names}."
+    else:
+        yield f"Not tried, as shapes of an XML keep their materials: {names}."
+
+
 def _light(scene_models: Sequence[SceneModel]) -> Iterator[str]:
     estimated = [scene for scene in scene_models if scene.estimates]
     if any(isinstance(scene.real, StereoObservation) for scene in estimated):
@@ -185,15 +218,14 @@ def _moved_references(scene_models: Sequence[SceneModel]) -> Iterator[str]:
 def _fitted(scene_models: Sequence[SceneModel]) -> Iterator[str]:
     yield from _moved_references(scene_models)
     fitted = {name for scene in scene_models for name in scene.nuisances}
-    names = sorted(fitted - {*TURN, *SHIFT})
+    names = sorted(fitted - {*TURN, *SHIFT, EXPOSURE, GAIN, AUTO_EXPOSURE})
     if names:
         spans = []
         for name in names:
             values = [
                 scene.nuisances[name].value for scene in scene_models if name in scene.nuisances
             ]
-            ends = dict.fromkeys(f"{end:.5g}" for end in (min(values), max(values)))
-            spans.append(f"{name} {' to '.join(ends)}")
+            spans.append(f"{name} {_span(values)}")
         tried = any(scene.against is not None for scene in scene_models)
         yield (
             f"Fitted to each scene separately: {', '.join(spans)}. "
@@ -215,23 +247,24 @@ def _fitted(scene_models: Sequence[SceneModel]) -> Iterator[str]:
 
 
 def _exposures(scene_models: Sequence[SceneModel]) -> Iterator[str]:
-    imager = scene_models[0].sensor.left
-    base = [scene.against or scene.real for scene in scene_models]
-    recorded = [exposure for observation in base for exposure in observation.exposures]
-    if not recorded or imager.auto_exposure_level:
-        return
-    amounts = [exposure.exposure_s * exposure.gain for exposure in recorded]
-    if max(amounts) > (1 + _EQUAL_EXPOSURE) * min(amounts):
-        yield (
-            f"Scenes were exposed differently, by {max(amounts) / min(amounts):.2f} times at most "
-            "according to frame.json; the given sensor has one exposure for all. Set its "
-            "auto_exposure_level, or diagnose scenes of equal exposure separately."
+    recorded = [
+        scene for scene in scene_models if {EXPOSURE, GAIN, AUTO_EXPOSURE} & scene.nuisances.keys()
+    ]
+    if recorded:
+        exposure_s, gain = (
+            _span([getattr(scene.sensor.left, name) for scene in recorded])
+            for name in ("exposure_s", "gain")
         )
-    elif abs(np.log(amounts[0] / (imager.exposure_s * imager.gain))) > _EQUAL_EXPOSURE:
+        names = _scenes([scene.name for scene in recorded], scene_models)
         yield (
-            f"frame.json records {recorded[0].exposure_s:g} s at gain {recorded[0].gain:g}; the "
-            f"given sensor has {imager.exposure_s:g} s at gain {imager.gain:g}. Correct it there."
+            f"frame.json gives the exposure{names}: {exposure_s} s at gain {gain}. It replaces "
+            "the given sensor's."
         )
+
+
+def _span(values: Sequence[float]) -> str:
+    """Write the least and the largest value; one number if they are equal."""
+    return " to ".join(dict.fromkeys(f"{end:.5g}" for end in (min(values), max(values))))
 
 
 def _scenes(names: Sequence[str], scene_models: Sequence[SceneModel]) -> str:

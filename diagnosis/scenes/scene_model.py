@@ -292,14 +292,14 @@ def load_scene_model(
     if size != (sensor.height, sensor.width):
         rule = f"must be of the sensor's size, {sensor.height} x {sensor.width}"
         raise refuse(f"scene {captured.name}", rule, size, "Give the sensor of these captures.")
+    base = read_observation(reference, sensor)
     fitted = fit_scene.fit_geometry(reference, sensor) if fitted is None else fitted
+    fitted = {**fitted, **fit_scene.recorded_exposure(reference, base.exposures, sensor)}
     reference = fit_scene.correct_reference(reference, fitted)
     sensor = fit_scene.apply_to_sensor(sensor, fitted)
     # The light estimate needs dots at their true place, so it comes after the geometry.
     scene, estimates = estimated.load_scene(reference, sensor, even_ambient=even_ambient)
-    if estimates:
-        fitted = {**fitted, **fit_scene.light_nuisance(reference, scene, sensor)}
-    base = read_observation(reference, sensor)
+    scene, fitted = fit_scene.fit_light(reference, scene, sensor, fitted)
     model = build_scene_model(
         scene,
         sensor,

@@ -16,6 +16,7 @@ from starling.diagnosis.where.covariates import share_of_gap
 Limits = dict[str, tuple[float, float]]  # Lower and upper limit by covariate.
 
 _DEPTH = 3  # Depth of the tree.
+_MOST_AREA = 1 / 3  # A rule that covers a larger share of the pixels does not say where.
 _LEAST_AREA = 0.01  # Least share of the pixels that a rule covers.
 _FAIR_SHARE = 0.1  # Least gain of a split, as a share of the first split's gain.
 _PIXELS = 20_000  # Number of pixels sampled from each scene.
@@ -55,6 +56,7 @@ def find_rules(
         Rules with the largest contribution first; none with fewer than four rooms. The second half
         of the rooms has to confirm a rule. Its sign has to agree in all rooms, or in three quarters
         of four or more. Its size has to be at least half of that in the first half.
+        Rules that cover more than a third of the pixels are left out.
     """
     order = list(dict.fromkeys(rooms))
     if len(order) < _LEAST_ROOMS:
@@ -105,8 +107,10 @@ def find_rules(
         learnt = float(learnt_y[learnt_leaves == leaf].mean())
         if not text or not _confirmed(learnt, by_room[np.isfinite(by_room)]):
             continue
-        gap = float(np.nanmean(each))
         area = float(np.mean([np.mean(reached == leaf) for reached in leaves]))
+        if area > _MOST_AREA:
+            continue
+        gap = float(np.nanmean(each))
         net = nets[leaf]
         part = share_of_gap(net, total, gross)
         rules.append(GapRule(text=text, gap=gap, area=area, net=net, share=part))

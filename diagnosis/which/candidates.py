@@ -22,6 +22,7 @@ _EQUAL = 0.01  # Relative difference up to which a measured value equals the bas
 # Effects that do nothing without a partner, show only in repeats, or change the image size.
 LEFT_OUT = frozenset({"rolling_shutter", "temporal_filter", "decimation", "registration"})
 _DEPTH_ONLY = frozenset({"dropped_bits"})  # Output images lack these bits; only depth shows them.
+_FINISH = "scene.finish."  # Paths of the finish, which acts on bodies alone.
 _MOTIONS = frozenset({"motion", "turning"})
 
 
@@ -51,11 +52,21 @@ class Candidate:
         return not setting.parameter_of(self.name)[1].choices
 
 
+def effects_on_bodies() -> list[str]:
+    """List the effects that act on bodies, not on the shapes of a Mitsuba XML."""
+    return [effect.name for effect in effects.table() if _acts_on_bodies(effect)]
+
+
+def _acts_on_bodies(effect: Effect) -> bool:
+    return effect.parameters[0].paths[0].startswith(_FINISH)
+
+
 def candidates(sensor: Sensor, scene: Scene, segment: Segment) -> list[Candidate]:
     """List the effects that may act in a segment.
 
     Each parameter of an effect is a candidate. Parameters that do nothing while the first one is
     neutral, such as the position of a second projector, are tried once the first is accepted.
+    A scene of a Mitsuba XML has no bodies, so `effects_on_bodies` are left out.
 
     Args:
         sensor: the base.
@@ -66,7 +77,7 @@ def candidates(sensor: Sensor, scene: Scene, segment: Segment) -> list[Candidate
     late = (Stage.MATCHER, Stage.POST)
     listed = []
     for effect in effects.table():
-        if effect.name in LEFT_OUT:
+        if effect.name in LEFT_OUT or (not scene.bodies and _acts_on_bodies(effect)):
             continue
         of_depth = effect.stage in late or effect.name in _DEPTH_ONLY
         if segment is not Segment.WHOLE and of_depth != (segment is Segment.DEPTH):

@@ -31,13 +31,13 @@ def sensors(
     *,
     common: Shared = Common(),
 ) -> None:
-    """List the sensor presets, or show one preset with the source of every number.
+    """List the sensor presets, or show one sensor with the source of every number.
 
     Example: starling sensors show d435
 
     Args:
-        action: `list` all presets, or `show` one.
-        name: Preset to show.
+        action: `list` all presets, or `show` one sensor.
+        name: Preset or sensor file (.toml) to show.
     """
     from starling.sim.sensor import presets, structure
 
@@ -45,7 +45,8 @@ def sensors(
         shell.say(presets.summary(), json=common.json)
         return
     if not name:
-        raise refuse("name", "must be given", "nothing", f"Known: {', '.join(presets.names())}.")
+        known = f"Give a sensor file, or one of {', '.join(presets.names())}."
+        raise refuse("name", "must be given", "nothing", known)
     sensor = presets.load(name)
     shell.say(structure.to_table(sensor), json=common.json, as_text=lambda _: presets.text(name))
 

@@ -35,13 +35,14 @@ def spread(
         sensor: supplies the focal lengths.
 
     Returns:
-        The spread light, or the input array if no light spreads.
+        The spread light, or the input array if no light spreads. Shapes with their own BSDF are
+        unaffected, as by all of the finish.
 
     Source: exponential profile of the dipole (Jensen et al., A practical model for subsurface
     light transport, 2001, eq. 4). A Gaussian with the same second moment replaces it.
     """
     finish = scene.finish
-    if finish.subsurface_m == 0 or not light.any():
+    if finish.subsurface_m == 0 or not scene.bodies or not light.any():
         return light
     windows = find_objects(body.astype(np.int32), max_label=len(scene.bodies))
     out = light

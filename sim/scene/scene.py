@@ -13,6 +13,8 @@ from starling.patterns import errors
 from starling.sim.geometry.frames import Pose
 from starling.sim.sensor.projector import Projector
 
+BRIGHTEST_W_M2 = 2e3  # Upper limit of the light of sky or sun, above full sunlight.
+
 Kind = Literal["diffuse", "glossy", "metal", "mirror", "glass"]
 
 
@@ -87,7 +89,7 @@ class Ambient:
     up: tuple[float, float, float] = (0.0, -1.0, 0.0)  # Unit, world frame.
 
     def __post_init__(self) -> None:
-        errors.in_interval("ambient.irradiance_w_m2", self.irradiance_w_m2, 0.0, 2e3)
+        errors.in_interval("ambient.irradiance_w_m2", self.irradiance_w_m2, 0.0, BRIGHTEST_W_M2)
         errors.in_interval("ambient.gradient", self.gradient, 0.0, 1.0)
         length = float(np.linalg.norm(self.up))
         errors.in_interval("length of ambient.up", length, 0.999, 1.001, "Give a unit vector.")
@@ -101,7 +103,7 @@ class Sun:
     towards: tuple[float, float, float] = (0.3, -0.9, -0.3)  # World frame, any length.
 
     def __post_init__(self) -> None:
-        errors.in_interval("sun.irradiance_w_m2", self.irradiance_w_m2, 0.0, 2e3)
+        errors.in_interval("sun.irradiance_w_m2", self.irradiance_w_m2, 0.0, BRIGHTEST_W_M2)
         length = float(np.linalg.norm(self.towards))
         errors.in_interval("length of sun.towards", length, 1e-3, 1e3, "Give a direction.")
 

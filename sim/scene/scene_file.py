@@ -5,6 +5,7 @@ not. Example of a file:
 
     scene = "table.ply"
     left_from_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.8], [0, 0, 0, 1]]
+    ambient_w_m2 = 0.4
 
     [[materials]]
     body = "ball*"
@@ -26,6 +27,7 @@ from starling.patterns import errors
 from starling.sim import files
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
+from starling.sim.scene.scene import BRIGHTEST_W_M2
 from starling.sim.sensor import structure
 
 FILE = "scene.toml"
@@ -56,6 +58,7 @@ class SceneFile:
     scene: str  # A builtin name, a mesh or a Mitsuba XML; paths start at the scene's folder.
     left_from_world: Rows  # Rigid, metres; the world is the geometry's frame.
     materials: tuple[KnownMaterial, ...] = ()  # The last match of a body applies.
+    ambient_w_m2: float | None = None  # Irradiance of ambient light; None: not measured.
 
     def __post_init__(self) -> None:
         if not self.scene.strip() or "\0" in self.scene:
@@ -63,6 +66,8 @@ class SceneFile:
                 "scene", "must name a scene", repr(self.scene), "Give a builtin name or a file."
             )
         frames.refuse_not_rigid("left_from_world", np.array(self.left_from_world, np.float64))
+        if self.ambient_w_m2 is not None:
+            errors.in_interval("ambient_w_m2", self.ambient_w_m2, 0.0, BRIGHTEST_W_M2)
 
     @property
     def world_from_left(self) -> Pose:
@@ -75,7 +80,7 @@ def read(path: Path) -> SceneFile:
 
     Raises:
         InputError: if the file is missing or not TOML, or if a key is missing or unknown. Also if
-            the pose is not rigid, or a reflectance is outside [0, 1].
+            the pose is not rigid, a reflectance is outside [0, 1], or ambient light is negative.
     """
     return files.read_toml(path, _from_table)
 

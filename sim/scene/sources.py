@@ -17,7 +17,7 @@ from starling.patterns import errors
 from starling.sim.geometry import frames
 from starling.sim.render import backend
 from starling.sim.scene.builtin import solids
-from starling.sim.scene.scene import Ambient, Body, Material, Scene
+from starling.sim.scene.scene import Ambient, Body, Material, Scene, Sun
 from starling.sim.sensor.sensor import Sensor
 
 MESH_SUFFIXES = (".ply", ".obj", ".glb")
@@ -38,6 +38,7 @@ _LARGEST_M = 100.0  # Largest extent of a mesh; larger ones are not in metres [m
 _USUAL_M = (0.005, 30.0)  # Extents of objects and rooms; others give a warning [m].
 _FLOAT32 = 1e-5  # Rounding of Mitsuba's single-precision matrices.
 _NEAR_M = 1000.0  # Largest coordinate of a mesh that is not shifted to the origin [m].
+_SUN_Y_UP = (0.3, 0.9, 0.3)  # Above and in front, as the default is where y points down.
 _SURFACE = Material(name="unnamed", reflectance=0.5)
 _WHOLE = ("instance", "shapegroup")  # Shapes with child shapes, which are not supported.
 
@@ -110,6 +111,7 @@ def load_mesh(path: Path, sensor: Sensor, world_from_left: frames.Pose | None = 
         name=path.stem,
         bodies=bodies,
         ambient=Ambient(up=(0.0, 1.0, 0.0)),
+        sun=Sun(towards=_SUN_Y_UP),
         world_from_left=pose,
         origin_m=(x, y, z),
     )
@@ -249,6 +251,7 @@ def load_xml(path: Path) -> Scene:
         name=path.stem,
         shapes=tuple(loaded.shapes()),
         ambient=Ambient(up=(0.0, 1.0, 0.0)),
+        sun=Sun(towards=_SUN_Y_UP),
         world_from_left=world_from_left,
     )
 

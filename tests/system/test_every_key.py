@@ -260,6 +260,7 @@ SCENE: dict[str, Any] = {
     "left_from_world": SHIFTED,
     "materials": [],
     "materials.body": [{"body": "back", "reflectance": 0.3}],
+    "ambient_w_m2": 3.0,
     "materials.reflectance": [{"body": "step*", "reflectance": 0.4}],
     "a_typo": 1,
 }
@@ -280,7 +281,7 @@ def test_every_key_of_a_known_scene_matters(tmp_path: Path, path: str) -> None:
         loaded = known_geometry.load(capture.open_set(scene).scenes[0], presets.load("d435"))
         assert loaded is not None
         bodies = [(body.name, body.material.reflectance) for body in loaded.bodies]
-        return bodies, loaded.world_from_left.tolist()
+        return bodies, loaded.ambient, loaded.world_from_left.tolist()
 
     before = unchanged(lambda: observed(KNOWN))
     changed = {**KNOWN, path.partition(".")[0]: SCENE[path]}

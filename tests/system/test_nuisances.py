@@ -77,13 +77,13 @@ def test_a_first_frame_with_depth_alone_is_skipped(warm, tmp_path):
 def test_without_dots_ambient_light_is_not_fitted(warm, tmp_path):
     off = with_values(SENSOR, [("projector.power_w", 0.0)])
     assert fit_scene.fit_pattern_scale(warm, off) == {}
-    assert fit_scene.light_nuisance(warm, estimated.load_scene(warm, off)[0], off) == {}
+    assert fit_scene.fit_light(warm, estimated.load_scene(warm, off)[0], off, {})[1] == {}
     whole = shutil.copytree(warm.path.parent, tmp_path / "set")
     for image in whole.rglob("ir_*.png"):
         image.unlink()
     (blind,) = capture.open_set(whole).scenes
     assert fit_scene.fit_pattern_scale(blind, SENSOR) == {}
-    assert fit_scene.light_nuisance(blind, estimated.load_scene(blind, SENSOR)[0], SENSOR) == {}
+    assert fit_scene.fit_light(blind, estimated.load_scene(blind, SENSOR)[0], SENSOR, {})[1] == {}
 
 
 @pytest.mark.long

@@ -132,6 +132,19 @@ def test_sensors(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "name must be given" in _refused("sensors", "show", capsys=capsys)
 
 
+def test_a_sensor_file_is_shown(capsys: Capsys, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    text = "# Measured.\n" + presets.dumps(presets.load("d435"))
+    file.write_text(text, encoding="utf-8")
+    assert _run("sensors", "show", str(file), capsys=capsys)[1].rstrip() == text.rstrip()
+    table = json.loads(_run("sensors", "show", str(file), "--json", capsys=capsys)[1])
+    assert table["fx_px"] == presets.load("d435").fx_px
+    file.write_text(text.replace("\nfx_px = ", "\nfx_px = -"), encoding="utf-8")
+    assert "fx_px" in _refused("sensors", "show", str(file), capsys=capsys)
+    missing = str(tmp_path / "missing.toml")
+    assert "missing.toml" in _refused("sensors", "show", missing, capsys=capsys)
+
+
 def test_doctor_and_bench_print_their_results(
     capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,7 +23,7 @@ _SINGLE = 1e-4  # Tolerance of rotations in single precision, as in Mitsuba.
 
 
 def load(scene: CapturedScene, sensor: Sensor) -> Scene | None:
-    """Load the geometry and pose that a captured scene's `scene.toml` names.
+    """Load the geometry, pose and ambient light that a captured scene's `scene.toml` names.
 
     The geometry must not be a capture, since its depth depends on a camera's intrinsics.
 
@@ -32,7 +32,7 @@ def load(scene: CapturedScene, sensor: Sensor) -> Scene | None:
         sensor: Sensor that observes it.
 
     Returns:
-        Scene with the file's `world_from_left`; None if there is no file.
+        Scene with the file's `world_from_left` and ambient light; None if there is no file.
 
     Raises:
         InputError: if the file is refused, if its geometry cannot be loaded, or if a material
@@ -46,7 +46,18 @@ def load(scene: CapturedScene, sensor: Sensor) -> Scene | None:
         bodies = _with_materials(loaded.bodies, known.materials)
     pose = known.world_from_left
     pose[:3, 3] -= loaded.origin_m
-    return dataclasses.replace(loaded, bodies=bodies, world_from_left=pose)
+    ambient = loaded.ambient
+    if known.ambient_w_m2 is not None:
+        ambient = dataclasses.replace(ambient, irradiance_w_m2=known.ambient_w_m2)
+    return dataclasses.replace(loaded, bodies=bodies, ambient=ambient, world_from_left=pose)
+
+
+def states_ambient(known: SceneFile) -> bool:
+    """Return whether a `scene.toml` says how bright ambient light is.
+
+    A builtin scene has its own light. A mesh has none, and lamps of an XML are not loaded.
+    """
+    return known.ambient_w_m2 is not None or _is_builtin(known.scene)
 
 
 def describe(specifier: str, file_from_left: Pose, folder: Path) -> SceneFile | None:

@@ -12,6 +12,7 @@ from typing import Any
 import tomli_w
 
 from starling.patterns import errors, regular_file
+from starling.sim import files
 from starling.sim.sensor import matcher, structure
 from starling.sim.sensor.imager import EXPOSURE
 from starling.sim.sensor.sensor import Sensor
@@ -41,16 +42,23 @@ def load(name: str) -> Sensor:
         InputError: for an unknown preset (the message lists the known ones, nearest first), an
             unreadable file, or a refused value.
     """
+    return _read(_path(name))
+
+
+def _path(name: str) -> Path:
     if name.endswith(".toml"):
-        return _read(Path(name))
+        return Path(name)
     errors.one_of("sensor", name, names())
-    return _read(_FOLDER / f"{name}.toml")
+    return _FOLDER / f"{name}.toml"
 
 
 def text(name: str) -> str:
-    """Return the text of a preset's file, including the sources of its numbers."""
-    errors.one_of("sensor", name, names())
-    return (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
+    """Return the text of a preset's file or of a sensor file, with the sources of its numbers.
+
+    Raises:
+        InputError: as `load`.
+    """
+    return files.read_text(_path(name))
 
 
 def with_absolute_patterns(sensor: Sensor, folder: str | Path) -> Sensor:

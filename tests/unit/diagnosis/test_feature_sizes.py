@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from starling.diagnosis.features import depth as depth_maps
-from starling.diagnosis.features import infrared
+from starling.diagnosis.features import infrared, shifts
 from starling.diagnosis.scenes.observation import StereoObservation
 from starling.diagnosis.scenes.strata import FAR_OFF_PX
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, HEIGHT, WIDTH
@@ -123,8 +123,8 @@ def test_wrong_matches_are_a_share_of_valid_pixels_and_fractions_are_relative_to
 
 
 def test_blur_flattens_correlation_peaks():
-    sharp = infrared.dot_shift_features(EXPECTED, GROUND)
-    soft = infrared.dot_shift_features(cv2.GaussianBlur(EXPECTED, (0, 0), 1.0), GROUND)
+    sharp = shifts.dot_shift_features(EXPECTED, GROUND)
+    soft = shifts.dot_shift_features(cv2.GaussianBlur(EXPECTED, (0, 0), 1.0), GROUND)
     assert soft["dots.width x.all"] < sharp["dots.width x.all"] - 0.1
 
 

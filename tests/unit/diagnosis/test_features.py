@@ -101,14 +101,6 @@ def test_levels_follow_the_light(factor: float):
     assert after[name] - before[name] == pytest.approx(np.log(factor), abs=0.02)
 
 
-@pytest.mark.parametrize(("dx", "dy"), [(0.3, 0.0), (0.0, -0.2), (-0.4, 0.3)])
-def test_a_shift_is_measured_in_pixels(dx: float, dy: float):
-    moved = infrared.warp_to_left(EXPECTED, np.zeros_like(DISPARITY), dx=-dx, dy=-dy)
-    features = infrared.dot_shift_features(moved, GROUND)
-    assert features["dots.shift x.all"] == pytest.approx(-dx, abs=0.08)
-    assert features["dots.shift y.all"] == pytest.approx(-dy, abs=0.08)
-
-
 def test_blur_reduces_sharpness():
     sharp = infrared.texture_features(EXPECTED, GROUND)
     soft = infrared.texture_features(cv2.GaussianBlur(EXPECTED, (0, 0), 1.0), GROUND)

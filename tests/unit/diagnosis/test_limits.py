@@ -21,7 +21,6 @@ from starling.diagnosis.scenes.selection import SceneSelection
 from starling.diagnosis.validation.adapters import families
 from starling.diagnosis.which import attribution
 from starling.diagnosis.which.candidates import Segment
-from starling.sim.imaging.imager.exposure import Exposure
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
@@ -55,7 +54,7 @@ def scene(
         estimates=(),
         against=None,
         nuisances={},
-        scene=SimpleNamespace(ambient=None),
+        scene=SimpleNamespace(ambient=None, bodies=(None,)),
     )
 
 
@@ -88,6 +87,15 @@ def test_the_package_offers_its_function_and_nothing_else():
         _ = diagnosis.diagnosed
 
 
+def test_effects_on_bodies_are_named_for_scenes_of_an_xml():
+    plain, xml = scene("a"), scene("b")
+    xml.scene.bodies = ()
+    assert "XML" not in limits(plain, scene("b"))
+    names = "nir_reflectance, specular, metal, transparency, subsurface."
+    assert f"shapes of an XML keep their materials: {names}" in limits(xml, plain)
+    assert f"Shapes of b keep the XML's materials, despite effects: {names}" in limits(plain, xml)
+
+
 def test_complete_captures_have_only_general_limits():
     text = limits(scene("a"), scene("b"))
     assert text.startswith("Not tried") and text.count(". ") == 0
@@ -110,6 +118,11 @@ def test_each_limit_has_its_sentence():
     )
     assert "hold device depth; these" in limits(scene(kind=DepthObservation), incomplete=("c",))
     assert "families were tried: gain, veil." in limits(scene(), families=["veil", "gain"])
+    known = sorted(families.known())
+    some, most = (limits(scene(), families=known[:count]) for count in (9, len(known) - 2))
+    assert f"Effects of 9 of the {len(known)} families were tried, as asked." in some
+    assert f"families were not tried: {', '.join(known[-2:])}." in most
+    assert "families" not in limits(scene(), families=known)
     text = limits(scene(), families=["veil"], untried=(Segment.DEPTH,))
     assert "veil. None of them acts on matcher and filters:" in text
     lit = scene("b")
@@ -142,48 +155,26 @@ def test_fitted_parameters_and_unmatched_dots_are_reported():
     assert "captured so" not in limits(first, second)
 
 
-@pytest.mark.parametrize(
-    "times, says",
-    [
-        ((1.0, 1.0), ""),
-        ((1.009, 1.009), ""),  # Equal means within 1 %, of the sensor and of one another.
-        ((1.011, 1.011), "frame.json records"),
-        ((1.0, 1.009), ""),
-        ((1.0, 1.011), "1.01 times"),
-        ((1.5, 1.5), "frame.json records"),
-        ((1.0, 2.0), "2.00 times"),
-    ],
-)
-def test_recorded_exposures_are_compared_with_the_sensor(times, says):
-    imager = SENSOR.left
-    fixed = with_values(SENSOR, [("imager.auto_exposure_level", 0.0)])
-    for camera in (fixed, with_values(SENSOR, [("imager.auto_exposure_level", 0.3)])):
-        shots = [Exposure(exposure_s=k * imager.exposure_s, gain=imager.gain) for k in times]
-        scenes = [
-            scene(n, sensor=camera, exposures=(shot,)) for n, shot in zip("ab", shots, strict=True)
-        ]
-        text = limits(*scenes)
-        assert ("expos" in text or "frame.json" in text) == bool(says and camera is fixed)
-        assert not says or camera is not fixed or says in text
-
-
-def test_of_two_sets_the_sensor_is_compared_with_the_reference_set():
-    """A different exposure of the diagnosed captures belongs to the gap."""
-    fixed = with_values(SENSOR, [("imager.auto_exposure_level", 0.0)])
-    equal = Exposure(exposure_s=fixed.left.exposure_s, gain=fixed.left.gain)
-    long = Exposure(exposure_s=2 * fixed.left.exposure_s, gain=fixed.left.gain)
-
-    def pair(real: Exposure, reference: Exposure, *, moved: bool = False) -> Any:
-        model = scene("b", sensor=fixed, exposures=(real,))
-        model.against = observation(FullObservation, exposures=(reference,), moved=moved)
+def test_recorded_exposures_are_reported():
+    def exposed(name: str, exposure_s: float, gain: float) -> Any:
+        sensor = with_values(SENSOR, [("imager.exposure_s", exposure_s), ("imager.gain", gain)])
+        model = scene(name, sensor=sensor)
+        model.nuisances = {"exposure": Nuisance(common=0.0085, value=exposure_s)}
         return model
 
-    assert "frame.json" not in limits(pair(long, equal))
-    assert "frame.json records" in limits(pair(equal, long))
-    assert "Repeats of b differ" in limits(pair(equal, equal, moved=True))
-    assert "The other captures name a d415 as their device" in limits(
-        pair(equal, equal), device="d415"
-    )
+    assert "frame.json" not in limits(scene("a"), scene("b"))
+    text = limits(exposed("a", 0.004, 1.0), exposed("b", 0.016, 2.0))
+    assert "frame.json gives the exposure: 0.004 to 0.016 s at gain 1 to 2. It replaces" in text
+    assert "Fitted to each scene" not in text
+    text = limits(scene("a"), exposed("b", 0.004, 1.0))
+    assert "gives the exposure of b: 0.004 s at gain 1." in text
+
+
+def test_motion_and_device_of_the_reference_set_are_reported():
+    model = scene("b")
+    model.against = observation(FullObservation, moved=True)
+    assert "Repeats of b differ" in limits(model)
+    assert "The other captures name a d415 as their device" in limits(model, device="d415")
 
 
 def test_the_largest_correction_of_a_reference_is_reported():

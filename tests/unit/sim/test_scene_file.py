@@ -56,6 +56,7 @@ def test_a_captured_scene_reads_its_own(small_set: Path) -> None:
     word=_WORDS,
     turn=st.tuples(_DEGREES, _DEGREES, _DEGREES),
     shift=st.tuples(_METRES, _METRES, _METRES),
+    ambient=st.none() | st.floats(0, 2000),
     materials=st.lists(
         st.builds(KnownMaterial, body=st.text(min_size=1), reflectance=st.floats(0, 1)), max_size=3
     ),
@@ -65,11 +66,15 @@ def test_written_files_read_back_equal(
     word: str,
     turn: tuple[float, float, float],
     shift: tuple[float, float, float],
+    ambient: float | None,
     materials: list[KnownMaterial],
 ) -> None:
     """All rigid poses are accepted and stored without loss."""
     file = SceneFile(
-        scene=word, left_from_world=_rows(frames.pose(shift, turn)), materials=tuple(materials)
+        scene=word,
+        left_from_world=_rows(frames.pose(shift, turn)),
+        materials=tuple(materials),
+        ambient_w_m2=ambient,
     )
     path = tmp_path_factory.getbasetemp() / "round.toml"
     path.write_text(scene_file.dumps(file), encoding="utf-8")
@@ -120,6 +125,8 @@ _POSE = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.8], [0, 0, 0, 1]]"
         ("body =", "bodies =", r"key in materials\[0\] must be a known name; got 'bodies'"),
         ('body = "ball*"', "", r"materials\[0\].body must be given"),
         ('"ball*"', '""', "materials.body must name bodies; got ''. Give a name, or "),
+        ("[[mat", "ambient_w_m2 = -0.1\n[[mat", r"ambient_w_m2 must be in \[0, 2000\]; got -0.1"),
+        ("[[mat", "ambient_w_m2 = '1'\n[[mat", "ambient_w_m2 must be of type float"),
         ("= 0.3", "= 1.3", r"reflectance of ball\* must be in \[0, 1\]; got 1.3"),
         ("= 0.3", "= '0.3'", r"materials\[0\].reflectance must be of type float"),
         ("reflectance = 0.3", "", r"materials\[0\].reflectance must be given"),

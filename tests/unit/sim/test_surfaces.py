@@ -241,3 +241,11 @@ def test_finish_refuses(field: str, value: Any) -> None:
 def test_sun_refuses(changes: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         Sun(**changes)
+
+
+def test_light_does_not_spread_in_shapes_with_their_own_bsdf():
+    """Bodies are numbered from 1, and so are the shapes of a Mitsuba XML, which has no bodies."""
+    depth_m, body = _flat(1.0)
+    scene = Scene(name="xml", shapes=(object(),), finish=Finish(subsurface_m=0.002))
+    light = _point()
+    assert subsurface.spread(light, depth_m, body, scene, _sensor()) is light
