@@ -14,6 +14,7 @@ from starling.diagnosis.report import (
     where_section,
     which_section,
 )
+from starling.diagnosis.report.notes import Item
 from starling.diagnosis.report.words import side_names
 from starling.diagnosis.scenes.selection import ROOMS_PER_TEST_ROOM
 from starling.diagnosis.which import null
@@ -30,12 +31,12 @@ _VERDICTS = {
     "cannot tell": "These captures cannot identify the effect",
 }
 _TITLES = {
-    "Effects": "A setting of the sensor file or scene that would make the simulation look like these "
-    "captures. The value lies in the 90 % range.",
-    "Surrogates": "These settings also reduce the gap, but stand in the place of something else. Do "
-    "not use their values.",
-    "Too weak to name": "The best candidates. The gain measures the evidence for each on rooms that "
-    "did not select it.",
+    "Effects": "Settings of the sensor file, or of the scene, that make the simulation look like "
+    "these captures.",
+    "Surrogates": "These settings also reduce the gap, but in the place of something else. Do not "
+    "use their values.",
+    "Too weak to name": "The best candidates. The gain measures the evidence on rooms that did not "
+    "fit them.",
     "Unexplained remainder": "What stays of the gap once the effects are simulated.",
 }
 _QUESTIONS = ("Where", "Which", "How far")
@@ -77,12 +78,9 @@ def _pictures(diagnosis: Diagnosis) -> str:
 
 def _findings(diagnosis: Diagnosis) -> str:
     """List effects, surrogates, the remainder and limits, each below its own title."""
-    lists = {
-        title: [" ".join(item) for item in items]
-        for title, items in notes.note_lists(diagnosis).items()
-    }
+    lists = notes.note_lists(diagnosis)
     if diagnosis.limits:
-        lists["Limits of these captures"] = list(diagnosis.limits)
+        lists["Limits of these captures"] = [[limit] for limit in diagnosis.limits]
     held_out = (
         f"Held out for evaluation: {listed(diagnosis.held_out)}."
         if diagnosis.held_out
@@ -90,14 +88,21 @@ def _findings(diagnosis: Diagnosis) -> str:
     )
     scenes = counted(len(diagnosis.scenes), "scene")
     return (
-        "".join(f"<h3>{title}</h3>{_list(title, texts)}" for title, texts in lists.items())
+        "".join(f"<h3>{title}</h3>{_list(title, items)}" for title, items in lists.items())
         + f"<p>Diagnosed: {scenes}, {listed(diagnosis.scenes)}. {held_out}</p>"
     )
 
 
-def _list(title: str, texts: Sequence[str]) -> str:
+def _list(title: str, items: Sequence[Item]) -> str:
+    """Write items with their first sentence on top and the others in a list below it."""
     explained = prose(_TITLES[title], quiet=True) if title in _TITLES else ""
-    return f"{explained}<ul>{''.join(f'<li>{escape(text)}</li>' for text in texts)}</ul>"
+    return f"{explained}<ul>{''.join(map(_item, items))}</ul>"
+
+
+def _item(item: Item) -> str:
+    first, *rest = map(escape, item)
+    below = "".join(f"<li>{sentence}</li>" for sentence in rest)
+    return f"<li>{first}{f'<ul>{below}</ul>' if below else ''}</li>"
 
 
 def _compared(diagnosis: Diagnosis) -> str:

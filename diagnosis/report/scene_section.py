@@ -72,7 +72,7 @@ def section(images: SceneImages, sides: SideNames, *, held_out: bool, tried: boo
     if tried:
         texts.append(f"This scene was {'not ' if held_out else ''}used to select the effects.")
     if images.after is None and not sides.gap:
-        texts.append("No accepted effect can be applied, so there is no picture with effects.")
+        texts.append("No effect is applied, so there is no picture with effects.")
     return (prose(*texts) if texts else "") + _infrared(images, sides) + _errors(images, sides)
 
 

@@ -92,8 +92,8 @@ def _where(diagnosis: Diagnosis) -> str:
         _SHORT[name] for name, left in diagnosis.remainders.items() if left.share is not None
     ]
     if evident:
-        return f"The gap lies in {' and in '.join(evident)}: {rates}"
-    return f"The gap lies within noise: {rates}" if diagnosis.kind == "no gap" else rates
+        return f"The gap lies in {' and in '.join(evident)}; {rates}"
+    return f"The gap lies within noise; {rates}" if diagnosis.kind == "no gap" else rates
 
 
 def _which(diagnosis: Diagnosis) -> str:
@@ -211,7 +211,9 @@ def describe_group(group: str) -> str:
 def strength(effect: AcceptedEffect) -> str:
     """Write an effect with its value, unit and interval."""
     low, high = (number(end) for end in effect.interval)
-    return f"{effect.fit.name} {with_unit(effect.fit.name, effect.fit.value)} (90 %: {low} to {high})"
+    return (
+        f"{effect.fit.name} {with_unit(effect.fit.name, effect.fit.value)} (90 %: {low} to {high})"
+    )
 
 
 def with_unit(name: str, value: Value) -> str:

@@ -27,9 +27,7 @@ def held_out_segment(
     real = BASE.likelihood(change + 4 * noise(7), ONES)
     capture = change + 2 * noise(8)
     monkeypatch.setattr(evaluation.null, "simulate_capture", lambda *_, **__: (BASE, capture))
-    segment: Any = SimpleNamespace(
-        settings=accepted, table=SimpleNamespace(segment=Segment.IMAGE)
-    )
+    segment: Any = SimpleNamespace(settings=accepted, table=SimpleNamespace(segment=Segment.IMAGE))
     held_out = evaluation.HeldOutSegment(segment=segment, table=table, base=BASE, likelihood=real)
     return held_out, real, BASE.likelihood(capture, ONES)
 

@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 
 from starling.diagnosis import command
-from starling.diagnosis.howfar.remainder import Remainder
 from starling.diagnosis.report import figures, notes, sentences
 from starling.diagnosis.report.page import page
 from starling.diagnosis.where import maps, rules, swap
-from starling.diagnosis.where.remainder import RemainderPlace
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.discrimination import Discrimination
 from starling.diagnosis.which.segment import SegmentResult
@@ -273,41 +271,6 @@ def test_lead_names_the_fixed_frame():
     result = json.loads(record.dumps(figures.figures(each)))
     assert result["which"]["depth"]["frame"] == result["where"]["frames"]["error"] == "projector"
     assert result["where"]["frames"]["holes"] is None
-
-
-def test_an_effect_is_reported_with_a_remainder():
-    """A gap that stays in its own segment or in another one makes no surrogate."""
-    left = {
-        "image": Remainder(share=0.35, interval=(0.2, 0.5)),
-        "depth": Remainder(share=1.0, interval=None),
-    }
-    nothing = segment_result(NOTHING, segment=Segment.DEPTH)
-    place = RemainderPlace(frame="camera", zone="top left", scale="dots")
-    each = diagnosis(
-        segments=(segment_result(NAMED, leads=(("level",), ())), nothing),
-        remainders=left,
-        places={"image": place},
-    )
-    where, which, _ = sentences.answer(each)
-    name = NAMED.accepted[0].fit.name
-    assert where.startswith("The gap lies in images and in matcher and filters: ")
-    assert which.startswith(f"The gap in images is consistent with {name} ")
-    assert which.endswith("; 35 % stays unexplained.")
-    assert notes.note_lists(each)["Unexplained remainder"] == [
-        [
-            "Unexplained in the infrared images: 35 % (95 %: 20 to 50) of the gap.",
-            "It shows in brightness.",
-            "It is fixed in the camera image.",
-            "It is strongest at the top left of the image.",
-            "It has the size of dots, up to 16 px.",
-        ],
-        ["Unexplained in the device's matcher and filters: 100 % of the gap."],
-    ]
-    result = json.loads(record.dumps(figures.figures(each)))
-    assert [effect["stand_in"] for effect in result["effects"]] == [False]
-    assert result["unexplained_share"]["image"] == {"share": 0.35, "interval": [0.2, 0.5]}
-    assert result["which"]["image"]["remainder"] == dataclasses.asdict(place)
-    assert result["which"]["depth"]["remainder"] is None
 
 
 def test_unidentifiable_is_a_verdict():
