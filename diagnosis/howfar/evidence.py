@@ -1,7 +1,7 @@
 """Evidence for each accepted effect, and the reasons for which an effect is a surrogate.
 
 A surrogate reduces the gap in the place of another cause. That something else remains is no reason:
-a correct effect beside an unknown one also leaves a remainder.
+a correct effect with an unknown one also leaves a remainder.
 """
 
 from __future__ import annotations

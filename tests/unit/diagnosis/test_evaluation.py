@@ -122,4 +122,4 @@ def test_an_effect_that_the_sensor_cannot_have_alone_has_no_figures(
 
 def test_a_segment_selects_its_own_effects(monkeypatch: pytest.MonkeyPatch):
     held_out, *_ = held_out_segment(monkeypatch, {"veil": 0.5})
-    assert held_out.own({"veil": 0.4, "median": 3.0}) == {"veil": 0.4}
+    assert held_out.select({"veil": 0.4, "median": 3.0}) == {"veil": 0.4}

@@ -72,14 +72,14 @@ def reduction(closed_pct: float | None, *, ends: bool = True) -> GapReduction:
 @st.composite
 def segments(draw: st.DrawFn, segment: Segment) -> SegmentResult:
     names = draw(st.lists(st.sampled_from(PARAMETERS), max_size=4, unique=True))
-    found = [
+    effects_of_segment = [
         accepted(name, draw(st.floats(12, 9999)), draw(st.lists(st.sampled_from(PARAMETERS))))
         for name in names
     ]
     alone = [accepted(name, draw(st.floats(0, 12)), []).fit for name in PARAMETERS[:4]]
     search = dataclasses.replace(
         NOTHING,
-        accepted=tuple(found),
+        accepted=tuple(effects_of_segment),
         alone=tuple(alone),
         unexplained=np.full_like(NOTHING.unexplained, draw(st.sampled_from([0.1, 3.0]))),
     )
