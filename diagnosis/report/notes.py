@@ -56,10 +56,10 @@ def _levels(diagnosis: Diagnosis) -> Iterator[Item]:
         return
     first, second = side_names(diagnosis.against).have
     word = "brighter" if middle > 1 else "darker"
-    low, high = min(ratios.values()), max(ratios.values())
+    ends = dict.fromkeys(f"{end:.2g}" for end in (min(ratios.values()), max(ratios.values())))
     yield [
         f"Your exposure may be off by a factor of {middle:.2g}: {first} are {word} than {second} "
-        f"({low:.2g} to {high:.2g} by room)."
+        f"({' to '.join(ends)} by room)."
     ]
 
 

@@ -80,7 +80,7 @@ def _observations(images: SceneImages, sides: SideNames) -> list[tuple[str, Scen
     pairs = [(sides.title, images.real), (sides.reference_title, images.before)]
     if images.after is None:
         return pairs
-    return [*pairs, ("Simulated, accepted effects", images.after)]
+    return [*pairs, ("Simulated, reported effects", images.after)]
 
 
 def _infrared(images: SceneImages, sides: SideNames) -> str:

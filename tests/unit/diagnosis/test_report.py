@@ -316,7 +316,7 @@ def test_missing_simulation_after_has_no_picture():
     bare = dataclasses.replace(FULL.example, after=None)
     read = Reader(page(diagnosis(example=bare)))
     assert "there is no picture with effects" in read.text
-    assert not any("accepted effects" in each["alt"] for each in read.pictures)
+    assert not any("reported effects" in each["alt"] for each in read.pictures)
 
 
 def test_unknown_values_are_dashes():
