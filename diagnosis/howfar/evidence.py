@@ -62,7 +62,8 @@ def _weigh(
     changes = [PredictedChange(before), PredictedChange(after)]
     costs = [likelihood.cost(change).sum() for change in changes]
     residuals = [likelihood.residual(change) for change in changes]
-    explained = explained_share((after - before) / likelihood.deviation, *residuals, likelihood)
+    response = (after - before) / likelihood.deviation
+    explained = explained_share(response, residuals[0], residuals[1], likelihood)
     groups = [by_group(table.names, residual, likelihood.weight) for residual in residuals]
     steps = np.array([groups[1][name] - size for name, size in groups[0].items()])
     gain = float(costs[0] - costs[1])
