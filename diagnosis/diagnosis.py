@@ -113,7 +113,7 @@ def diagnose(
     learned, failures = try_residual(learner, scenes, settings, track=track)
     remainders = {
         segment.table.segment.value: remainder(
-            segment, bool(segment.settings.keys() & settings.keys()), attribution.howfar
+            segment, bool(segment.settings.keys() & attribution.settings.keys()), attribution.howfar
         )
         for segment in attribution.segments
     }

@@ -96,8 +96,8 @@ def make_occluded(light: Path, out: Path) -> Path:
 def open_sky(depth_m: NDArray[np.float64], camera: nominal.Nominal) -> NDArray[np.float64]:
     """Return the share (h, w) of ambient light that nearby surfaces leave, from a depth image.
 
-    In each direction of the image, the highest surface above the tangent plane within `REACH_M`
-    blocks light below it (Bavoil et al., Image-space horizon-based ambient occlusion, 2008).
+    In each direction, the highest surface above the tangent plane within `REACH_M` blocks light
+    below it. Source: Bavoil et al., Image-space horizon-based ambient occlusion (2008).
     """
     across, down = camera.tangents()
     point = np.stack([across * depth_m, down * depth_m, depth_m])

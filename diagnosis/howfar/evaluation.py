@@ -47,7 +47,7 @@ class HeldOutSegment:
     base: BaseSamples
     likelihood: Likelihood  # Of the real gap.
 
-    def own(self, settings: Settings) -> dict[str, Value]:
+    def select(self, settings: Settings) -> dict[str, Value]:
         """Select the values of effects that the segment accepts."""
         return {name: value for name, value in settings.items() if name in self.segment.settings}
 
@@ -97,12 +97,12 @@ def evaluate_reduction(
     measured = {
         tuple(trial): _reductions(segments, base, trial)
         for trial in track(trials, "held-out scenes")
-        if all(each.table.change(each.own(trial)) is not None for each in segments)
+        if all(each.table.change(each.select(trial)) is not None for each in segments)
     }
     shares: dict[str, float] = {}
     for each in segments:
-        own = each.own(reported)
-        shares |= _shares(own, each.table, each.likelihood) if own else {}
+        selected = each.select(reported)
+        shares |= _shares(selected, each.table, each.likelihood) if selected else {}
     return Evaluation(
         figures=measured.get(tuple(together), {}),
         alone={name: measured.get((name,), {}) for name in accepted},
@@ -123,11 +123,11 @@ def _reductions(
     before, after, floor = ([scene[part] for scene in distances] for part in range(3))
     for each in segments:
         segment = each.segment.table.segment.value
-        own = each.own(settings)
-        capture_base, capture = null.simulate_capture(each.table, each.base, own, number=OTHER)
+        selected = each.select(settings)
+        capture_base, capture = null.simulate_capture(each.table, each.base, selected, number=OTHER)
         simulated = capture_base.likelihood(capture, each.likelihood.weight)
         none = each.likelihood.no_change
-        change = _change(each.table, own) if own else none
+        change = _change(each.table, selected) if selected else none
         for rows, likelihood, applied in (
             (before, each.likelihood, none),
             (after, each.likelihood, change),

@@ -1,7 +1,7 @@
 """Evidence for each accepted effect, and the reasons for which an effect is a surrogate.
 
 A surrogate reduces the gap in the place of another cause. That something else remains is no reason:
-a correct effect beside an unknown one also leaves a remainder.
+a correct effect with an unknown one also leaves a remainder.
 """
 
 from __future__ import annotations
@@ -64,9 +64,8 @@ def _weigh(
     changes = [PredictedChange(before), PredictedChange(after)]
     costs = [likelihood.cost(change).sum() for change in changes]
     residuals = [likelihood.residual(change) for change in changes]
-    explained = explained_share(
-        (after - before) / likelihood.deviation, *residuals, likelihood.weight
-    )
+    response = (after - before) / likelihood.deviation
+    explained = explained_share(response, residuals[0], residuals[1], likelihood.weight)
     groups = [by_group(table.names, residual, likelihood.weight) for residual in residuals]
     steps = np.array([groups[1][name] - size for name, size in groups[0].items()])
     gain = float(costs[0] - costs[1])

@@ -11,7 +11,7 @@ from starling.diagnosis.howfar.evaluation import Evaluation
 from starling.diagnosis.howfar.evidence import EffectEvidence
 from starling.diagnosis.howfar.reduction import GapReduction
 from starling.diagnosis.howfar.residual import LearnedResidual
-from starling.diagnosis.report import sentences
+from starling.diagnosis.report import notes, sentences
 from starling.diagnosis.where import frames
 from starling.diagnosis.where.remainder import RemainderPlace
 from starling.diagnosis.which.search import AcceptedEffect
@@ -27,7 +27,7 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": diagnosis.kind,
         "against": diagnosis.against,
         "says": sentences.answer(diagnosis),
-        "notes": sentences.notes(diagnosis),
+        "notes": notes.notes(diagnosis),
         "effects": [
             {**effect, "taken_up": effect["name"] in diagnosis.absorbed}
             for effect in effects(diagnosis.segments, diagnosis.evidence, diagnosis.howfar)

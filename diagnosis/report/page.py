@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 from starling.diagnosis.diagnosis import Diagnosis
-from starling.diagnosis.report import howfar_section, sentences, where_section, which_section
+from starling.diagnosis.report import (
+    howfar_section,
+    notes,
+    scene_section,
+    sentences,
+    where_section,
+    which_section,
+)
+from starling.diagnosis.report.notes import Item
 from starling.diagnosis.report.words import side_names
 from starling.diagnosis.scenes.selection import ROOMS_PER_TEST_ROOM
 from starling.diagnosis.which import null
@@ -21,6 +30,15 @@ _VERDICTS = {
     "none of the known": "No known effect explains the gap",
     "cannot tell": "These captures cannot identify the effect",
 }
+_TITLES = {
+    "Effects": "Settings of the sensor file, or of the scene, that make the simulation look like "
+    "these captures.",
+    "Surrogates": "These settings also reduce the gap, but in the place of something else. Do not "
+    "use their values.",
+    "Too weak to name": "The best candidates. The gain measures the evidence on rooms that did not "
+    "fit them.",
+    "Unexplained remainder": "What stays of the gap once the effects are simulated.",
+}
 _QUESTIONS = ("Where", "Which", "How far")
 
 
@@ -31,6 +49,8 @@ def page(diagnosis: Diagnosis) -> str:
         f"Diagnosis: {verdict}",
         f'<p class="verdict">Diagnosis</p><h1>{escape(verdict)}</h1>{_answer(diagnosis)}',
         {
+            "pictures": (f"Example scene: {diagnosis.example.scene}", _pictures(diagnosis)),
+            "findings": ("Findings", _findings(diagnosis)),
             "where": ("Where the gap lies", where_section.section(diagnosis)),
             "which": ("Which effects it is consistent with", which_section.section(diagnosis)),
             "howfar": ("How far the gap closes", howfar_section.section(diagnosis)),
@@ -44,19 +64,45 @@ def _answer(diagnosis: Diagnosis) -> str:
         f"<li><b>{question}</b>{escape(sentence)}</li>"
         for question, sentence in zip(_QUESTIONS, sentences.answer(diagnosis), strict=True)
     )
+    return f'<ul class="answer">{items}</ul>{_compared(diagnosis)}'
+
+
+def _pictures(diagnosis: Diagnosis) -> str:
+    return scene_section.section(
+        diagnosis.example,
+        side_names(diagnosis.against),
+        held_out=diagnosis.example.scene in diagnosis.held_out,
+        tried=bool(diagnosis.segments),
+    )
+
+
+def _findings(diagnosis: Diagnosis) -> str:
+    """List effects, surrogates, the remainder and limits, each below its own title."""
+    lists = notes.note_lists(diagnosis)
+    if diagnosis.limits:
+        lists["Limits of these captures"] = [[limit] for limit in diagnosis.limits]
     held_out = (
         f"Held out for evaluation: {listed(diagnosis.held_out)}."
         if diagnosis.held_out
         else "No scene is held out for evaluation."
     )
-    limits = f"<h3>Limits of these captures</h3>{elements.sentences(diagnosis.limits, '')}"
     scenes = counted(len(diagnosis.scenes), "scene")
     return (
-        f'<ul class="answer">{items}</ul>{_compared(diagnosis)}'
-        f"{elements.sentences(sentences.notes(diagnosis), '')}"
-        f"<p>Diagnosed: {scenes}, {listed(diagnosis.scenes)}. {held_out}</p>"
-        f"{limits if diagnosis.limits else ''}"
+        "".join(f"<h3>{title}</h3>{_list(title, items)}" for title, items in lists.items())
+        + f"<p>Diagnosed: {scenes}, {listed(diagnosis.scenes)}. {held_out}</p>"
     )
+
+
+def _list(title: str, items: Sequence[Item]) -> str:
+    """Write items with their first sentence on top and the others in a list below it."""
+    explained = prose(_TITLES[title], quiet=True) if title in _TITLES else ""
+    return f"{explained}<ul>{''.join(map(_item, items))}</ul>"
+
+
+def _item(item: Item) -> str:
+    first, *rest = map(escape, item)
+    below = "".join(f"<li>{sentence}</li>" for sentence in rest)
+    return f"<li>{first}{f'<ul>{below}</ul>' if below else ''}</li>"
 
 
 def _compared(diagnosis: Diagnosis) -> str:

@@ -72,7 +72,7 @@ def section(images: SceneImages, sides: SideNames, *, held_out: bool, tried: boo
     if tried:
         texts.append(f"This scene was {'not ' if held_out else ''}used to select the effects.")
     if images.after is None and not sides.gap:
-        texts.append("No accepted effect can be applied, so there is no picture with effects.")
+        texts.append("No effect is applied, so there is no picture with effects.")
     return (prose(*texts) if texts else "") + _infrared(images, sides) + _errors(images, sides)
 
 
@@ -80,7 +80,7 @@ def _observations(images: SceneImages, sides: SideNames) -> list[tuple[str, Scen
     pairs = [(sides.title, images.real), (sides.reference_title, images.before)]
     if images.after is None:
         return pairs
-    return [*pairs, ("Simulated, accepted effects", images.after)]
+    return [*pairs, ("Simulated, reported effects", images.after)]
 
 
 def _infrared(images: SceneImages, sides: SideNames) -> str:

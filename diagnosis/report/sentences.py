@@ -1,52 +1,54 @@
-"""The three sentences that answer where, which and how far."""
+"""The three sentences that answer where, which and how far, and the words that they use."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-import numpy as np
+from collections.abc import Mapping, Sequence
 
 from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.howfar.evidence import SurrogateReason
 from starling.diagnosis.howfar.reduction import GapReduction
 from starling.diagnosis.report.words import side_names
 from starling.diagnosis.where import frames
-from starling.diagnosis.where.remainder import RemainderPlace, Scale
+from starling.diagnosis.where.remainder import Scale
 from starling.diagnosis.which.search import AcceptedEffect
 from starling.diagnosis.which.segment import SegmentResult
+from starling.sim.effects import setting
 from starling.sim.effects.effect import Value
 from starling.sim.report.elements import counted
 
-_LEVEL_RATIO = 1.25  # Ratio of levels from which the exposure is called off.
+_WHOLE_PCT = 99.5  # Gap reduction from which the whole gap is closed.
+_MOST_NAMES = 3  # Largest number of names in a sentence.
+_MOST_WORDS = 14  # Largest number of words of these names.
 REASONS: dict[SurrogateReason, str] = {
     "rival": "another effect explains more",
-    "range": "its value is at the end of what is possible",
+    "range": "its value lies at the end of its range",
     "held out": "it does not help on held-out rooms",
-    "misfit": "it leaves much of the gap in the features that it changes",
+    "misfit": "much of the gap stays in the features that it changes",
     "worse": "it makes other figures worse",
 }
 SCALES: dict[Scale, str] = {
     "pixels": "single pixels",
     "dots": "dots, up to 16 px",
-    "image": "the image, beyond 16 px",
+    "image": "large parts of the image, beyond 16 px",
 }
 FIGURES = {
-    "ndp_brier": "the Brier score of holes",
+    "ndp_brier": "holes (Brier score)",
     "ndp_1_auc": "the ranking of holes",
     "ndp_ece": "the calibration of holes",
     "ndp_1_iou": "the overlap of holes",
-    "bias_px": "the bias of disparity",
-    "log_nmad": "the noise of disparity",
+    "bias_px": "disparity bias",
+    "log_nmad": "disparity noise",
     "error_distribution_px": "the distribution of disparity errors",
-    "dot_contrast": "the contrast of dots",
+    "dot_contrast": "dot contrast",
     "infrared_nll": "the likelihood of the images",
-    "log_noise_in_time": "the noise in time",
+    "log_noise_in_time": "temporal noise",
 }
 SEGMENTS = {
     "image": "the infrared images",
     "depth": "the device's matcher and filters",
     "whole": "depth",
 }
+_SHORT = {"image": "images", "depth": "matcher and filters", "whole": "depth"}
 
 _RIGHT = "right "
 GROUPS = {
@@ -74,26 +76,8 @@ FRAMES: dict[frames.FixedFrame, str] = {
 
 
 def answer(diagnosis: Diagnosis) -> list[str]:
-    """Return one sentence for each of the three questions."""
-    return [
-        _where(diagnosis),
-        _which(diagnosis),
-        " ".join([_howfar(diagnosis), *_residual(diagnosis)]),
-    ]
-
-
-def notes(diagnosis: Diagnosis) -> list[str]:
-    """Return what the answer leaves out: levels, all effects, surrogates and the remainder."""
-    return [
-        *_levels(diagnosis),
-        *(
-            _note(diagnosis, effect)
-            for segment in diagnosis.segments
-            for effect in segment.search.accepted
-        ),
-        *(_too_weak(segment) for segment in diagnosis.segments if segment.weak),
-        *_remainders(diagnosis),
-    ]
+    """Return one sentence of at most 25 words for each of the three questions."""
+    return [_where(diagnosis), _which(diagnosis), _howfar(diagnosis)]
 
 
 def _where(diagnosis: Diagnosis) -> str:
@@ -103,13 +87,13 @@ def _where(diagnosis: Diagnosis) -> str:
     if real is None or base is None:
         return "The captures hold nothing from which depth could be measured."
     clause = side_names(diagnosis.against).reference_clause
-    text = f"{_percent(real)} of the pixels have no depth, against {_percent(base)} {clause}"
-    if part.image_share is not None and part.image is not None and part.matcher is not None:
-        text += (
-            f"; images contribute {_points(part.image[0])}, matcher and filters "
-            f"{_points(part.matcher[0])}"
-        )
-    return text + "."
+    rates = f"{_percent(real)} of pixels have no depth, against {_percent(base)} {clause}."
+    evident = [
+        _SHORT[name] for name, left in diagnosis.remainders.items() if left.share is not None
+    ]
+    if evident:
+        return f"The gap lies in {' and in '.join(evident)}; {rates}"
+    return f"The gap lies within noise; {rates}" if diagnosis.kind == "no gap" else rates
 
 
 def _which(diagnosis: Diagnosis) -> str:
@@ -117,16 +101,19 @@ def _which(diagnosis: Diagnosis) -> str:
         return "These captures cannot identify the effect."
     if diagnosis.kind == "no gap":
         return "No gap beyond noise was found, so no effect is reported."
-    reported = reported_effects(diagnosis)
+    accepted = ranked_effects(diagnosis)
+    reported = [item for item in accepted if item[1].fit.name in diagnosis.settings]
     if reported:
-        further = len(reported) - 1
-        text = f"The gap is consistent with {_with_interval(reported[0])}"
-        text += f" and {counted(further, 'further effect')}" if further else ""
-        shares = [left.share for left in diagnosis.remainders.values() if left.share is not None]
-        return f"{text}; {_percent(max(shares))} of it stays unexplained." if shares else f"{text}."
-    surrogates = list(diagnosis.evidence)
-    if surrogates:
-        return f"No known effect explains the gap; {surrogates[0]} only imitates its cause."
+        segment, effect = reported[0]
+        name = segment.table.segment.value
+        text = f"The gap in {_SHORT[name]} is consistent with {strength(effect)}"
+        text += f" and {len(reported) - 1} more" if len(reported) > 1 else ""
+        share = diagnosis.remainders[name].share
+        return f"{text}." if share is None else f"{text}; {100 * share:.0f} % stays unexplained."
+    if accepted:
+        name = accepted[0][1].fit.name
+        reason = REASONS[diagnosis.evidence[name].reasons[0]]
+        return f"No known effect explains the gap; {name} comes closest, but {reason}."
     weak = [(segment, fit) for segment in diagnosis.segments for fit in segment.weak]
     if weak:
         segment, best = max(weak, key=lambda item: item[1].total)
@@ -137,82 +124,62 @@ def _which(diagnosis: Diagnosis) -> str:
     return "There is a gap, but no known effect reduces it."
 
 
-def reported_effects(diagnosis: Diagnosis) -> list[AcceptedEffect]:
-    """Return the effects that are no surrogates, by decreasing gain."""
-    reported = [
-        effect
-        for segment in diagnosis.segments
-        for effect in segment.search.accepted
-        if effect.fit.name in diagnosis.settings
+def _howfar(diagnosis: Diagnosis) -> str:
+    figures = {} if diagnosis.howfar is None else diagnosis.howfar.figures
+    if figures:
+        scenes = counted(len(diagnosis.held_out), "held-out scene")
+        if all(reduction.closed_pct is None for reduction in figures.values()):
+            return f"No gap that could be reduced was measured on {scenes}."
+        closed = largest_closed(figures)
+        if closed is None:
+            return f"On {scenes}, the reported effects close no part of any measured gap."
+        return f"On {scenes}, the reported effects close {closed}."
+    if diagnosis.kind == "no gap":
+        return "There is no gap to close."
+    if not diagnosis.compatible:
+        why = "the effects exclude each other in one sensor"
+    elif not diagnosis.settings:
+        why = "no effect is reported"
+    elif not diagnosis.held_out:
+        why = "no scene is held out"
+    else:
+        why = "the effects cannot be simulated together"
+    return f"How far the gap closes was not measured: {why}."
+
+
+def largest_closed(figures: Mapping[str, GapReduction]) -> str | None:
+    """Return the largest gap reduction in words: `81 % of the gap in disparity noise`, or None."""
+    closed = {
+        name: reduction.closed_pct
+        for name, reduction in figures.items()
+        if reduction.closed_pct is not None and reduction.closed_pct > 0
+    }
+    name = max(closed, key=lambda name: min(closed[name], 100.0), default=None)
+    if name is None:
+        return None
+    figure = FIGURES.get(name, f"the {name}")
+    if closed[name] >= _WHOLE_PCT:
+        return f"the whole gap in {figure}"
+    ends = figures[name].interval
+    clause = "" if ends is None else f" (95 %: {ends[0]:.0f} to {ends[1]:.0f})"
+    return f"{closed[name]:.0f} %{clause} of the gap in {figure}"
+
+
+def ranked_effects(diagnosis: Diagnosis) -> list[tuple[SegmentResult, AcceptedEffect]]:
+    """Return the accepted effects with their segments, by decreasing gain."""
+    accepted = [
+        (segment, effect) for segment in diagnosis.segments for effect in segment.search.accepted
     ]
-    return sorted(reported, key=lambda effect: -effect.fit.total)
+    return sorted(accepted, key=lambda item: -item[1].fit.total)
 
 
-def _levels(diagnosis: Diagnosis) -> Iterator[str]:
-    """Report that captures are brighter or darker than the base, which is no effect yet."""
-    ratios = diagnosis.where.levels
-    if not ratios:
-        return
-    middle = float(np.median(list(ratios.values())))
-    if 1 / _LEVEL_RATIO < middle < _LEVEL_RATIO:
-        return
-    sides = side_names(diagnosis.against)
-    low, high = min(ratios.values()), max(ratios.values())
-    yield (
-        f"Your exposure is off by {middle:.2g}: that is the level of {sides.have[0]} over "
-        f"{sides.have[1]}, {low:.2g} to {high:.2g} by room."
-    )
-
-
-def _note(diagnosis: Diagnosis, effect: AcceptedEffect) -> str:
-    """Describe one accepted effect, and why it is a surrogate if it is one."""
-    text = f"{_with_interval(effect)}"
-    names = [rival.name for rival in effect.rivals]
-    if effect.fit.name in diagnosis.absorbed:
-        names.append(ESTIMATED)
-    text += f", not separable from {', '.join(names)}" if names else ""
-    text += ", at the end of its range" if effect.at_end else ""
-    reasons = diagnosis.evidence[effect.fit.name].reasons
-    if reasons:
-        return f"Surrogate: {text}; {' and '.join(REASONS[reason] for reason in reasons)}."
-    return f"Effect: {text}."
-
-
-def _too_weak(segment: SegmentResult) -> str:
-    """Name the best candidates where no effect gains enough."""
-    best = ", ".join(f"{fit.name} ({fit.total:.0f})" for fit in segment.weak)
-    needed = f"{segment.search.threshold:.0f}"
-    name = SEGMENTS[segment.table.segment.value]
-    return f"Too weak to name in {name}: {best}; a gain of {needed} is needed."
-
-
-def _remainders(diagnosis: Diagnosis) -> Iterator[str]:
-    """Describe how much of each segment's gap stays unexplained, and where."""
-    for segment in diagnosis.segments:
-        name = segment.table.segment.value
-        left = diagnosis.remainders[name]
-        if not left.share:
-            continue
-        ends = ""
-        if left.interval is not None:
-            ends = f" (95 %: {100 * left.interval[0]:.0f} to {100 * left.interval[1]:.0f})"
-        yield f"Unexplained in {SEGMENTS[name]}: {100 * left.share:.0f} %{ends} of the gap."
-        if segment.lead or segment.varying:
-            yield f"It shows in {lead(segment)}."
-        place = diagnosis.places.get(name)
-        if place is not None and (words := _place(place)):
-            yield f"It {words}."
-
-
-def _place(place: RemainderPlace) -> str:
-    texts = []
-    if place.frame is not None:
-        texts.append(FRAMES[place.frame])
-    if place.zone is not None:
-        texts.append(f"is strongest at the {place.zone} of the image")
-    if place.scale is not None:
-        texts.append(f"has the scale of {SCALES[place.scale]}")
-    return ", ".join(texts)
+def shortened(names: Sequence[str]) -> str:
+    """List names; of many or long ones only the first: `a, b, c and 5 more`."""
+    shown = list(names[:_MOST_NAMES])
+    while len(shown) > 1 and len(" ".join(shown).split()) > _MOST_WORDS:
+        shown.pop()
+    rest = len(names) - len(shown)
+    return ", ".join(shown) + (f" and {rest} more" if rest else "")
 
 
 def lead(segment: SegmentResult) -> str:
@@ -241,57 +208,23 @@ def describe_group(group: str) -> str:
     return f"{GROUPS[kind]}{side}{separator and ','}{separator}{covariate}"
 
 
-def _with_interval(effect: AcceptedEffect) -> str:
+def strength(effect: AcceptedEffect) -> str:
+    """Write an effect with its value, unit and interval."""
     low, high = (number(end) for end in effect.interval)
-    return f"{effect.fit.name} {number(effect.fit.value)} (90 %: {low} to {high})"
+    return (
+        f"{effect.fit.name} {with_unit(effect.fit.name, effect.fit.value)} (90 %: {low} to {high})"
+    )
 
 
-def _howfar(diagnosis: Diagnosis) -> str:
-    if diagnosis.howfar is None or not diagnosis.howfar.figures:
-        return "The gap reduction was not evaluated."
-    scenes = counted(len(diagnosis.held_out), "held-out scene")
-    closed = {
-        name: reduction
-        for name, reduction in diagnosis.howfar.figures.items()
-        if reduction.closed_pct is not None
-    }
-    if not closed:
-        return f"No gap that could be reduced was measured on {scenes}."
-    name = max(closed, key=lambda each: min(closed[each].closed_pct or 0.0, 100.0))
-    return f"On {scenes}, the reported effects close {_reduction(closed[name])} of {_figure(name)}."
+def with_unit(name: str, value: Value) -> str:
+    """Write a value of an effect with its unit."""
+    return f"{number(value)} {unit(name)}".rstrip()
 
 
-def _figure(name: str) -> str:
-    return FIGURES.get(name, f"the {name}")
-
-
-def _residual(diagnosis: Diagnosis) -> list[str]:
-    """Report what a network that corrects the base reaches, and how much of it effects absorb."""
-    if diagnosis.residual is None:
-        return []
-    figures = (diagnosis.residual.alone, diagnosis.residual.bound)
-    before, bound = (f"{each['ndp_brier']:.3g}" for each in figures)
-    text = f"A learned residual changes the Brier score of holes from {before} to {bound}"
-    absorption = diagnosis.residual.absorption
-    if not absorption.closable:
-        return [f"{text}; this gain does not significantly exceed the gain without a gap."]
-    gain = absorption.gain_before - absorption.gain_floor
-    text += f"; this gain exceeds the gain without a gap by {gain:.2g}."
-    if absorption.share is None:
-        return [text]
-    ends = ""
-    if absorption.interval is not None:
-        ends = f" [{100 * absorption.interval[0]:.0f}, {100 * absorption.interval[1]:.0f}]"
-    return [text, f"The effects absorb {100 * absorption.share:.0f} %{ends} of that."]
-
-
-def _reduction(reduction: GapReduction) -> str:
-    if reduction.closed_pct is None:
-        return "not identifiable"
-    text = f"{reduction.closed_pct:.0f} %"
-    if reduction.interval is None:
-        return text
-    return f"{text} (95 %: {reduction.interval[0]:.0f} to {reduction.interval[1]:.0f})"
+def unit(name: str) -> str:
+    """Return the unit of an effect; nothing for a number without one."""
+    _, parameter = setting.parameter_of(name)
+    return "" if parameter.unit == "1" else parameter.unit.replace(" / ", "/")
 
 
 def number(value: Value) -> str:
@@ -301,7 +234,3 @@ def number(value: Value) -> str:
 
 def _percent(share: float) -> str:
     return f"{100 * share:.1f} %"
-
-
-def _points(share: float) -> str:
-    return f"{100 * share:+.1f} points"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.diagnosis.diagnosis import Diagnosis
-from starling.diagnosis.report import pictures, scene_section, sentences
+from starling.diagnosis.report import pictures, sentences
 from starling.diagnosis.report.words import SideNames, side_names
 from starling.diagnosis.where import frames
 from starling.diagnosis.where.covariates import BinGap
@@ -87,13 +88,7 @@ def section(diagnosis: Diagnosis) -> str:
         + "".join(_part(name, part, sides) for name, part in diagnosis.where.parts.items())
         + "<h3>Maps</h3>"
         + _maps(diagnosis)
-        + f"<h3>Example scene: {escape(diagnosis.example.scene)}</h3>"
-        + scene_section.section(
-            diagnosis.example,
-            sides,
-            held_out=diagnosis.example.scene in diagnosis.held_out,
-            tried=bool(diagnosis.segments),
-        )
+        + _levels(diagnosis.where.levels, sides)
         + "<h3>Objects</h3>"
         + _bodies(diagnosis.where.bodies, sides)
         + "<h3>Rules</h3>"
@@ -103,6 +98,15 @@ def section(diagnosis: Diagnosis) -> str:
         + f"<h3>Bins: disparity wrong by more than {WRONG_PX:g} px</h3>"
         + _rows(diagnosis.where.error_bins[:FEWER], "errors", "pixels with wrong disparity", sides)
     )
+
+
+def _levels(levels: Mapping[str, float], sides: SideNames) -> str:
+    """List the ratio of levels in each room, before any effect."""
+    if not levels:
+        return ""
+    text = f"Median level above black of {sides.have[0]} over {sides.have[1]}, before any effect."
+    rows = [[escape(room), number(ratio, ".3g")] for room, ratio in levels.items()]
+    return f"<h3>Brightness by room</h3>{prose(text)}{table(['Room', 'Ratio of levels'], rows)}"
 
 
 def _part(name: str, part: StageFigures, sides: SideNames) -> str:

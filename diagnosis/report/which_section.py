@@ -39,7 +39,7 @@ def _sensitivities(limits: Sequence[DetectionLimit]) -> str:
                 "" if end is None else escape(sentences.number(end))
                 for end in (limit.below, limit.base, limit.above)
             ),
-            escape(_unit(limit.name)),
+            escape(sentences.unit(limit.name)),
         ]
         for limit in limits
     ]
@@ -51,11 +51,6 @@ def _sensitivities(limits: Sequence[DetectionLimit]) -> str:
     )
     head = ["Effect", "Detected at or below", "Base", "Detected at or above", "Unit"]
     return f"<h3>Detection limits</h3>{prose(text)}{table(head, rows)}"
-
-
-def _unit(name: str) -> str:
-    _, parameter = setting.parameter_of(name)
-    return "" if parameter.unit == "1" else parameter.unit
 
 
 def _segment(diagnosis: Diagnosis, segment: SegmentResult) -> str:
@@ -90,7 +85,7 @@ def _accepted(diagnosis: Diagnosis, segment: SegmentResult) -> str:
                 f"<code>{escape(effect.fit.name)}</code>",
                 escape(sentences.number(effect.fit.value)),
                 escape(f"[{low}, {high}]"),
-                escape(_unit(effect.fit.name)),
+                escape(sentences.unit(effect.fit.name)),
                 escape(sentences.number(effect.fit.signature.candidate.base)),
                 number(effect.fit.total, ".1f"),
                 "effect" if effect.fit.name in diagnosis.settings else "surrogate",

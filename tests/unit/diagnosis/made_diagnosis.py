@@ -9,7 +9,9 @@ import numpy as np
 
 from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.howfar.evaluation import Evaluation
+from starling.diagnosis.howfar.evidence import EffectEvidence, SurrogateReason
 from starling.diagnosis.howfar.reduction import GapReduction
+from starling.diagnosis.howfar.remainder import Remainder
 from starling.diagnosis.report.scene_section import SceneImages
 from starling.diagnosis.scenes.observation import DepthObservation, SceneObservation
 from starling.diagnosis.where import covariates, maps, rules, swap
@@ -59,6 +61,7 @@ def where(captured: list[SceneObservation]) -> GapLocation:
         hole_bins=tuple(covariates.bin_gaps(before, after, scene_strata, rooms)),
         error_bins=(),
         rules=tuple(rules.find_rules(before, after, scene_strata, rooms)),
+        levels=dict.fromkeys(rooms, 1.0),
     )
 
 
@@ -113,8 +116,20 @@ HOWFAR = Evaluation(
         ),
         "log_nmad": GapReduction(before=NAN, after=NAN, floor=NAN, closed_pct=None, interval=None),
     },
+    alone={
+        "lens_blur": {
+            "ndp_brier": GapReduction(
+                before=0.25, after=0.1, floor=0.0625, closed_pct=80.0, interval=None
+            )
+        }
+    },
     shares={"lens_blur": 0.8125},
 )
+
+
+def evidence(*reasons: SurrogateReason) -> EffectEvidence:
+    """Return the evidence of an effect, with the reasons for which it is a surrogate."""
+    return EffectEvidence(gain=40.0, explained=0.9, improved=5.0, worsened=0.25, reasons=reasons)
 
 
 def diagnosis(captured: list[SceneObservation] | None = None, **others: Any) -> Diagnosis:
@@ -129,8 +144,11 @@ def diagnosis(captured: list[SceneObservation] | None = None, **others: Any) -> 
         "limits": (),
         "where": where(captured),
         "segments": (segment_result(NAMED),),
+        "evidence": {name: evidence() for name in NAMED.settings},
         "settings": NAMED.settings,
         "compatible": True,
+        "remainders": {},
+        "places": {},
         "absorbed": (),
         "discriminations": (),
         "howfar": HOWFAR,
@@ -145,7 +163,21 @@ def diagnosis(captured: list[SceneObservation] | None = None, **others: Any) -> 
         ),
         **others,
     }
-    return Diagnosis(**others)
+    unknown = Remainder(share=None, interval=None)
+    each = {segment.table.segment.value: unknown for segment in others["segments"]}
+    return Diagnosis(**{**others, "remainders": each | others["remainders"]})
+
+
+def surrogate(*reasons: SurrogateReason, **others: Any) -> Diagnosis:
+    """Return a diagnosis whose only accepted effect is a surrogate."""
+    others = {
+        "kind": "none of the known",
+        "evidence": {name: evidence(*reasons) for name in NAMED.settings},
+        "settings": {},
+        "howfar": dataclasses.replace(HOWFAR, figures={}, shares={}),
+        **others,
+    }
+    return diagnosis(**others)
 
 
 FULL = diagnosis()

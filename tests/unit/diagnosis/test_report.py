@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from starling.diagnosis import command
-from starling.diagnosis.report import figures, sentences
+from starling.diagnosis.report import figures, notes, sentences
 from starling.diagnosis.report.page import page
 from starling.diagnosis.where import maps, rules, swap
 from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.discrimination import Discrimination
+from starling.diagnosis.which.segment import SegmentResult
 from starling.diagnosis.which.sensitivity import DetectionLimit
 from starling.sim.console import record
 from tests.unit.diagnosis.made_diagnosis import (
@@ -30,6 +31,7 @@ from tests.unit.diagnosis.made_diagnosis import (
     diagnosis,
     real,
     segment_result,
+    surrogate,
 )
 from tests.unit.diagnosis.read_page import Reader
 
@@ -121,10 +123,10 @@ def test_accepted_effects_show_value_interval_and_credible_set():
     (effect,) = NAMED.accepted
     assert effect.rivals
     read = Reader(page(FULL))
-    row = read.row(effect.fit.name)
+    (row,) = [cells for cells in read.rows if cells[:1] == [effect.fit.name] and len(cells) == 7]
     assert row[1] == sentences.number(effect.fit.value)
     assert row[2] == "[{}, {}]".format(*map(sentences.number, effect.interval))
-    assert row[5] == f"{effect.fit.total:.1f}"
+    assert row[5:] == [f"{effect.fit.total:.1f}", "effect"]
     rival = effect.rivals[0]
     ends = ", ".join(map(sentences.number, effect.rival_intervals[0]))
     text_expected = (
@@ -141,8 +143,9 @@ def test_absorbed_effects_are_not_separable_from_estimates():
     (effect,) = NAMED.accepted
     rivals = [rival.name for rival in effect.rivals]
     taken = dataclasses.replace(FULL, absorbed=(effect.fit.name,))
-    text_expected = f"{', '.join([*rivals, 'reflectance and light, which were estimated'])})"
-    assert text_expected in sentences.answer(taken)[1]
+    assert rivals and f"{effect.fit.name} is not separable from {sentences.ESTIMATED}." in (
+        notes.notes(taken)
+    )
     alone = dataclasses.replace(effect, rivals=(), rival_intervals=())
     bare = dataclasses.replace(NAMED, accepted=(alone,))
     text = Reader(page(dataclasses.replace(taken, segments=(segment_result(bare),)))).text
@@ -153,9 +156,7 @@ def test_absorbed_effects_are_not_separable_from_estimates():
 
 
 def test_no_cause_is_claimed():
-    unknown = diagnosis(
-        kind="none of the known", segments=(segment_result(NAMED, leads=(("level",), ())),)
-    )
+    unknown = surrogate("rival", segments=(segment_result(NAMED, leads=(("level",), ())),))
     for each in (FULL, unknown):
         assert not re.search(r"caused? by|because of", Reader(page(each)).text)
 
@@ -180,8 +181,12 @@ def test_gap_reduction_shows_the_figures():
     assert f"before {MINUS}2.5 after {MINUS}3.5 floor {MINUS}3" in text
     assert "Not identifiable" in text and "before \N{EN DASH} after" in text
     assert "lens_blur 81 %" in text
-    assert "Gap reduction on 1 held-out scene: holes (Brier score) 67 % (95 %: 41 to 83)." in text
-    assert "on 2 held-out scenes" in page(diagnosis(held_out=NAMES[:2]))
+    assert (
+        "On 1 held-out scene, the reported effects close 67 % (95 %: 41 to 83) of the gap in holes "
+        "(Brier score)." in text
+    )
+    assert "By itself, lens_blur closes 80 % of the gap in holes (Brier score)." in text
+    assert "On 2 held-out scenes" in page(diagnosis(held_out=NAMES[:2]))
 
 
 def test_gap_reductions_share_one_chart():
@@ -203,7 +208,7 @@ def test_no_gap_is_a_verdict():
     assert "No gap found" in text and "No effect is accepted here." in text
     assert "No effect has a positive gain." in text
     assert "This scene was not used to select the effects." in text
-    assert "was not evaluated: no effect was accepted" in text
+    assert "There is no gap to close." in text
     assert "is not separable" not in text.split("How this report was made")[1]
     assert "the remaining gap. It" not in text
     assert "Detection limits" not in text
@@ -225,58 +230,47 @@ def test_detection_limits_are_shown_without_a_gap():
     assert result[0] == {"name": "vignetting", "base": 0.0, "below": None, "above": 0.75}
 
 
-def test_unexplained_gap_is_a_verdict_with_leads():
+def leading(*groups: str) -> SegmentResult:
+    """Return a segment of device depth whose accepted effect leaves a gap."""
     unexplained = np.full_like(NAMED.unexplained, 3.0)
     search = dataclasses.replace(NAMED, unexplained=unexplained)
-    leading = segment_result(search, segment=Segment.DEPTH, leads=(("pair by x", "level"), ()))
-    text = Reader(page(diagnosis(kind="none of the known", segments=(leading,)))).text
-    assert "Not explained by the known effects" in text
-    assert "In the device's matcher and filters" in text
+    return segment_result(search, segment=Segment.DEPTH, leads=(groups, ()))
+
+
+def test_surrogates_alone_are_a_verdict_with_leads():
+    each = surrogate("misfit", "worse", segments=(leading("pair by x", "level"),))
+    name = NAMED.accepted[0].fit.name
+    read = Reader(page(each))
+    assert "No known effect explains the gap" in read.text
+    assert "In the device's matcher and filters" in read.text
     assert (
-        "None of the known effects explains the remaining gap. It shows in difference of right and "
-        "left image, by x, brightness." in text
+        "No known effect explains the remainder. It shows in difference of right and left image, "
+        "by x, brightness." in read.text
     )
-    assert "Surrogate effect" in text and "Consistent with" not in text.split("Which")[-1]
-    assert "imitate an unknown effect" in text and "with surrogate effects: holes" in text
-    assert "the remaining gap. It" not in Reader(page(FULL)).text
+    assert f"{name} comes closest, but {sentences.REASONS['misfit']}." in sentences.answer(each)[1]
+    for reason in ("misfit", "worse"):
+        assert f"{name} is called a surrogate: {sentences.REASONS[reason]}." in notes.notes(each)
+    assert "Surrogates" in notes.note_lists(each) and "Effects" not in notes.note_lists(each)
+    (row,) = [cells for cells in read.rows if cells[:1] == [name] and len(cells) == 7]
+    assert row[6] == "surrogate" and "Consistent with" not in read.text.split("Which effects")[0]
+    assert "not measured: no effect is reported." in sentences.answer(each)[2]
+    assert "the remainder. It" not in Reader(page(FULL)).text
 
 
 def test_lead_names_the_fixed_frame():
-    unexplained = np.full_like(NAMED.unexplained, 3.0)
-    search = dataclasses.replace(NAMED, unexplained=unexplained)
-    leading = segment_result(search, segment=Segment.DEPTH, leads=(("level",), ()))
     agree = {maps.CAMERA: np.array([0.1, 0.1, 0.1]), maps.PROJECTOR: np.array([0.9, 0.9, 1.0])}
     drawn = tuple(
         dataclasses.replace(each, agreement=agree[each.frame] * (each.quantity == "error"))
         for each in FULL.where.maps
     )
     somewhere = dataclasses.replace(FULL.where, maps=drawn)
-    each = diagnosis(kind="none of the known", segments=(leading,), where=somewhere)
+    each = surrogate("misfit", segments=(leading("level"),), where=somewhere)
     text_expected = "brightness (without any effect, its location is fixed in the projector field)."
-    assert text_expected in sentences.answer(each)[1] and text_expected in Reader(page(each)).text
+    assert text_expected in Reader(page(each)).text
     assert "Rooms do not agree on its location." in Reader(page(each)).text
     result = json.loads(record.dumps(figures.figures(each)))
     assert result["which"]["depth"]["frame"] == result["where"]["frames"]["error"] == "projector"
     assert result["where"]["frames"]["holes"] is None
-
-
-def test_explained_segment_has_no_surrogates():
-    unexplained = np.full_like(NAMED.unexplained, 3.0)
-    search = dataclasses.replace(NAMED, unexplained=unexplained)
-    leading = segment_result(search, segment=Segment.DEPTH, leads=(("level",), ()))
-    each = diagnosis(kind="none of the known", segments=(segment_result(NAMED), leading))
-    which = sentences.answer(each)[1]
-    name = NAMED.accepted[0].fit.name
-    assert f". The gap in the infrared images is consistent with {name} " in which
-    assert f" Surrogate effects in the device's matcher and filters: {name} " in which
-    result = figures.figures(each)["effects"]
-    assert [each["stand_in"] for each in result] == [False, True]
-    (unnamed,) = sentences.answer(
-        dataclasses.replace(
-            each, segments=(segment_result(NAMED), segment_result(NOTHING, segment=Segment.DEPTH))
-        )
-    )[2:]
-    assert "surrogate" not in unnamed
 
 
 def test_unidentifiable_is_a_verdict():
@@ -322,7 +316,7 @@ def test_missing_simulation_after_has_no_picture():
     bare = dataclasses.replace(FULL.example, after=None)
     read = Reader(page(diagnosis(example=bare)))
     assert "there is no picture with effects" in read.text
-    assert not any("accepted effects" in each["alt"] for each in read.pictures)
+    assert not any("reported effects" in each["alt"] for each in read.pictures)
 
 
 def test_unknown_values_are_dashes():
@@ -360,15 +354,12 @@ def test_json_holds_the_figures_of_the_page():
 
 
 def test_printed_text_ends_with_paths():
-    result = {"says": ["a.", "b."], "report": "out/report.html", "fixed": None, "not_in_sensor": []}
-    lines = ["a.", "b.", "Report: out/report.html"]
+    result = {"says": ["a.", "b."], "notes": ["c."], "report": "out/report.html"}
+    result |= {"fixed": None, "not_in_sensor": []}
+    lines = ["a.", "b.", "c.", "Report: out/report.html"]
     assert command.as_text(result).splitlines() == lines
-    effect = {"name": "veil", "stand_in": False}
-    result |= {"fixed": "out/sensor.toml", "effects": [effect]}
-    written = "Sensor: out/sensor.toml"
-    assert command.as_text(result).splitlines() == [*lines, written]
-    result["effects"] = [effect, {**effect, "stand_in": True}]
-    assert command.as_text(result).endswith(f"{written}, with surrogate effects")
+    result["fixed"] = "out/sensor.toml"
+    assert command.as_text(result).splitlines() == [*lines, "Sensor: out/sensor.toml"]
     result["not_in_sensor"] = ["ambient", "motion"]
     assert "Effects of the scene, not written to a sensor file: ambient, motion" in (
         command.as_text(result)

@@ -38,9 +38,7 @@ def test_learned_residual_is_shown_with_the_gap_reduction():
     assert "before 0.25 after 0.125 floor 0.0625 bound 0.09375" in text
     assert "Absorbed by the effects: 75 %, 95 % interval [60, 90] %." in text
     assert "before 0.1562 after 0.0625 floor 0.03125" in text
-    assert (
-        "residual changes the Brier score of holes from 0.25 to 0.0938; this gain exceeds" in text
-    )
+    assert "residual changes the Brier score of holes from 0.25 to 0.0938. This gain" in text
     assert "The effects absorb 75 % [60, 90] of that." in text
     result = json.loads(record.dumps(figures.figures(diagnosis)))
     assert result["howfar"]["ndp_brier"]["bound"] == 0.09375
@@ -59,7 +57,7 @@ def test_one_scene_gives_no_interval():
 
 def test_insignificant_gain_is_not_absorbed():
     text = page(made.diagnosis(residual=learnt(closable=False, share=None, interval=None)))
-    assert "to 0.0938; this gain does not significantly exceed" in text
+    assert "to 0.0938. This gain does not significantly exceed" in text
     assert "The effects absorb" not in text and text.count("before and floor do not differ") > 1
 
 

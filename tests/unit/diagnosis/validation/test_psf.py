@@ -110,3 +110,22 @@ def test_spread_within_a_region_keeps_a_uniform_image() -> None:
     out = psf.scatter_within(np.where(inside, 3.0, 7.0), np.full((20, 30), 2.0), "disc", inside)
     np.testing.assert_allclose(out[inside], 3.0)
     assert not out[~inside].any()
+
+
+@given(sigma_px=st.floats(0.3, 2.5), share=st.floats(0, 0.6))
+def test_a_halo_keeps_light_and_variance(sigma_px: float, share: float) -> None:
+    point = np.zeros((101, 101))
+    point[50, 50] = 1.0
+    spot = psf.with_halo(point, sigma_px, share)
+    assert spot.sum() == pytest.approx(1.0)
+    assert psf.variance(spot) == pytest.approx(sigma_px**2, rel=1e-6)
+    assert psf.variance(spot.T) == pytest.approx(sigma_px**2, rel=1e-6)
+
+
+def test_a_halo_changes_the_shape_only_if_it_holds_light() -> None:
+    point = np.zeros((101, 101))
+    point[50, 50] = 1.0
+    plain = psf.blur(point, psf.kernel("gaussian", 1.5))
+    np.testing.assert_array_equal(psf.with_halo(point, 1.5, 0.0), plain)
+    halo = psf.with_halo(point, 1.5, 0.2)
+    assert halo[50, 50] > 1.1 * plain[50, 50] and halo[50, 57] > 2 * plain[50, 57]

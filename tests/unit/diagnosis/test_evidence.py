@@ -1,0 +1,136 @@
+"""Evidence for accepted effects, and each reason for which an effect is a surrogate."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from starling.diagnosis.howfar import evidence
+from starling.diagnosis.howfar.evidence import EffectEvidence, SurrogateReason, explained_share
+from starling.diagnosis.report import sentences
+from starling.diagnosis.which.likelihood import Likelihood
+from starling.diagnosis.which.search import AcceptedEffect
+from tests.unit.diagnosis.made_gaps import (
+    FEATURES,
+    ONES,
+    SCENES,
+    FakeTable,
+    likelihood_of,
+    run_search,
+)
+
+HALF = FEATURES // 2
+(EFFECT,) = run_search({"crosstalk": 0.4}).accepted
+ALONE = FakeTable().change({"crosstalk": EFFECT.fit.value})
+assert ALONE is not None
+CHANGE: np.ndarray = ALONE
+
+
+class NamedTable(FakeTable):
+    """A fake table whose features form two groups."""
+
+    names = tuple(
+        f"{'level' if number < HALF else 'noise'}.x.{number}" for number in range(FEATURES)
+    )
+
+
+def weigh(likelihood: Likelihood, effect: AcceptedEffect = EFFECT) -> EffectEvidence:
+    table: Any = NamedTable()
+    segment: Any = SimpleNamespace(
+        search=SimpleNamespace(accepted=(effect,)), settings={effect.fit.name: effect.fit.value}
+    )
+    return evidence.weigh_effects(segment, table, likelihood)[effect.fit.name]
+
+
+def plain(gap: np.ndarray, weight: np.ndarray = ONES) -> Likelihood:
+    """Return a likelihood without clipped deviations."""
+    scale = max(float(np.abs(gap).max()), float(np.abs(CHANGE).max()))
+    return Likelihood(gap, np.full(gap.shape, scale / 4), weight)
+
+
+def test_a_right_effect_is_no_surrogate():
+    result = weigh(likelihood_of({"crosstalk": 0.4}, 21))
+    assert result.reasons == () and result.gain > 12
+    assert 0.9 < result.explained <= 1 and result.improved > 10 * result.worsened
+
+
+def test_an_unknown_cause_elsewhere_makes_no_surrogate():
+    """Features that the effect does not change have no weight."""
+    elsewhere = 8.0 * (np.abs(CHANGE).max(axis=0) < 1e-12)
+    assert elsewhere.any()
+    result = weigh(plain(CHANGE + elsewhere))
+    assert result.reasons == () and result.explained == pytest.approx(1)
+
+
+@pytest.mark.parametrize("factor, reasons", [(0.999, ()), (1.001, ("rival",))])
+def test_a_better_rival_is_a_reason(factor: float, reasons: tuple[str, ...]):
+    rival: Any = SimpleNamespace(total=factor * EFFECT.fit.total)
+    result = weigh(plain(CHANGE), dataclasses.replace(EFFECT, rivals=(rival,)))
+    assert result.reasons == reasons
+
+
+@pytest.mark.parametrize("place, at_end", [(-1, True), (-2, False)])
+def test_an_end_of_the_range_is_a_reason(place: int, at_end: bool):
+    places = EFFECT.fit.places
+    effect = dataclasses.replace(
+        EFFECT, fit=dataclasses.replace(EFFECT.fit, place=float(places[place]))
+    )
+    assert effect.at_end == at_end
+    change = FakeTable().change({"crosstalk": effect.fit.value})
+    assert change is not None
+    assert weigh(plain(change), effect).reasons == (("range",) if at_end else ())
+
+
+def test_no_gain_on_held_out_rooms_is_a_reason():
+    assert "held out" in weigh(plain(np.zeros_like(CHANGE))).reasons
+    assert "held out" not in weigh(plain(CHANGE)).reasons
+
+
+@pytest.mark.parametrize("step, misfit", [(0.01, False), (-0.01, True)])
+def test_a_gap_that_stays_in_its_own_features_is_a_reason(step: float, misfit: bool):
+    """An effect of a share `a` of the gap explains 1 - (1 - a)^2 of it."""
+    explained = evidence._LEAST_EXPLAINED + step
+    result = weigh(plain(CHANGE / (1 - np.sqrt(1 - explained))))
+    assert result.explained == pytest.approx(explained)
+    assert ("misfit" in result.reasons) == misfit
+
+
+@pytest.mark.parametrize("factor, worse", [(0.99, False), (1.01, True)])
+def test_other_figures_that_get_worse_are_a_reason(factor: float, worse: bool):
+    """The second group has no gap, so that the effect makes one there."""
+    gap = CHANGE.copy()
+    gap[:, HALF:] = 0
+    ratio = factor * evidence._WORSE_SHARE
+    weight = ONES.copy()
+    weight[HALF:] = ratio * (CHANGE[:, :HALF] ** 2).sum() / (CHANGE[:, HALF:] ** 2).sum()
+    result = weigh(plain(gap, weight))
+    assert result.worsened / result.improved == pytest.approx(ratio)
+    assert ("worse" in result.reasons) == worse
+
+
+def test_every_reason_has_words():
+    assert set(sentences.REASONS) == set(get_args(SurrogateReason))
+
+
+@given(share=st.floats(0, 1), seed=st.integers(0, 99))
+def test_the_explained_share_lies_between_minus_1_and_1(share: float, seed: int):
+    before = np.random.default_rng(seed).uniform(-5, 5, (SCENES, FEATURES))
+    result = explained_share(share * before, before, (1 - share) * before, ONES)
+    assert result == pytest.approx(1 - (1 - share) ** 2 if share > 1e-3 else result)
+    assert 0 <= result <= 1
+    assert explained_share(before, before, 0 * before, ONES) == pytest.approx(1)
+    assert explained_share(before, before, before, ONES) == 0
+    assert explained_share(before, 0 * before, before, ONES) == pytest.approx(-1)
+
+
+def test_unknown_features_do_not_count():
+    before = np.full((SCENES, FEATURES), 2.0)
+    before[:, 0] = np.nan
+    after = np.where(np.isnan(before), np.nan, 0.0)
+    assert explained_share(np.full_like(before, 2.0), before, after, ONES) == 1
