@@ -34,7 +34,7 @@ def level_ratios(
         imager = scene.sensor.left
         ceiling = 2.0**imager.bit_depth - 1
         real_dn, base_dn = (
-            np.mean(pair.left, axis=0, dtype=np.float64) - imager.black_level_dn
+            pair.left.astype(np.float64).mean(axis=0) - imager.black_level_dn
             for pair in (scene.real, simulated)
         )
         unsaturated = np.maximum(real_dn, base_dn) + imager.black_level_dn < ceiling
