@@ -27,7 +27,7 @@ def _marked(example: Path) -> object:
     return pytest.param(example, id=example.stem, marks=marks)
 
 
-@pytest.mark.parametrize("example", map(_marked, EXAMPLES))
+@pytest.mark.parametrize("example", [_marked(example) for example in EXAMPLES])
 def test_example_runs(example: Path, tmp_path: Path) -> None:
     run = subprocess.run(
         [sys.executable, example],

@@ -169,7 +169,7 @@ def command_line(pid: int) -> str:
 
 
 def end_leftovers(run: subprocess.Popen[bytes]) -> None:
-    """Kill what is left of a run's session."""
+    """Kill the remaining processes of a run's session."""
     for pid in session(run.pid):
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)

@@ -125,7 +125,7 @@ _VERDICT = {
     "effects": [
         {
             **{"name": "readout", "arm": "image", "gain": 3.5, "set": ["readout"]},
-            **{"parameters": {"readout": 2.0}, "interval": [1.5, 2.5]},
+            **{"parameters": {"readout": 2.0}, "interval": [1.5, 2.5], "stand_in": False},
         }
     ],
     "left": {"image": {"beyond": 0.1, "below": 0.2}, "depth": {"beyond": 0.3, "below": 0.2}},

@@ -294,7 +294,7 @@ def test_checkpoint_of_another_training_is_refused(published: Path, tmp_path: Pa
     settings = dataclasses.replace(SHORT, steps=1)
     train(weights.load(published), "rgbd", HELD, settings, folder=tmp_path, seed=0)
     with pytest.raises(
-        InputError, match=r"^checkpoint must belong to this training, with the same "
+        InputError, match=r"training\.pt: checkpoint must belong to this training, with the same "
     ):
         train(weights.load(published), "rgbd", HELD, settings, folder=tmp_path, seed=1)
 
