@@ -56,7 +56,9 @@ def test_one_scene_gives_no_interval():
 
 
 def test_insignificant_gain_is_not_absorbed():
-    text = page(made.diagnosis(residual=learnt(closable=False, share=None, interval=None)))
+    text = Reader(
+        page(made.diagnosis(residual=learnt(closable=False, share=None, interval=None)))
+    ).text
     assert "to 0.0938. This gain does not significantly exceed" in text
     assert "The effects absorb" not in text and text.count("before and floor do not differ") > 1
 
