@@ -36,7 +36,7 @@ def note_lists(diagnosis: Diagnosis) -> dict[str, list[Item]]:
     reported = [effect for effect in effects if not diagnosis.evidence[effect.fit.name].reasons]
     surrogates = [effect for effect in effects if diagnosis.evidence[effect.fit.name].reasons]
     lists = {
-        "Before any effect": [*_levels(diagnosis), *_stages(diagnosis)],
+        "Check first": [*_levels(diagnosis), *_stages(diagnosis)],
         "Effects": [_effect(diagnosis, effect) for effect in reported],
         "Surrogates": [_surrogate(diagnosis, effect) for effect in surrogates],
         "Too weak to name": [item for each in diagnosis.segments for item in _weak(each)],
@@ -57,10 +57,13 @@ def _levels(diagnosis: Diagnosis) -> Iterator[Item]:
     first, second = side_names(diagnosis.against).have
     word = "brighter" if middle > 1 else "darker"
     ends = dict.fromkeys(f"{end:.2g}" for end in (min(ratios.values()), max(ratios.values())))
-    yield [
+    item = [
         f"Your exposure may be off by a factor of {middle:.2g}: {first} are {word} than {second} "
         f"({' to '.join(ends)} by room)."
     ]
+    if diagnosis.settings:
+        item.append("A reported effect may describe the same difference; correct one of them.")
+    yield item
 
 
 def _stages(diagnosis: Diagnosis) -> Iterator[Item]:
@@ -127,8 +130,11 @@ def _remainders(diagnosis: Diagnosis) -> Iterator[Item]:
             ends = f" (95 %: {100 * left.interval[0]:.0f} to {100 * left.interval[1]:.0f})"
         where = sentences.SEGMENTS[name]
         place = diagnosis.places.get(name)
+        size = f"Unexplained in {where}: {100 * left.share:.0f} %{ends} of the gap."
+        if not diagnosis.settings.keys() & segment.settings.keys():
+            size = f"No effect is reported in {where}, so all of the gap stays unexplained."
         yield [
-            f"Unexplained in {where}: {100 * left.share:.0f} %{ends} of the gap.",
+            size,
             *_shows_in(segment.lead, ""),
             *_shows_in(segment.varying, ", different in each scene"),
             *(_place(place) if place is not None else ()),
@@ -147,7 +153,7 @@ def _place(place: RemainderPlace) -> Iterator[str]:
     if place.zone is not None:
         yield f"It is strongest at the {place.zone} of the image."
     if place.scale is not None:
-        yield f"It has the size of {sentences.SCALES[place.scale]}."
+        yield f"It varies {sentences.SCALES[place.scale]}."
 
 
 def _residual(residual: LearnedResidual | None) -> list[Item]:

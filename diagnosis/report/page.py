@@ -22,7 +22,7 @@ from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.likelihood import TAU
 from starling.diagnosis.which.segment import NOISE_ALLOWANCE, NOISE_LIMIT, SHARE_OF_INITIAL
 from starling.sim.report import elements
-from starling.sim.report.elements import counted, listed, number, prose, table
+from starling.sim.report.elements import listed, number, prose, table
 
 _VERDICTS = {
     "effects": "Consistent with known effects",
@@ -33,8 +33,8 @@ _VERDICTS = {
 _TITLES = {
     "Effects": "Settings of the sensor file, or of the scene, that make the simulation look like "
     "these captures.",
-    "Surrogates": "These settings also reduce the gap, but in the place of something else. Do not "
-    "use their values.",
+    "Surrogates": "These settings reduce the gap, but in the place of its cause. Do not use their "
+    "values.",
     "Too weak to name": "The best candidates. The gain measures the evidence on rooms that did not "
     "fit them.",
     "Unexplained remainder": "What stays of the gap once the effects are simulated.",
@@ -81,15 +81,15 @@ def _findings(diagnosis: Diagnosis) -> str:
     lists = notes.note_lists(diagnosis)
     if diagnosis.limits:
         lists["Limits of these captures"] = [[limit] for limit in diagnosis.limits]
+    training = [name for name in diagnosis.scenes if name not in diagnosis.held_out]
     held_out = (
-        f"Held out for evaluation: {listed(diagnosis.held_out)}."
+        f"Effects are evaluated on {listed(diagnosis.held_out)}."
         if diagnosis.held_out
         else "No scene is held out for evaluation."
     )
-    scenes = counted(len(diagnosis.scenes), "scene")
     return (
         "".join(f"<h3>{title}</h3>{_list(title, items)}" for title, items in lists.items())
-        + f"<p>Diagnosed: {scenes}, {listed(diagnosis.scenes)}. {held_out}</p>"
+        + f"<p>Effects are selected on {listed(training)}. {held_out}</p>"
     )
 
 

@@ -27,11 +27,14 @@ REASONS: dict[SurrogateReason, str] = {
     "worse": "it makes other figures worse",
 }
 SCALES: dict[Scale, str] = {
-    "pixels": "single pixels",
-    "dots": "dots, up to 16 px",
-    "image": "large parts of the image, beyond 16 px",
+    "pixels": "from pixel to pixel",
+    "dots": "over up to 16 px, the size of dots",
+    "image": "over more than 16 px",
 }
 FIGURES = {
+    "features of the image": "image features",
+    "features of the depth": "features of matcher and filters",
+    "features of the whole": "depth features",
     "ndp_brier": "holes (Brier score)",
     "ndp_1_auc": "the ranking of holes",
     "ndp_ece": "the calibration of holes",
@@ -50,6 +53,7 @@ SEGMENTS = {
 }
 _SHORT = {"image": "images", "depth": "matcher and filters", "whole": "depth"}
 
+_ALL = frozenset(f"features of the {name}" for name in SEGMENTS)
 _RIGHT = "right "
 GROUPS = {
     "level": "brightness",
@@ -136,10 +140,10 @@ def _howfar(diagnosis: Diagnosis) -> str:
         return f"On {scenes}, the reported effects close {closed}."
     if diagnosis.kind == "no gap":
         return "There is no gap to close."
+    if not diagnosis.settings:
+        return "No effect is reported, so no improvement is claimed."
     if not diagnosis.compatible:
         why = "the effects exclude each other in one sensor"
-    elif not diagnosis.settings:
-        why = "no effect is reported"
     elif not diagnosis.held_out:
         why = "no scene is held out"
     else:
@@ -148,13 +152,22 @@ def _howfar(diagnosis: Diagnosis) -> str:
 
 
 def largest_closed(figures: Mapping[str, GapReduction]) -> str | None:
-    """Return the largest gap reduction in words: `81 % of the gap in disparity noise`, or None."""
+    """Return the largest gap reduction in words: `81 % of the gap in disparity noise`, or None.
+
+    Figures with an interval above zero come first, then those of all features of a segment.
+    """
     closed = {
         name: reduction.closed_pct
         for name, reduction in figures.items()
         if reduction.closed_pct is not None and reduction.closed_pct > 0
     }
-    name = max(closed, key=lambda name: min(closed[name], 100.0), default=None)
+
+    def rank(name: str) -> tuple[bool, bool, float]:
+        ends = figures[name].interval
+        significant = ends is not None and ends[0] > 0
+        return significant, not significant and name in _ALL, min(closed[name], 100.0)
+
+    name = max(closed, key=rank, default=None)
     if name is None:
         return None
     figure = FIGURES.get(name, f"the {name}")

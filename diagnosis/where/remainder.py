@@ -21,8 +21,8 @@ from starling.sim.effects.effect import Value
 Scale = Literal["pixels", "dots", "image"]
 
 _EDGES_PX = (2.0, 16.0)  # Standard deviations of the filters that separate the scales [px].
-_ROWS = ("top", "middle", "bottom")
-_COLUMNS = ("left", "centre", "right")
+_ROWS = ("top", "", "bottom")
+_COLUMNS = ("left", "", "right")
 _LEAST_RATIO = 1.5  # Least ratio of a zone's mean square to that of the whole image.
 _QUANTITIES = {"image": "infrared", "depth": "holes", "whole": "holes"}
 
@@ -73,7 +73,7 @@ def strongest_zone(gap_maps: Sequence[GapMap], quantity: str) -> str | None:
         if gap_map.frame == CAMERA and gap_map.quantity == quantity:
             squares = gap_map.mean**2
             zones = {
-                f"{row} {column}": float(np.nanmean(cells))
+                f"{row} {column}".strip() or "centre": float(np.nanmean(cells))
                 for row, band in zip(_ROWS, np.array_split(squares, 3), strict=True)
                 for column, cells in zip(_COLUMNS, np.array_split(band, 3, axis=1), strict=True)
                 if np.isfinite(cells).any()

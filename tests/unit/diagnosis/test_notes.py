@@ -202,7 +202,6 @@ def test_how_far_in_words(figures: dict[str, GapReduction], text: str):
     "options, why",
     [
         ({"compatible": False}, "the effects exclude each other in one sensor."),
-        ({"settings": {}, "evidence": {"lens_blur": evidence("worse")}}, "no effect is reported."),
         ({"held_out": ()}, "no scene is held out."),
         ({}, "the effects cannot be simulated together."),
     ],
@@ -210,6 +209,31 @@ def test_how_far_in_words(figures: dict[str, GapReduction], text: str):
 def test_a_missing_measurement_has_its_reason(options: dict[str, Any], why: str):
     each = diagnosis(howfar=None, **options)
     assert sentences.answer(each)[2] == f"How far the gap closes was not measured: {why}"
+
+
+def test_surrogates_alone_claim_no_improvement():
+    each = diagnosis(howfar=None, settings={}, evidence={"lens_blur": evidence("worse")})
+    assert sentences.answer(each)[2] == "No effect is reported, so no improvement is claimed."
+
+
+@pytest.mark.parametrize(
+    "figures, words",
+    [
+        (
+            {"bias_px": (90.0, None), "features of the image": (60.0, None)},
+            "60 % of the gap in image",
+        ),
+        ({"bias_px": (90.0, (1.0, 99.0)), "features of the image": (60.0, None)}, "90 % (95 %"),
+        ({"bias_px": (90.0, (-1.0, 99.0)), "features of the image": (60.0, None)}, "60 % of the"),
+        ({"bias_px": (90.0, None), "log_nmad": (95.0, None)}, "95 % of the gap in disparity noise"),
+    ],
+)
+def test_significant_figures_come_first(figures: dict[str, Any], words: str):
+    reductions = {
+        name: GapReduction(before=2.0, after=1.0, floor=0.0, closed_pct=percent, interval=ends)
+        for name, (percent, ends) in figures.items()
+    }
+    assert (sentences.largest_closed(reductions) or "").startswith(words)
 
 
 def test_weak_candidates_are_listed_with_the_needed_gain():
@@ -236,9 +260,12 @@ def test_weak_candidates_are_listed_with_the_needed_gain():
 def test_a_wrong_exposure_is_reported_before_any_effect(ratio: float, word: str | None):
     where = dataclasses.replace(FULL.where, levels={"hall": ratio, "attic": ratio})
     each = diagnosis(where=where)
-    text = [item[0] for item in notes.note_lists(each)["Before any effect"]]
+    items = notes.note_lists(each)["Check first"]
+    text = [item[0] for item in items]
     expected = f"Your exposure may be off by a factor of {ratio:.2g}: real captures are {word} than"
     assert text[0].startswith(expected) == (word is not None)
+    both = "A reported effect may describe the same difference; correct one of them."
+    assert (both in items[0]) == (word is not None)
     assert Reader(page(each)).row("hall") == ["hall", f"{ratio:.3g}"]
     bare = diagnosis(where=dataclasses.replace(FULL.where, levels={}))
     assert "Brightness by room" not in page(bare)
@@ -268,9 +295,12 @@ def test_an_effect_is_reported_with_a_remainder():
             "It shows in brightness.",
             "It is fixed in the camera image.",
             "It is strongest at the top left of the image.",
-            "It has the size of dots, up to 16 px.",
+            "It varies over up to 16 px, the size of dots.",
         ],
-        ["Unexplained in the device's matcher and filters: 100 % of the gap."],
+        [
+            "No effect is reported in the device's matcher and filters, so all of the gap stays "
+            "unexplained."
+        ],
     ]
     result = json.loads(record.dumps(figures.figures(each)))
     assert [effect["stand_in"] for effect in result["effects"]] == [False]

@@ -114,12 +114,12 @@ def gap_map(mean: np.ndarray, frame: maps.Frame = CAMERA) -> GapMap:
     )
 
 
-@pytest.mark.parametrize("row, row_name", [*enumerate(("top", "middle", "bottom"))])
-@pytest.mark.parametrize("column, column_name", [*enumerate(("left", "centre", "right"))])
+@pytest.mark.parametrize("row, row_name", [*enumerate(("top", "", "bottom"))])
+@pytest.mark.parametrize("column, column_name", [*enumerate(("left", "", "right"))])
 def test_the_strongest_zone_is_named(row: int, row_name: str, column: int, column_name: str):
     mean = 0.1 * np.ones((18, 33))
     mean[6 * row : 6 * row + 6, 11 * column : 11 * column + 11] = -1
-    name = f"{row_name} {column_name}"
+    name = f"{row_name} {column_name}".strip() or "centre"
     assert strongest_zone([gap_map(mean)], "infrared") == name
     assert strongest_zone([gap_map(mean)], "holes") is None
     assert strongest_zone([gap_map(mean, PROJECTOR)], "infrared") is None

@@ -57,7 +57,8 @@ def test_answer_comes_first():
     for sentence in sentences.answer(FULL):
         assert re.sub(r"\s+", " ", sentence) in head
     assert "Consistent with known effects" in head
-    assert "6 scenes, attic, <b>cellar</b> & yard, hall" in head
+    assert "Effects are selected on attic, hall, kitchen" in head
+    assert "Effects are evaluated on <b>cellar</b> & yard." in head
 
 
 def test_names_are_escaped():
@@ -253,7 +254,7 @@ def test_surrogates_alone_are_a_verdict_with_leads():
     assert "Surrogates" in notes.note_lists(each) and "Effects" not in notes.note_lists(each)
     (row,) = [cells for cells in read.rows if cells[:1] == [name] and len(cells) == 7]
     assert row[6] == "surrogate" and "Consistent with" not in read.text.split("Which effects")[0]
-    assert "not measured: no effect is reported." in sentences.answer(each)[2]
+    assert "no improvement is claimed." in sentences.answer(each)[2]
     assert "the remainder. It" not in Reader(page(FULL)).text
 
 
@@ -287,7 +288,7 @@ def test_unidentifiable_is_a_verdict():
     assert "One room alone: nothing can" in text and "to select the effects" not in text
     assert "No effect was tried" in text and "Only one room: maps" in text
     assert "was not evaluated: no scene is held out" in text
-    assert "1 scene, attic." in text and "No scene is held out" in text
+    assert "Effects are selected on attic." in text and "No scene is held out" in text
 
 
 def test_depth_only_captures_show_only_depth():
