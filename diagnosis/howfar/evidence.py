@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from starling.diagnosis.which.likelihood import Likelihood, clipped_squares
 from starling.diagnosis.which.residuals import by_group
 from starling.diagnosis.which.response import PredictedChange
-from starling.diagnosis.which.search import AcceptedEffect
+from starling.diagnosis.which.search import EQUAL_COST, AcceptedEffect
 from starling.diagnosis.which.segment import SegmentResult
 from starling.diagnosis.which.table import FeatureTable, Rows
 
@@ -71,7 +71,7 @@ def _weigh(
     gain = float(costs[0] - costs[1])
     improved, worsened = float(-steps[steps < 0].sum()), float(steps[steps > 0].sum())
     reasons: list[SurrogateReason] = []
-    if any(rival.total > effect.fit.total for rival in effect.rivals):
+    if any(rival.total > effect.fit.total + EQUAL_COST for rival in effect.rivals):
         reasons.append("rival")
     if effect.at_end:
         reasons.append("range")

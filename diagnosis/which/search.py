@@ -31,7 +31,7 @@ from starling.sim.effects.effect import Stage, Value
 _LEVEL = 0.9  # Confidence level of intervals.
 _MARGIN_SHARE = 0.1  # Share of an effect's own gain by which it must exceed a rival.
 _WIDENINGS = 2  # Number of times that a range is widened.
-_EQUAL_COST = 3.0  # Difference of log-likelihoods that is negligible: odds of 20 to 1.
+EQUAL_COST = 3.0  # Difference of log-likelihoods that is negligible: odds of 20 to 1.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -140,12 +140,12 @@ def _prefer_sensor(
     for number, removal in enumerate(removals):
         if not _is_of_scene(removal.fit):
             continue
-        least = max(context.threshold, removal.fit.total - _EQUAL_COST)
+        least = max(context.threshold, removal.fit.total - EQUAL_COST)
         for fitted in _replacements(number, model, removal, context, signatures):
             if fitted.total <= least or _is_of_scene(fitted):
                 continue
             proposal = fit_and_simulate(context, model.with_effect(fitted, instead_of=number))
-            if proposal and proposal.gain_over(model, context.likelihood) > -_EQUAL_COST:
+            if proposal and proposal.gain_over(model, context.likelihood) > -EQUAL_COST:
                 pruned = prune(proposal, context)
                 return _prefer_sensor(*pruned, context, signatures)
     return model, removals

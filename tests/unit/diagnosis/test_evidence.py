@@ -15,7 +15,7 @@ from starling.diagnosis.howfar import evidence
 from starling.diagnosis.howfar.evidence import EffectEvidence, SurrogateReason, explained_share
 from starling.diagnosis.report import sentences
 from starling.diagnosis.which.likelihood import Likelihood
-from starling.diagnosis.which.search import AcceptedEffect
+from starling.diagnosis.which.search import EQUAL_COST, AcceptedEffect
 from tests.unit.diagnosis.made_gaps import (
     FEATURES,
     ONES,
@@ -68,9 +68,10 @@ def test_an_unknown_cause_elsewhere_makes_no_surrogate():
     assert result.reasons == () and result.explained == pytest.approx(1)
 
 
-@pytest.mark.parametrize("factor, reasons", [(0.999, ()), (1.001, ("rival",))])
-def test_a_better_rival_is_a_reason(factor: float, reasons: tuple[str, ...]):
-    rival: Any = SimpleNamespace(total=factor * EFFECT.fit.total)
+@pytest.mark.parametrize("step, reasons", [(-0.01, ()), (0.01, ("rival",))])
+def test_a_better_rival_is_a_reason(step: float, reasons: tuple[str, ...]):
+    """The prior may prefer an effect of the sensor by a negligible difference."""
+    rival: Any = SimpleNamespace(total=EFFECT.fit.total + EQUAL_COST + step)
     result = weigh(plain(CHANGE), dataclasses.replace(EFFECT, rivals=(rival,)))
     assert result.reasons == reasons
 
