@@ -136,12 +136,10 @@ def test_families_that_act_on_nothing_are_refused(place, diagnosed, tmp_path, ca
     assert result["verdict"] == "no gap" and not result["which"]["depth"]["unexplained"]
     assert result["which"]["depth"]["beyond"] > result["which"]["depth"]["explained_below"]
     assert any("acts on matcher and filters" in limit for limit in result["limits"])
-    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
     for family in ("pixel_locking", "rolling_shutter"):  # One acts on depth, the other on nothing.
-        arguments = ["diagnose", str(place / "null"), *flags, "--families", family]
-        assert command_line.main(arguments) == 1
+        line = refused(place, place / "null", tmp_path / "out", capsys, "--families", family)
         rule = "families must have an effect that acts on what these captures hold"
-        assert f"{rule}; got {family}." in capsys.readouterr().err
+        assert f"{rule}; got {family}." in line
 
 
 @pytest.mark.long
@@ -210,12 +208,17 @@ def test_unpaired_scenes_are_left_out(place, diagnosed, tmp_path):
     assert any("they are ignored: clutter-2." in limit for limit in result["limits"])
 
 
-def refused_against(place: Path, reference: Path, out: Path, capsys: Any) -> str:
-    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(out), "--against", str(reference)]
-    assert command_line.main(["diagnose", str(place / "null"), *flags]) == 1
+def refused(place: Path, captures: Path, out: Path, capsys: Any, *flags: str) -> str:
+    """Return the single line of a refusal, which leaves no output."""
+    own = ["--sensor", str(place / "sensor.toml"), "--out", str(out)]
+    assert command_line.main(["diagnose", str(captures), *own, *flags]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert not out.exists()
     return line
+
+
+def refused_against(place: Path, reference: Path, out: Path, capsys: Any) -> str:
+    return refused(place, place / "null", out, capsys, "--against", str(reference))
 
 
 def test_incomparable_captures_are_refused(place, tmp_path, capsys):
@@ -279,35 +282,27 @@ def test_without_infrared_only_depth_is_diagnosed(place, diagnosed, tmp_path):
 
 def test_residual_without_torch_is_refused_early(place, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "starling.learning.methods.network", None)
-    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
-    assert command_line.main(["diagnose", str(place / "null"), *flags, "--residual"]) == 1
-    assert "hybrid needs" in capsys.readouterr().err and not (tmp_path / "out").exists()
+    line = refused(place, place / "null", tmp_path / "out", capsys, "--residual")
+    assert "hybrid needs" in line
 
 
 def test_residual_against_other_captures_is_refused(place, tmp_path, capsys):
-    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
-    reference = ["--against", str(place / "bent"), "--residual"]
-    assert command_line.main(["diagnose", str(place / "null"), *reference, *flags]) == 1
-    assert "residual must be" in capsys.readouterr().err
+    flags = ("--against", str(place / "bent"), "--residual")
+    assert "residual must be" in refused(place, place / "null", tmp_path / "out", capsys, *flags)
 
 
 def test_captures_without_scenes_are_refused(place, tmp_path, capsys):
     empty = tmp_path / "empty"
     empty.mkdir()
     shutil.copyfile(place / "bent" / "capture.toml", empty / "capture.toml")
-    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
-    assert command_line.main(["diagnose", str(empty), *flags]) == 1
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
+    assert refused(place, empty, tmp_path / "out", capsys)
 
 
 def test_unknown_family_is_refused(place, tmp_path, capsys):
-    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
-    assert command_line.main(["diagnose", str(place / "bent"), *flags, "--leave-out", "tone"]) == 1
-    assert "family" in capsys.readouterr().err and not (tmp_path / "out").exists()
-    nothing = ["--families", "veil", "--leave-out", "veil"]
-    assert command_line.main(["diagnose", str(place / "bent"), *flags, *nothing]) == 1
-    assert "leave-out must leave at least one family to try; got veil." in capsys.readouterr().err
+    bent, out = place / "bent", tmp_path / "out"
+    assert "family" in refused(place, bent, out, capsys, "--leave-out", "tone")
+    line = refused(place, bent, out, capsys, "--families", "veil", "--leave-out", "veil")
+    assert "leave-out must leave at least one family to try; got veil." in line
 
 
 @pytest.mark.long
@@ -332,31 +327,24 @@ def test_unusable_captures_are_refused(place, tmp_path, capsys):
     bare = shutil.copytree(place / "null", tmp_path / "bare")
     for path in bare.rglob("ir_right.png"):
         path.unlink()
-    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
-    assert command_line.main(["diagnose", str(bare), *flags]) == 1
-    assert "must hold infrared pairs or depth; got neither" in capsys.readouterr().err
+    out = tmp_path / "out"
+    assert "hold infrared pairs or depth; got neither" in refused(place, bare, out, capsys)
     unknown = shutil.copytree(place / "null", tmp_path / "unknown")
     for name in ("scene.toml", "truth.png"):
         for path in unknown.rglob(name):
             path.unlink()
-    assert command_line.main(["diagnose", str(unknown), *flags]) == 1
-    assert "must have a scene.toml or reference depth" in capsys.readouterr().err
+    assert "have a scene.toml or reference depth" in refused(place, unknown, out, capsys)
     blank = shutil.copytree(place / "null", tmp_path / "blank")
     for path in blank.rglob("truth.png"):
         cv2.imwrite(str(path), np.zeros_like(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)))
-    assert command_line.main(["diagnose", str(blank), *flags]) == 1
-    assert "must have reference depth; got none" in capsys.readouterr().err
+    assert "must have reference depth; got none" in refused(place, blank, out, capsys)
     for path in blank.rglob("scene.toml"):
         path.unlink()
-    assert command_line.main(["diagnose", str(blank), *flags]) == 1
-    assert "must have a scene.toml or reference depth" in capsys.readouterr().err
-    flags[1] = "kinect-v1"
-    assert command_line.main(["diagnose", str(place / "null"), *flags]) == 1
-    assert "sensor must be a stereo camera's; got structured_light" in capsys.readouterr().err
-    flags[1] = str(place / "sensor.toml")
-    assert command_line.main(["diagnose", str(place / "null"), *flags, "--set", "width=64"]) == 1
-    assert "must be of the sensor's size, " in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+    assert "have a scene.toml or reference depth" in refused(place, blank, out, capsys)
+    line = refused(place, place / "null", out, capsys, "--sensor", "kinect-v1")
+    assert "sensor must be a stereo camera's; got structured_light" in line
+    line = refused(place, place / "null", out, capsys, "--set", "width=64")
+    assert "must be of the sensor's size, " in line
 
 
 @pytest.mark.long
