@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,11 +14,10 @@ from starling.diagnosis.howfar.residual import METHOD, LearnedResidual, try_resi
 from starling.diagnosis.report.scene_section import SceneImages, scene_images
 from starling.diagnosis.scenes.fit_scene import fitted_values
 from starling.diagnosis.scenes.limits import list_limits
-from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.scenes.selection import load_scenes
 from starling.diagnosis.validation.adapters.families import refuse_unknown_families
 from starling.diagnosis.where.location import GapLocation, locate_gap
-from starling.diagnosis.where.remainder import RemainderPlace, remainder_place
+from starling.diagnosis.where.remainder import RemainderPlace, remainder_places
 from starling.diagnosis.which.attribution import (
     Kind,
     absorbed_effects,
@@ -132,7 +131,9 @@ def diagnose(
         settings=attribution.settings,
         compatible=attribution.together,
         remainders=remainders,
-        places=_places(scenes.training, settings, remainders),
+        places=remainder_places(
+            scenes.training, settings, [name for name, left in remainders.items() if left.share]
+        ),
         absorbed=absorbed_effects(attribution.settings, scenes.complete),
         discriminations=tuple(discriminations),
         howfar=attribution.howfar,
@@ -140,20 +141,6 @@ def diagnose(
         sensitivities=attribution.sensitivities,
         example=scene_images((scenes.held_out or scenes.complete)[0], settings),
     )
-
-
-def _places(
-    training: Sequence[SceneModel],
-    settings: Mapping[str, Value],
-    remainders: Mapping[str, Remainder],
-) -> dict[str, RemainderPlace]:
-    """Describe the remainder in each segment that has one."""
-    places = {
-        segment: remainder_place(training, settings, segment)
-        for segment, left in remainders.items()
-        if left.share
-    }
-    return {segment: place for segment, place in places.items() if place is not None}
 
 
 def _refuse_options(

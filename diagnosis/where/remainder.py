@@ -36,35 +36,38 @@ class RemainderPlace:
     scale: Scale | None  # Largest share of its variance beyond noise; None below noise.
 
 
-def remainder_place(
-    scenes: Sequence[SceneModel], settings: Mapping[str, Value], segment: str
-) -> RemainderPlace | None:
-    """Describe the remainder in a segment; None if two captures are compared.
+def remainder_places(
+    scenes: Sequence[SceneModel], settings: Mapping[str, Value], segments: Sequence[str]
+) -> dict[str, RemainderPlace]:
+    """Describe the remainder in each segment; nothing if two captures are compared.
 
     Args:
         scenes: scenes with captures.
         settings: value by reported effect.
-        segment: `image`, `depth` or `whole`.
+        segments: segments with a remainder: `image`, `depth` or `whole`.
     """
-    if any(scene.against is not None for scene in scenes):
-        return None
+    if not segments or any(scene.against is not None for scene in scenes):
+        return {}
     simulated, repeated = (
         [scene.observe(scene.request(settings, seed=seed)) for scene in scenes] for seed in (0, 1)
     )
     real, strata = [scene.real for scene in scenes], [scene.strata for scene in scenes]
     rooms = [scene.room for scene in scenes]
     gap_maps = maps.gap_maps(simulated, real, strata, rooms) if len(set(rooms)) > 1 else []
-    return RemainderPlace(
-        frame=frames.segment_frame(gap_maps, segment),
-        zone=strongest_zone(gap_maps, _QUANTITIES[segment]),
-        scale=dominant_scale(
-            [
-                (difference(second, first, segment), difference(third, first, segment))
-                for first, second, third in zip(simulated, real, repeated, strict=True)
-            ],
-            [each.counted for each in strata],
-        ),
-    )
+    return {
+        segment: RemainderPlace(
+            frame=frames.segment_frame(gap_maps, segment),
+            zone=strongest_zone(gap_maps, _QUANTITIES[segment]),
+            scale=dominant_scale(
+                [
+                    (difference(second, first, segment), difference(third, first, segment))
+                    for first, second, third in zip(simulated, real, repeated, strict=True)
+                ],
+                [each.counted for each in strata],
+            ),
+        )
+        for segment in segments
+    }
 
 
 def strongest_zone(gap_maps: Sequence[GapMap], quantity: str) -> str | None:

@@ -20,7 +20,7 @@ from starling.diagnosis.where.remainder import (
     _LEAST_RATIO,
     difference,
     dominant_scale,
-    remainder_place,
+    remainder_places,
     strongest_zone,
 )
 from starling.diagnosis.which.candidates import Segment
@@ -170,14 +170,15 @@ def scene(number: int, against: object = None) -> Any:
 
 def test_the_remainder_lies_where_the_effects_leave_it():
     scenes = [scene(number) for number in range(4)]
-    place = remainder_place(scenes, {"veil": 0.0}, "image")
-    assert place is not None and place.zone == "top left" and place.scale == "image"
+    place = remainder_places(scenes, {"veil": 0.0}, ["image"])["image"]
+    assert place.zone == "top left" and place.scale == "image"
     assert place.frame is not None
-    explained = remainder_place(scenes, {"veil": 30.0}, "image")
-    assert explained is not None and explained.zone is None and explained.scale != "image"
-    single = remainder_place(scenes[:1], {"veil": 0.0}, "image")
-    assert single is not None and single.zone is None and single.frame is None
+    explained = remainder_places(scenes, {"veil": 30.0}, ["image"])["image"]
+    assert explained.zone is None and explained.scale != "image"
+    single = remainder_places(scenes[:1], {"veil": 0.0}, ["image"])["image"]
+    assert single.zone is None and single.frame is None
 
 
 def test_two_compared_captures_have_no_place():
-    assert remainder_place([scene(0, against=observation(1))], {}, "image") is None
+    assert remainder_places([scene(0, against=observation(1))], {}, ["image"]) == {}
+    assert remainder_places([scene(0)], {}, []) == {}
