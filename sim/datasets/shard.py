@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import re
 import tarfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import PurePosixPath
 
 from starling.patterns.errors import InputError, refuse
@@ -58,8 +58,8 @@ def unpack(archive: bytes, name: str = "shard") -> dict[str, bytes]:
         name: name of the archive in error messages.
 
     Raises:
-        InputError: if the bytes are no archive, are cut short, or hold a member that is no regular
-            file of a frame.
+        InputError: if the bytes are no archive, are cut short, or continue after its end. Also if
+            a member is no regular file of a frame, or is repeated with another content.
     """
     contents: dict[str, bytes] = {}
     try:
@@ -69,7 +69,11 @@ def unpack(archive: bytes, name: str = "shard") -> dict[str, bytes]:
                 data = b"" if file is None else file.read()
                 if file is None or len(data) != member.size or not _MEMBER.fullmatch(member.name):
                     raise _refuse_archive(name, f"the member {member.name[:80]!r}")
-                contents |= _placed(member.name, data)
+                place = _place(member.name)
+                if contents.setdefault(place, data) != data:
+                    raise _refuse_archive(name, f"two different {place[:80]}")
+            if archive[read.offset :].strip(b"\0"):
+                raise _refuse_archive(name, "data after its end")
     except InputError:
         raise
     except Exception as error:  # tarfile raises errors of many types for damaged archives.
@@ -83,11 +87,11 @@ def _refuse_archive(name: str, value: str) -> InputError:
     return refuse(name, "must be a tar archive of frames", value, "Copy it again.")
 
 
-def _placed(member: str, data: bytes) -> Mapping[str, bytes]:
+def _place(member: str) -> str:
+    """Return the path in a capture set of a member."""
     view, _, rest = member.partition("/")
     repeat, _, file = rest.partition(".")
-    where = view if file in SHARED else f"{view}/{repeat}"
-    return {f"{where}/{file}": data}
+    return f"{view}/{file}" if file in SHARED else f"{view}/{repeat}/{file}"
 
 
 SHARED = frozenset({"camera.toml", "label.png", "room", "scene.toml", "truth.png"})

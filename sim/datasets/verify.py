@@ -7,6 +7,7 @@ import hashlib
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -62,11 +63,16 @@ def verify(
     info = _attempt(findings, capture_info.FILE, lambda: capture_info.read(info_file))
     rows = _attempt(findings, index.FILE, lambda: index.read(path)) or []
     lost, differing = _check_frames(path, rows, findings, track)
+    findings += [
+        Finding(file=name, problem=f"is not listed in {index.FILE}")
+        for name in (_unlisted(path, rows) if rows else ())
+    ]
     figures = _attempt(findings, output.RECORD, lambda: set_folder.figures(path))
     plan = _attempt(findings, set_folder.PLAN, lambda: _plan(path))
     wanted = len({row["frame"] for row in rows})
     if plan is not None:
         wanted = plan.count - plan.frames * (0 if figures is None else len(figures.skipped))
+        findings += _unplanned(plan, rows)
         if sample and info is not None:
             differing |= _irreproducible(path, plan, info, rows, sample, findings, track)
     frames, missing, duplicate = index.count_frames(rows, wanted)
@@ -123,18 +129,64 @@ def _check_frames(
     lost: set[int] = set()
     differing: set[int] = set()
     for existing, group in _grouped(path, rows, findings, track):
+        extra = set(existing).difference(*(row["files"] for row in group))
+        findings += [
+            Finding(file=f"{group[0]['shard']}: {name}", problem=f"is not listed in {index.FILE}")
+            for name in sorted(extra)
+        ]
         for row in group:
             absent = [name for name in row["files"] if name not in existing]
             if absent:
                 lost.add(row["frame"])
                 problem = f"lacks {', '.join(absent)}"
-            elif fingerprint({name: existing[name] for name in row["files"]}) != row["sha256"]:
+            elif not _is_listed(row, {name: existing[name] for name in row["files"]}):
                 differing.add(row["frame"])
                 problem = "differs from its checksum in the index"
             else:
                 continue
             findings.append(Finding(file=row["name"], problem=problem))
     return lost, differing
+
+
+def _is_listed(row: Row, contents: Mapping[str, bytes]) -> bool:
+    """Return whether files have the size and the checksum of their row."""
+    size = sum(map(len, contents.values()))
+    return size == row["bytes"] and fingerprint(contents) == row["sha256"]
+
+
+def _unlisted(path: Path, rows: Sequence[Row]) -> list[str]:
+    """Return archives, and files in folders of views, that readers would take for the set's own.
+
+    Hidden files, and other files at the top of the set, are the user's own.
+    """
+    listed = {row["shard"] for row in rows}.union(*(row["files"] for row in rows))
+    files = [*path.glob("*.tar"), *(file for file in path.glob("*/**/*") if not file.is_dir())]
+    names = [file.relative_to(path).as_posix() for file in files]
+    return sorted(
+        name
+        for name in names
+        if name not in listed and not any(part[0] == "." for part in name.split("/"))
+    )
+
+
+def _unplanned(plan: Plan, rows: Sequence[Row]) -> Iterator[Finding]:
+    """Compare what the index says of each frame with the plan."""
+    planned = lru_cache(maxsize=1)(partial(plans.view, plan))
+    for row in rows:
+        number, repeat = row["view"], row["repeat"]
+        if not (0 <= number < plan.scenes * plan.views and 0 <= repeat < plan.frames):
+            yield Finding(file=row["name"], problem="is not in the plan")
+            continue
+        view = planned(number)
+        expected = {
+            "frame": number * plan.frames + repeat,
+            "name": f"{view.name}/{repeat}",
+            **{name: getattr(view, name) for name in ("scene", "room", "sensor", "seed")},
+        }
+        wrong = [name for name, value in expected.items() if row[name] != value]
+        if wrong:
+            problem = f"has another {', '.join(wrong)} in {index.FILE} than in the plan"
+            yield Finding(file=row["name"], problem=problem)
 
 
 def _plan(path: Path) -> Plan:
@@ -176,13 +228,13 @@ def _irreproducible(
     views = sorted({row["view"] for row in rows if row["view"] < plan.scenes * plan.views})
     chosen = np.random.default_rng(plan.seed).permutation(len(views))[:sample]
     render_view.load_scene.cache_clear()  # Files may have changed since this process read them.
-    before = {row["frame"]: row["sha256"] for row in rows}
+    before = {row["frame"]: {**row, "shard": None} for row in rows}
     differing: set[int] = set()
     for number in track([views[place] for place in sorted(chosen)], "regenerated"):
         view = f"view {number}"
         rendered = _attempt(findings, view, lambda n=number: render(plan, n, info, path))
         for row in () if rendered is None else rendered.rows:
-            if before.get(row["frame"]) != row["sha256"]:
+            if before.get(row["frame"]) != {**row, "shard": None}:
                 differing.add(row["frame"])
                 problem = "differs from the regenerated frame"
                 findings.append(Finding(file=row["name"], problem=problem))

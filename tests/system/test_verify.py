@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import shutil
+import tarfile
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import pytest
 
 from starling import command_line
 from starling.patterns.errors import InputError
-from starling.sim.datasets import index
+from starling.sim.datasets import index, shard
 from starling.sim.datasets.generate import generate
 from starling.sim.datasets.verify import verify
 from tests.system.test_generate import write
@@ -106,3 +108,81 @@ def test_findings_are_printed_as_rows(whole: Path, tmp_path: Path, capsys: Any):
     assert command_line.main(["verify", str(out), "--sample", "0"]) == 1
     assert "0000005/0" in (printed := capsys.readouterr().out)
     assert "lacks 0000005/0/depth.png" in printed
+
+
+def problems(out: Path, sample: int = 0) -> dict[str, str]:
+    return {row["file"]: row["problem"] for row in verify(out, sample=sample)["findings"]}
+
+
+def test_files_that_the_index_does_not_list_are_findings(whole: Path, tmp_path: Path):
+    out = tmp_path / "set"
+    shutil.copytree(whole, out)
+    (out / "README.txt").write_text("The user's own.")
+    (out / "0000000" / ".DS_Store").touch()
+    assert not problems(out)
+    shutil.copy(out / "capture.toml", out / "0000000" / "camera.toml")
+    shutil.copytree(out / "0000001" / "0", out / "0000001" / "7")
+    (out / "shard-000009.tar").touch()
+    listed = problems(out)
+    assert set(listed.values()) == {"is not listed in index.parquet"}
+    expected = {"0000000/camera.toml", "0000001/7/depth.png", "shard-000009.tar"}
+    assert expected <= set(listed)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "problem"),
+    [
+        ("view", 10**6, "is not in the plan"),
+        ("repeat", 5, "is not in the plan"),
+        ("frame", -1, "has another frame in index.parquet than in the plan"),
+        ("name", "0000001/0", "has another name in"),
+        ("room", "attic", "has another room in"),
+        ("seed", 3, "has another seed in"),
+        ("bytes", 0, "differs from its checksum in the index"),
+    ],
+)
+def test_rows_that_contradict_plan_or_files_are_findings(
+    whole: Path, tmp_path: Path, column: str, value: Any, problem: str
+):
+    out = tmp_path / "set"
+    shutil.copytree(whole, out)
+    rows = index.read(out)
+    (out / index.FILE).write_bytes(index.encode([{**rows[0], column: value}, *rows[1:]]))
+    assert any(text.startswith(problem) for text in problems(out).values())
+
+
+def test_figures_that_differ_from_the_regenerated_ones_are_findings(whole: Path, tmp_path: Path):
+    out = tmp_path / "set"
+    shutil.copytree(whole, out)
+    rows = [{**row, "mean_dn": 0.0} for row in index.read(out)]
+    (out / index.FILE).write_bytes(index.encode(rows))
+    assert "differs from the regenerated frame" in problems(out, sample=1).values()
+
+
+def members(archive: Path) -> dict[str, bytes]:
+    with tarfile.open(archive) as read:
+        return {entry.name: read.extractfile(entry).read() for entry in read}
+
+
+def tar(contents: list[tuple[str, bytes]]) -> bytes:
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w", format=tarfile.USTAR_FORMAT) as archive:
+        for name, data in contents:
+            entry = tarfile.TarInfo(name)
+            entry.size = len(data)
+            archive.addfile(entry, io.BytesIO(data))
+    return buffer.getvalue()
+
+
+def test_additions_to_archives_are_findings(plan: Path, tmp_path: Path):
+    out = tmp_path / "set"
+    generate(plan, out, workers=1, shard_frames=4, layout="shards")
+    archive = out / shard.name(0)
+    contents = list(members(archive).items())
+    archive.write_bytes(tar([*contents, ("0000000/0.camera.toml", b"width = 3")]))
+    file = f"{archive.name}: 0000000/camera.toml"
+    assert problems(out) == {file: "is not listed in index.parquet"}
+    archive.write_bytes(tar([(contents[0][0], b"other"), *contents]))
+    assert "two different 0000000/0/depth.png" in problems(out)[archive.name]
+    archive.write_bytes(tar(contents) + b"more")
+    assert "data after its end" in problems(out)[archive.name]
