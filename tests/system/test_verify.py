@@ -39,6 +39,7 @@ def test_verify_finds_missing_duplicate_and_changed_frames(
     assert command_line.main(["verify", str(out), "--sample", "0"]) == 0
     image = out / "0000003" / "1" / "ir_left.png"
     codes = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
+    assert codes is not None
     codes[0, 0] ^= 1
     cv2.imwrite(str(image), codes)
     (out / "0000005" / "0" / "depth.png").unlink()
@@ -160,8 +161,13 @@ def test_figures_that_differ_from_the_regenerated_ones_are_findings(whole: Path,
 
 
 def members(archive: Path) -> dict[str, bytes]:
+    contents = {}
     with tarfile.open(archive) as read:
-        return {entry.name: read.extractfile(entry).read() for entry in read}
+        for entry in read:
+            file = read.extractfile(entry)
+            assert file is not None
+            contents[entry.name] = file.read()
+    return contents
 
 
 def tar(contents: list[tuple[str, bytes]]) -> bytes:
