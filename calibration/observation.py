@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from starling.patterns import errors
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.captures.info import CaptureInfo
+from starling.sim.captures.png import GreyImage
 from starling.sim.imaging.imager.exposure import Exposure, read_exposure
+from starling.sim.on_demand import OnDemand
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
 
@@ -42,8 +44,8 @@ class Observation:
     # Whether the surface is independent of the imager's intrinsics (a posed mesh).
     metric: bool = False
     exposure: Exposure | None = None  # Recorded by the camera for the first frame.
-    # Left images (n, h, w) of a static scene, n >= 2.
-    repeats: NDArray[np.uint8] | NDArray[np.uint16] | None = None
+    # Left images of a static scene, two or more; read when they are used.
+    repeats: Sequence[GreyImage] | None = None
 
     @cached_property
     def stage(self) -> MitsubaScene:
@@ -70,12 +72,13 @@ def read(scene: CapturedScene) -> Observation:
     Raises:
         InputError: if a file is invalid.
     """
-    frames = [scene.frame(number) for number in scene.frames]
-    first = frames[0]
+    first = scene.frame(scene.frames[0])
     still = [
-        frame.ir_left for frame in frames if frame.record.get("counts", "repeats") == "repeats"
+        number
+        for number in scene.frames
+        if scene.record(number).get("counts", "repeats") == "repeats"
+        and scene.ir_left(number) is not None
     ]
-    rows: list[NDArray[Any]] = [image for image in still if image is not None]
     return Observation(
         name=scene.name,
         room=scene.room,
@@ -87,8 +90,14 @@ def read(scene: CapturedScene) -> Observation:
         depth_m=first.depth_m,
         truth_m=scene.truth_m(),
         exposure=read_exposure(first.record),
-        repeats=np.stack(rows) if len(rows) > 1 else None,
+        repeats=OnDemand(still, partial(_left, scene)) if len(still) > 1 else None,
     )
+
+
+def _left(scene: CapturedScene, number: int) -> GreyImage:
+    image = scene.ir_left(number)
+    assert image is not None  # `read` lists frames with this image.
+    return image
 
 
 def read_all(scenes: Iterable[CapturedScene]) -> tuple[Observation, ...]:

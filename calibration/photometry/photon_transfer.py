@@ -12,6 +12,7 @@ Photon Transfer (2007).
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -45,14 +46,14 @@ class _Curve:
         return np.array([self.dn_per_electron, self.read_dn2, self.smoothing_px])
 
 
-def fit_photon_transfer(repeats: NDArray, sensor: Sensor) -> Solution:
+def fit_photon_transfer(repeats: Sequence[NDArray], sensor: Sensor) -> Solution:
     """Fit full well (electrons at full scale), read noise and averaging to repeats.
 
     Changes of whole rows or of the whole image between frames (row noise, flicker) are removed
     first. The standard deviations come from a jackknife over blocks of the image.
 
     Args:
-        repeats: (n, h, w) left images of a static scene, n >= 2.
+        repeats: left images (h, w) of a static scene, at least two; each is read three times.
         sensor: sensor with `gain`, `shot_noise`, range of codes and the fitted black level. The
             level of a dark frame includes dark current and is no black level.
 
@@ -64,10 +65,8 @@ def fit_photon_transfer(repeats: NDArray, sensor: Sensor) -> Solution:
             are unsaturated.
     """
     imager = sensor.left
-    if repeats.ndim != 3 or len(repeats) < 2:
-        raise errors.refuse(
-            "repeats", "must be (n, h, w) with n >= 2", repeats.shape, "Capture a scene twice."
-        )
+    if len(repeats) < 2:
+        raise errors.refuse("repeats", "must be at least 2", len(repeats), "Capture a scene twice.")
     sums = _sums(repeats, imager)
     blocks = len(sums)
     curve = _curve(sums.sum(axis=0), imager)
@@ -121,14 +120,18 @@ def _solution(curve: _Curve, spread: NDArray, sensor: Sensor) -> Solution:
     )
 
 
-def _sums(repeats: NDArray, imager: Imager) -> NDArray[np.float64]:
+def _sums(repeats: Sequence[NDArray], imager: Imager) -> NDArray[np.float64]:
     """Sum the differences of consecutive frames by block and bin of level.
 
     Returns (blocks, bins, 5): count, level, squared difference, neighbour product, pair count.
     """
-    mean = repeats.mean(axis=0, dtype=np.float32)
+    total = np.zeros(repeats[0].shape, np.float32)
+    lowest, highest = repeats[0], repeats[0]
+    for image in repeats:
+        total += image
+        lowest, highest = np.minimum(lowest, image), np.maximum(highest, image)
+    mean = total / np.float32(len(repeats))
     level = cv2.blur(mean, (3, 3))  # Smoothed, so that noise does not change a pixel's bin.
-    lowest, highest = repeats.min(axis=0), repeats.max(axis=0)
     square = np.ones((5, 5), np.uint8)  # Averaging mixes saturated pixels with neighbours.
     clipped = ((highest >= imager.saturation_dn) | (lowest == 0)).astype(np.uint8)
     usable = cv2.dilate(clipped, square) == 0

@@ -15,7 +15,14 @@ from starling.learning.commands.train_captures import trained
 from starling.learning.data import captured
 from starling.learning.data.captured import Simulation
 from starling.learning.data.example import Image, known_holes
-from starling.learning.evaluation.metrics import Judged, classification, judge, pool
+from starling.learning.evaluation.metrics import (
+    Judged,
+    classification,
+    judge,
+    pool,
+    probability_code,
+    probability_of_code,
+)
 from starling.learning.features import holes
 from starling.learning.features.holes import Holes
 from starling.learning.method import Predictor
@@ -79,7 +86,7 @@ def compare_methods(
     Raises:
         InputError: if the captures are invalid, or a method lacks physics.
     """
-    judged: dict[str, list[Judged]] = {name: [] for name in methods}
+    judged: dict[str, Judged] = {}
     drawn_holes: dict[str, list[Holes]] = {name: [] for name in methods}
     overlap: dict[str, list[tuple[int, int]]] = {name: [] for name in methods}
     real: list[Holes] = []
@@ -93,7 +100,9 @@ def compare_methods(
             probability = method.probability(example)
             frame = sampling.draw_frame(name, probability, example, seed=seed)
             drawn[name] = frame
-            judged[name].append(judge(probability, ndp, counted))
+            rounded = probability_of_code(probability_code(probability))
+            scene_judged = judge(rounded, ndp, counted)
+            judged[name] = pool([judged[name], scene_judged]) if name in judged else scene_judged
             drawn_holes[name].append(holes.measure(frame.ndp, counted))
             both, either = ndp & frame.ndp & counted, (ndp | frame.ndp) & counted
             overlap[name].append((int(both.sum()), int(either.sum())))
@@ -103,7 +112,7 @@ def compare_methods(
             rows.append(_row(scene.name, device_m, drawn))
     real_holes = holes.pool(real)
     figures = {
-        name: _figures(pool(judged[name]), holes.pool(drawn_holes[name]), real_holes, overlap[name])
+        name: _figures(judged[name], holes.pool(drawn_holes[name]), real_holes, overlap[name])
         for name in methods
     }
     picture = sheet.draw(rows, captures.info.shape, panel_in=_PANEL_IN)

@@ -9,8 +9,6 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from starling.learning import registry, shipped
 from starling.learning.commands import work_folder
 from starling.learning.commands.train_captures import PHYSICS, trained, trained_method
@@ -19,6 +17,7 @@ from starling.learning.data.captured import Simulation
 from starling.learning.data.example import Example, Image
 from starling.learning.evaluation import evaluate, pictures
 from starling.learning.evaluation.evaluate import HolePrediction
+from starling.learning.evaluation.metrics import probability_code, probability_of_code
 from starling.learning.icp import case_study
 from starling.learning.method import Method, Predictor
 from starling.patterns import errors
@@ -27,6 +26,7 @@ from starling.sim.captures import capture, png
 from starling.sim.captures.capture import CaptureSet
 from starling.sim.console import output, progress
 from starling.sim.console.names import file_name
+from starling.sim.on_demand import OnDemand
 
 
 def choose_training_rooms(
@@ -53,7 +53,6 @@ def choose_training_rooms(
 
 
 FOLDS = "folds"  # Output folder with ROOM/METHOD/: trained model, and predictions SCENE.png.
-_CODES = 65535  # A probability is stored in 16 bits.
 
 # Simulation for a held-out room, so that its sensor can be calibrated without this room.
 Simulations = Callable[[str], Simulation]
@@ -142,13 +141,14 @@ def evaluate_captures(
         **(options or {}),
     }
     work_folder.begin(out, arguments, force=force)
-    predictions: dict[str, list[HolePrediction]] = {name: [] for name in names}
+    stored: dict[str, list[_Stored]] = {name: [] for name in names}
     for held in track(held_out, "rooms"):
         fold = _Fold(opened, held, training_rooms[held], simulated.get(held))
         for name in names:
             folder = out / FOLDS / file_name(held) / name
             fit = partial(methods[name].fit, folder=folder, seed=plan.seed, track=track)
-            predictions[name] += _predictions(fold, folder, models.get(name), fit)
+            stored[name] += _predictions(fold, folder, models.get(name), fit)
+    predictions = {name: OnDemand(items, _Stored.read) for name, items in stored.items()}
     scores = {name: evaluate.scores(scenes) for name, scenes in predictions.items()}
     figures = evaluate.figures(scores, seed=plan.seed)
     figures["icp"] = {}
@@ -165,7 +165,7 @@ def evaluate_captures(
 
 @dataclass(frozen=True, eq=False)
 class _Fold:
-    """A held-out room and its training rooms; scenes are read on demand."""
+    """A held-out room and its training rooms."""
 
     captures: CaptureSet
     held: str
@@ -173,12 +173,25 @@ class _Fold:
     simulation: Simulation | None
 
     @cached_property
-    def training_examples(self) -> list[Example]:
+    def training_examples(self) -> Sequence[Example]:
         return captured.examples(self.captures, rooms=self.rooms, simulation=self.simulation)
 
     @cached_property
-    def held_out_examples(self) -> list[Example]:
+    def held_out_examples(self) -> Sequence[Example]:
         return captured.examples(self.captures, rooms=(self.held,), simulation=self.simulation)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Stored:
+    """A held-out scene and the file of its prediction."""
+
+    examples: Sequence[Example]
+    number: int  # Among the examples.
+    path: Path
+
+    def read(self) -> HolePrediction:
+        example = self.examples[self.number]
+        return HolePrediction(example=example, probability=read_prediction(self.path))
 
 
 def _methods(names: Sequence[str], plan: EvaluationPlan) -> dict[str, Method]:
@@ -203,8 +216,8 @@ def _predictions(
     folder: Path,
     model: Predictor | None,
     fit: Callable[[Sequence[Example]], Predictor],
-) -> list[HolePrediction]:
-    """Return the predictions of the held-out scenes, from their files if these exist.
+) -> list[_Stored]:
+    """Predict the held-out scenes, unless the files of their predictions exist.
 
     Without a trained model, the method is trained on the fold's rooms.
     """
@@ -213,12 +226,11 @@ def _predictions(
     if not all(path.is_file() for path in paths):
         predictor = fit(fold.training_examples) if model is None else model
         for path, example in zip(paths, fold.held_out_examples, strict=True):
-            probability = predictor.probability(example)
-            code = np.round(probability * _CODES).astype(np.uint16)
+            code = probability_code(predictor.probability(example))
             output.write_file(path, png.encode(code), force=True)
+    examples = fold.held_out_examples
     return [
-        HolePrediction(example=example, probability=read_prediction(path))
-        for path, example in zip(paths, fold.held_out_examples, strict=True)
+        _Stored(examples=examples, number=number, path=path) for number, path in enumerate(paths)
     ]
 
 
@@ -228,4 +240,4 @@ def read_prediction(path: Path) -> Image:
     Raises:
         InputError: if it is missing or not such an image.
     """
-    return png.read(path, "probability").astype(np.float32) / np.float32(_CODES)
+    return probability_of_code(png.read(path, "probability"))

@@ -88,7 +88,7 @@ def train_captures(
     untrained_method.fit(examples, folder=out, seed=seed, track=track)
     figures = {
         "method": method,
-        "scenes": [example.scene for example in examples],
+        "scenes": [s.name for s in opened.scenes if rooms is None or s.room in rooms],
         "ndp_rate": captured.ndp_rate(examples),
     }
     work_folder.end(out, "train", arguments, figures)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from starling.patterns.errors import InputError, one_of, refuse
 from starling.sim.captures.capture import CapturedScene, CaptureSet
 from starling.sim.commands.simulate_captures import scene_seed
 from starling.sim.console import progress, record
+from starling.sim.on_demand import OnDemand
 from starling.sim.scene.captured import captured_scene, depth_surface, known_geometry
 from starling.sim.scene.scene import Material, Scene
 from starling.sim.sensor.sensor import Sensor
@@ -44,8 +46,10 @@ def examples(
     rooms: Sequence[str] | None = None,
     simulation: Simulation | None = None,
     track: progress.Progress = progress.silent,
-) -> list[Example]:
-    """Read scenes with known holes.
+) -> Sequence[Example]:
+    """Check scenes with known holes; they are read again when they are used.
+
+    Memory thus does not grow with the number of scenes. Simulations without a cache are kept.
 
     Args:
         captures: capture set with reference depth and the device's own.
@@ -58,7 +62,12 @@ def examples(
     """
     check_rooms(captures, rooms or ())
     wanted = [scene for scene in captures.scenes if rooms is None or scene.room in rooms]
-    return [example(scene, simulation=simulation) for scene in track(wanted, "scenes")]
+    read = partial(example, simulation=simulation)
+    if simulation is not None and simulation.cache is None:
+        return [read(scene) for scene in track(wanted, "scenes")]
+    for scene in track(wanted, "scenes"):
+        read(scene)  # Refuses a damaged scene, and fills the cache.
+    return OnDemand(wanted, read)
 
 
 def check_rooms(captures: CaptureSet, rooms: Sequence[str]) -> None:

@@ -77,15 +77,21 @@ def scores(predictions: Sequence[HolePrediction]) -> Scores:
     Raises:
         InputError: if all or none of a room's counted pixels have depth.
     """
-    everywhere = [(scene.example.room, _judged(scene)) for scene in predictions]
-    off_edges = _with_both_kinds(
-        [(scene.example.room, _judged(scene, off_edges=True)) for scene in predictions]
-    )
-    together = pool(judged for _, judged in everywhere)
+    everywhere: dict[str, Judged] = {}
+    off_edges: dict[str, Judged] = {}
+    for scene in predictions:
+        room = scene.example.room
+        for rooms, judged in (
+            (everywhere, _judged(scene)),
+            (off_edges, _judged(scene, off_edges=True)),
+        ):
+            rooms[room] = pool([rooms[room], judged]) if room in rooms else judged
+    together = pool(everywhere.values())
     curve = roc(together)
+    mixed = {room: judged for room, judged in off_edges.items() if 0 < judged.share < 1}
     return Scores(
-        rooms=metrics.by_room(everywhere),
-        rooms_off_edges=metrics.by_room(off_edges),
+        rooms=metrics.by_room(everywhere.items()),
+        rooms_off_edges=metrics.by_room(mixed.items()),
         curve=_thinned(curve),
         reliability=reliability(together),
         kinds=_kinds(predictions, _threshold(curve)),
@@ -124,15 +130,6 @@ def _judged(scene: HolePrediction, *, off_edges: bool = False) -> Judged:
     if off_edges:
         counted = counted & ~depth_edges(scene.example.info.disparity_px(scene.example.depth_m))
     return judge(scene.probability, ndp, counted)
-
-
-def _with_both_kinds(scenes: Sequence[tuple[str, Judged]]) -> list[tuple[str, Judged]]:
-    """Select the scenes of rooms that have pixels with depth and without."""
-    by_room: dict[str, list[Judged]] = {}
-    for room, judged in scenes:
-        by_room.setdefault(room, []).append(judged)
-    mixed = {room for room, pixels in by_room.items() if 0 < pool(pixels).share < 1}
-    return [(room, judged) for room, judged in scenes if room in mixed]
 
 
 def _threshold(curve: Roc) -> float:

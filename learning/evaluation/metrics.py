@@ -20,15 +20,16 @@ from starling.patterns.errors import refuse
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """Pixels with predicted probability and known outcome, unordered."""
+    """Pixels with known outcome, counted by their predicted probability."""
 
-    probability: NDArray[np.float64]  # (n,) that a pixel has no depth, 0 to 1.
-    ndp: NDArray[np.bool_]  # (n,) whether it has none.
+    probability: NDArray[np.float64]  # (k,) that a pixel has no depth, 0 to 1, ascending.
+    holes: NDArray[np.int64]  # (k,) pixels of this probability without depth.
+    pixels: NDArray[np.int64]  # (k,) pixels of this probability, > 0.
 
     @property
     def share(self) -> float:
         """Share of the pixels that have no depth, 0 to 1."""
-        return float(self.ndp.mean())
+        return float(self.holes.sum() / self.pixels.sum())
 
 
 def judge(
@@ -66,7 +67,22 @@ def judge(
             f"{selected[outside][0]:g} and {np.count_nonzero(outside) - 1} more",
             "Give a probability, not a logit.",
         )
-    return Judged(selected, ndp[where].astype(bool))
+    distinct, place, pixels = np.unique(selected, return_inverse=True, return_counts=True)
+    holes = np.bincount(place[ndp[where]], minlength=distinct.size)
+    return Judged(distinct, holes.astype(np.int64), pixels.astype(np.int64))
+
+
+_CODES = 65535  # A probability is stored in 16 bits.
+
+
+def probability_code(probability: NDArray[np.floating]) -> NDArray[np.uint16]:
+    """Round probabilities to 16 bits, so that their number of distinct values is bounded."""
+    return np.round(probability * _CODES).astype(np.uint16)
+
+
+def probability_of_code(code: NDArray[np.unsignedinteger]) -> NDArray[np.float32]:
+    """Invert `probability_code`."""
+    return code.astype(np.float32) / np.float32(_CODES)
 
 
 def pool(scenes: Iterable[Judged]) -> Judged:
@@ -75,13 +91,21 @@ def pool(scenes: Iterable[Judged]) -> Judged:
     Raises:
         InputError: if there is none.
     """
-    scenes = list(scenes)
-    if not scenes:
+    pooled: Judged | None = None
+    for judged in scenes:
+        pooled = judged if pooled is None else _merged(pooled, judged)
+    if pooled is None:
         raise refuse("judged scenes", "must be at least one", 0, "Give a scene.")
-    return Judged(
-        np.concatenate([judged.probability for judged in scenes]),
-        np.concatenate([judged.ndp for judged in scenes]),
-    )
+    return pooled
+
+
+def _merged(first: Judged, second: Judged) -> Judged:
+    both = np.concatenate([first.probability, second.probability])
+    distinct, place = np.unique(both, return_inverse=True)
+    counts = np.zeros((2, distinct.size), np.int64)
+    np.add.at(counts[0], place, np.concatenate([first.holes, second.holes]))
+    np.add.at(counts[1], place, np.concatenate([first.pixels, second.pixels]))
+    return Judged(distinct, *counts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,23 +147,21 @@ def roc(judged: Judged) -> Roc:
     Raises:
         InputError: if all or none of the pixels have depth.
     """
-    positives = int(np.count_nonzero(judged.ndp))
-    negatives = judged.ndp.size - positives
+    positives = int(judged.holes.sum())
+    negatives = int(judged.pixels.sum()) - positives
     if not positives or not negatives:
         raise errors.refuse(
             "no-depth pixels",
             "must be some and not all of the counted ones",
-            f"{positives} of {judged.ndp.size}",
+            f"{positives} of {positives + negatives}",
             "A curve needs both kinds; use more scenes.",
         )
-    order = np.argsort(-judged.probability)
-    probability, ndp = judged.probability[order], judged.ndp[order]
-    ends = np.append(np.flatnonzero(np.diff(probability)), probability.size - 1)
-    true_positives = np.cumsum(ndp)[ends]
+    true_positives = np.cumsum(judged.holes[::-1])
+    false_positives = np.cumsum((judged.pixels - judged.holes)[::-1])
     return Roc(
-        false_positive_rate=np.append(0.0, (ends + 1 - true_positives) / negatives),
+        false_positive_rate=np.append(0.0, false_positives / negatives),
         true_positive_rate=np.append(0.0, true_positives / positives),
-        threshold=np.append(np.inf, probability[ends]),
+        threshold=np.append(np.inf, judged.probability[::-1]),
     )
 
 
@@ -175,16 +197,14 @@ def reliability(judged: Judged, bins: int = BINS) -> Reliability:
         InputError: if `bins` is not in [1, 10000].
     """
     errors.in_interval("bins", bins, 1, 10_000)
-    order = np.argsort(judged.probability, kind="stable")
-    probability, ndp = judged.probability[order], judged.ndp[order]
-    wanted = np.arange(1, bins + 1) * probability.size // bins
-    wanted = wanted[wanted > 0]
-    ends = np.unique(np.searchsorted(probability, probability[wanted - 1], side="right"))
-    starts = np.append(0, ends[:-1])
-    pixels = ends - starts
+    below = np.cumsum(judged.pixels)  # Pixels of at most this probability.
+    wanted = np.arange(1, bins + 1) * below[-1] // bins
+    last = np.unique(np.searchsorted(below, wanted[wanted > 0]))  # Last probability of each bin.
+    starts = np.append(0, last[:-1] + 1)
+    pixels = np.add.reduceat(judged.pixels, starts)
     return Reliability(
-        predicted=np.add.reduceat(probability, starts) / pixels,
-        observed=np.add.reduceat(ndp.astype(np.float64), starts) / pixels,
+        predicted=np.add.reduceat(judged.probability * judged.pixels, starts) / pixels,
+        observed=np.add.reduceat(judged.holes, starts) / pixels,
         pixels=pixels,
     )
 
@@ -194,7 +214,9 @@ _SUREST = 1e-6  # A wrong probability of 0 would have an infinite log loss.
 
 def brier(judged: Judged) -> float:
     """Mean squared difference of probability and outcome; 0 is best."""
-    return float(np.mean((judged.probability - judged.ndp) ** 2))
+    wrong = judged.holes * (1 - judged.probability) ** 2
+    wrong += (judged.pixels - judged.holes) * judged.probability**2
+    return float(wrong.sum() / judged.pixels.sum())
 
 
 def brier_skill(judged: Judged) -> float:
@@ -213,7 +235,9 @@ def log_loss(judged: Judged) -> float:
     Probabilities are clipped to [1e-6, 1 - 1e-6].
     """
     probability = np.clip(judged.probability, _SUREST, 1 - _SUREST)
-    return float(-np.mean(np.log(np.where(judged.ndp, probability, 1 - probability))))
+    logarithm = judged.holes * np.log(probability)
+    logarithm += (judged.pixels - judged.holes) * np.log(1 - probability)
+    return float(-logarithm.sum() / judged.pixels.sum())
 
 
 _LESS_IS_BETTER = frozenset({"brier", "log_loss", "ece"})

@@ -38,6 +38,7 @@ from starling.learning.networks.training import (
 )
 from starling.learning.networks.unet import UNet
 from starling.sim.console import progress
+from starling.sim.on_demand import OnDemand
 
 _DEFAULTS = TrainingSettings()
 
@@ -175,12 +176,12 @@ class Network:
         kinds = {"with_reflectance": self.with_reflectance, "with_physics": self.with_physics}
         odd = tuple(self._channels.index(name) for name in ODD)
         scenes = samples.collect(
-            examples, partial(channels, **kinds), odd=odd, target=_ndp, track=track
+            examples, partial(channels, **kinds), odd=odd, target=_ndp, folder=folder, track=track
         )
         share = samples.share(scenes)
         if self.with_physics:
             hideable = uninformative(share, with_reflectance=self.with_reflectance)
-            scenes = [dataclasses.replace(scene, hideable=hideable) for scene in scenes]
+            scenes = OnDemand(scenes, partial(dataclasses.replace, hideable=hideable))
         network = initialised(partial(self.untrained, share), seed)
         if self.settings.start is not None:
             checkpoint.load_network(self.settings.start, self.name, network, self._channels)

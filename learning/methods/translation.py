@@ -169,7 +169,12 @@ class Translation(ABC):
         """
         learner = self.learner(seed)
         scenes = samples.collect(
-            examples, self.inputs.see, odd=self.inputs.odd, target=_device_image, track=track
+            examples,
+            self.inputs.see,
+            odd=self.inputs.odd,
+            target=_device_image,
+            folder=folder,
+            track=track,
         )
         crops = samples.Crops(samples=scenes, settings=self.settings, seed=seed)
         kind = f"{self.name} training"

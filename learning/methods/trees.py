@@ -148,6 +148,7 @@ class Trees:
     # Position of the projector, see `starling.learning.features.features.features`.
     projector_x_m: float | None = None
     pixels_per_scene: int = 20_000  # Greatest number of pixels drawn from a scene.
+    pixels: int = 2_000_000  # Greatest number of pixels drawn from all scenes.
     rounds: int = 400  # Greatest number of trees; held-out rooms determine the best number.
     rounds_of_one_room: int = 100  # Number of trees without held-out rooms.
     folds: int = 4  # Groups of rooms, each held out once.
@@ -157,6 +158,7 @@ class Trees:
 
     def __post_init__(self) -> None:
         errors.in_interval("pixels_per_scene", self.pixels_per_scene, 2, 10_000_000)
+        errors.in_interval("pixels", self.pixels, 2, 1_000_000_000)
         errors.in_interval("rounds", self.rounds, 1, 10_000)
         errors.in_interval("rounds_of_one_room", self.rounds_of_one_room, 1, 10_000)
         errors.in_interval("folds", self.folds, 2, 1000)
@@ -189,7 +191,8 @@ class Trees:
                 or one lacks an input of the features.
         """
         check_learnable(examples)
-        drawn = join([self._drawn(example, seed) for example in track(examples, "features")])
+        most = min(self.pixels_per_scene, max(2, self.pixels // len(examples)))
+        drawn = join([self._drawn(example, most, seed) for example in track(examples, "features")])
         bins = equal_count_bins(drawn.values)
         pixels = dataclasses.replace(drawn, values=bins.numbers(drawn.values).astype(np.float32))
         rounds, recalibration = self._held_out(pixels, seed, track)
@@ -236,7 +239,7 @@ class Trees:
             projector_x_m=None if np.isnan(place) else float(place),
         )
 
-    def _drawn(self, example: Example, seed: int) -> DrawnPixels:
+    def _drawn(self, example: Example, most: int, seed: int) -> DrawnPixels:
         ndp, counted = known_holes(example)
         inputs = features(
             example,
@@ -249,7 +252,7 @@ class Trees:
             ndp,
             counted,
             room=example.room,
-            most=self.pixels_per_scene,
+            most=most,
             rng=generator(seed, 0, "learning", f"trees {example.scene}"),
         )
 

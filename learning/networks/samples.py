@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -13,6 +14,7 @@ from torch import Tensor
 
 from starling.learning.data.example import Example, Image, Mask, check_learnable, known_holes
 from starling.learning.networks.channels import check_size
+from starling.learning.networks.stored import store
 from starling.learning.networks.training import TrainingSettings, settings_identity
 from starling.patterns.errors import refuse
 from starling.sim.console import progress
@@ -94,39 +96,41 @@ def collect(
     *,
     odd: tuple[int, ...],
     target: Callable[[Example], NDArray],
+    folder: Path,
     track: progress.Progress = progress.silent,
-) -> list[SceneSample]:
-    """Make samples of all examples.
+) -> Sequence[SceneSample]:
+    """Make samples of all examples, stored on disk.
 
     Args:
         examples: scenes with known holes, all of one size.
         see: returns the input channels (c, h, w).
         odd: channels that change sign when flipped vertically.
         target: returns the target (h, w).
+        folder: folder of the training (see `starling.learning.networks.stored.store`).
         track: wraps the loop over examples.
 
     Raises:
         InputError: if the examples cannot be learnt from (`starling.learning.data.example`),
-            differ in size, or lack an input.
+            differ in size, or lack an input; or if the disk is full.
     """
     check_learnable(examples)
-    samples = []
-    for example in track(examples, "channels"):
-        check_same_size(example, examples[0].info.shape)
+    shape = examples[0].info.shape
+
+    def sample(example: Example) -> SceneSample:
+        check_same_size(example, shape)
         inputs = see(example)
         ndp, counted = known_holes(example)
         check_size(example.info, "ndp", ndp)
-        samples.append(
-            SceneSample(
-                scene=example.scene,
-                room=example.room,
-                inputs=inputs,
-                odd=odd,
-                target=target(example).astype(np.float32),
-                counted=counted,
-            )
+        return SceneSample(
+            scene=example.scene,
+            room=example.room,
+            inputs=inputs,
+            odd=odd,
+            target=target(example).astype(np.float32),
+            counted=counted,
         )
-    return samples
+
+    return store(map(sample, track(examples, "channels")), folder)
 
 
 def check_same_size(example: Example, shape: tuple[int, int]) -> None:

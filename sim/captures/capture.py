@@ -94,6 +94,14 @@ class CapturedScene:
                     return self.frame(number)
         return self.frame(self.frames[0])
 
+    def ir_left(self, number: int) -> GreyImage | None:
+        """Read the left infrared image of one frame without its other files; None without it.
+
+        Raises:
+            InputError: as `frame`.
+        """
+        return self._image(self.path / str(number), "ir_left")
+
     def record(self, number: int) -> dict[str, Any]:
         """Read `frame.json` of one frame without its images; {} without the file.
 

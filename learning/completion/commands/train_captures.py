@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -153,7 +153,7 @@ def train_small(
     seed: int,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Read all frames to memory, then train the compact network, or continue from the checkpoint.
+    """Prepare all frames on disk, then train the compact network, or continue from the checkpoint.
 
     Args:
         frames: frames with ground truth.
@@ -172,13 +172,19 @@ def train_small(
     """
     from starling.learning.completion.small import method
     from starling.learning.completion.small.crops import FrameSample, SmallSettings
+    from starling.learning.networks.stored import store
 
-    samples = []
-    for number, pair in enumerate(read_frames(frames, track, "read")):
-        prepared = training_frame(pair, holes, seed=seed, number=number)
-        if prepared is not None:
-            image, depth_m, truth_m = prepared.image, prepared.depth_m, prepared.truth()
-            samples.append(FrameSample(image=image, depth_m=depth_m, truth_m=truth_m))
+    shares: list[float] = []
+
+    def prepared_samples() -> Iterator[FrameSample]:
+        for number, pair in enumerate(read_frames(frames, track, "read")):
+            prepared = training_frame(pair, holes, seed=seed, number=number)
+            if prepared is not None:
+                image, depth_m, truth_m = prepared.image, prepared.depth_m, prepared.truth()
+                shares.append(float(np.isnan(depth_m).mean()))
+                yield FrameSample(image=image, depth_m=depth_m, truth_m=truth_m)
+
+    samples = store(prepared_samples(), folder)
     if not samples:
         raise none_has_depth(len(frames))
     settings = SmallSettings() if steps is None else SmallSettings(steps=steps)
@@ -186,7 +192,7 @@ def train_small(
     return {
         "frames": len(samples),
         "left_out": len(frames) - len(samples),
-        "hole_share": float(np.mean([np.isnan(sample.depth_m).mean() for sample in samples])),
+        "hole_share": float(np.mean(shares)),
     }
 
 

@@ -152,7 +152,7 @@ def test_intervals_cover() -> None:
 
 
 def test_one_image_is_refused() -> None:
-    with pytest.raises(InputError, match=r"repeats must be \(n, h, w\) with n >= 2"):
+    with pytest.raises(InputError, match="repeats must be at least 2; got 1"):
         fit_photon_transfer(np.zeros((1, 40, 40), np.uint8), BASE)
 
 

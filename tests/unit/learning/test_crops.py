@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
+from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -142,11 +144,15 @@ def test_share_weights_scenes_equally() -> None:
     assert samples.share([few, many]) == 0.5
 
 
-def _collect(*examples: Example) -> list[SceneSample]:
+def _collect(folder: Path, *examples: Example) -> Sequence[SceneSample]:
     def depth(example: Example) -> np.ndarray:
         return example.depth_m[None]
 
-    return samples.collect(examples, depth, odd=(), target=lambda e: np.asarray(e.ndp))
+    return samples.collect(examples, depth, odd=(), target=_ndp, folder=folder)
+
+
+def _ndp(example: Example) -> np.ndarray:
+    return np.asarray(example.ndp)
 
 
 def _all_ndp(value: bool) -> Example:
@@ -160,8 +166,9 @@ def _of_another_size() -> Example:
     return dataclasses.replace(step_scene(1), info=info, depth_m=depth, **images)
 
 
-def test_samples_have_the_counted_pixels() -> None:
-    (sample,) = _collect(step_scene(0))
+def test_samples_have_the_counted_pixels(tmp_path: Path) -> None:
+    scenes = _collect(tmp_path, step_scene(0))
+    sample = scenes[0]
     assert sample.target.dtype == np.float32
     np.testing.assert_array_equal(sample.target, step_scene(0).ndp)
     np.testing.assert_array_equal(sample.counted, step_scene(0).counted)
@@ -181,15 +188,15 @@ def test_samples_have_the_counted_pixels() -> None:
     ],
 )
 def test_examples_that_cannot_be_learnt_from_are_refused(
-    examples: list[Example], message: str
+    examples: list[Example], message: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match=message):
-        _collect(*examples)
+        _collect(tmp_path, *examples)
 
 
-def test_refuses_a_truth_of_another_size_than_the_geometry() -> None:
+def test_refuses_a_truth_of_another_size_than_the_geometry(tmp_path: Path) -> None:
     small = np.zeros((8, 8), bool)
     small[0] = True
     images = {"ndp": small, "counted": np.ones((8, 8), bool), "depth_m": np.ones((8, 8))}
     with pytest.raises(InputError, match="ndp must be 64x48"):
-        _collect(dataclasses.replace(step_scene(0), **images))
+        _collect(tmp_path, dataclasses.replace(step_scene(0), **images))

@@ -58,14 +58,15 @@ def test_curve_and_scores_agree_with_scikit_learn(pixels):
 
     report, ndp = zip(*pixels, strict=True)
     ours, curve = judged(report, ndp), roc(judged(report, ndp))
-    across, up, _ = reference.roc_curve(ours.ndp, ours.probability, drop_intermediate=False)
+    report = np.asarray(report, np.float32).astype(np.float64)
+    across, up, _ = reference.roc_curve(ndp, report, drop_intermediate=False)
     np.testing.assert_allclose(curve.false_positive_rate, across)
     np.testing.assert_allclose(curve.true_positive_rate, up)
-    assert curve.area == pytest.approx(reference.roc_auc_score(ours.ndp, ours.probability))
-    brier = reference.brier_score_loss(ours.ndp, ours.probability)
+    assert curve.area == pytest.approx(reference.roc_auc_score(ndp, report))
+    brier = reference.brier_score_loss(ndp, report)
     assert metrics.brier(ours) == pytest.approx(brier)
-    inside = np.clip(ours.probability, 1e-6, 1 - 1e-6)
-    loss = reference.log_loss(ours.ndp, inside, labels=[False, True])
+    inside = np.clip(report, 1e-6, 1 - 1e-6)
+    loss = reference.log_loss(ndp, inside, labels=[False, True])
     assert metrics.log_loss(ours) == pytest.approx(loss)
 
 
