@@ -1,16 +1,26 @@
-"""Census transform and matching cost: differing census bits plus absolute difference."""
+"""Census transform: one bit per neighbour of a pixel."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import cv2
 import numba as nb
 import numpy as np
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from starling.sim.stereo.lanes import WORDS, above, load_words, read, splat_words, store_low_bytes
+
 SUBLEVELS = 64  # Levels per DN of the 8-bit scale; smoothing then resolves fractions of a DN.
-_u8, _u16, _u64 = np.uint8, np.uint16, np.uint64
+LEAST_PLANES = 5  # Planes of a 9x9 census, the usual size; smaller ones have empty planes.
+_u16, _LANES = np.uint16, WORDS.count
+
+
+class View(NamedTuple):
+    """What the cost compares of an image, in rows that may be mirrored and padded."""
+
+    bits: NDArray[np.uint8]  # (h, planes, w): bit k % 8 of plane k // 8 belongs to offset k.
+    dn: NDArray[np.uint8]  # (h, w) brightness [DN of 8 bits].
 
 
 def levels(image: NDArray, *, presmooth_px: float) -> NDArray[np.uint16]:
@@ -46,73 +56,62 @@ def offsets(census_px: int) -> NDArray[np.int64]:
     return np.array([(y, x) for y, x in grid if (y + x) % 2 == 0 and (y, x) != (0, 0)])
 
 
-def census(level: NDArray[np.uint16], *, census_px: int, tolerance: int) -> NDArray[np.uint64]:
-    """Return one bit per compared neighbour: darker than the centre by more than `tolerance`.
+def census(level: NDArray[np.uint16], *, census_px: int, tolerance: int) -> View:
+    """Compute one bit per compared neighbour: darker than the centre by more than `tolerance`.
 
-    With tolerance 0 the result is invariant under any strictly increasing change of brightness.
+    With tolerance 0 the bits are invariant under any strictly increasing change of brightness.
 
     Args:
-        level: (h, w) brightness; the border is replicated.
+        level: (h, w) brightness, w >= 16; the border is replicated.
         census_px: side of the window, odd, up to 11 [px].
         tolerance: in the levels of `level`, >= 0.
-
-    Returns:
-        (h, w) uint64; bit k belongs to offset k of `offsets`.
     """
-    reach = census_px // 2
-    padded = cv2.copyMakeBorder(level, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
-    return _census(padded, offsets(census_px) + reach, reach, np.int32(tolerance))
+    return _view(level, offsets(census_px), tolerance, 0)
 
 
-@nb.njit(cache=True)
-def _census(padded, taps, reach, tolerance):  # pragma: no cover - compiled
-    h, w = padded.shape[0] - 2 * reach, padded.shape[1] - 2 * reach
-    out = np.zeros((h, w), np.uint64)
+def mirrored_census(level: NDArray[np.uint16], *, census_px: int, tolerance: int, pad: int) -> View:
+    """Compute the census of the right image, with mirrored rows (arguments as `census`).
+
+    In mirrored rows, pixels of increasing disparity are contiguous in memory. The left column, now
+    the last, is repeated `pad` times. The padding gives disparities that point left of the image an
+    ordinary cost, which avoids border artefacts.
+    """
+    return _view(level[:, ::-1], offsets(census_px) * (1, -1), tolerance, pad)
+
+
+def _view(level: NDArray[np.uint16], taps: NDArray, tolerance: int, pad: int) -> View:
+    h, w = level.shape
+    reach = int(taps.max())
+    padded = cv2.copyMakeBorder(
+        np.ascontiguousarray(level), reach, reach, reach, reach, cv2.BORDER_REPLICATE
+    )
+    places = (taps + reach) @ (padded.shape[1], 1)
+    planes = max(LEAST_PLANES, -(-len(taps) // 8))
+    bits, dn = np.zeros((h, planes, w + pad), np.uint8), np.empty((h, w + pad), np.uint8)
+    flat = (padded.reshape(-1), places, bits.reshape(-1), dn.reshape(-1))
+    _census(*flat, h, w, pad, reach, _u16(tolerance))
+    return View(bits, dn)
+
+
+@nb.njit(nogil=True, cache=True)
+def _census(padded, places, bits, dn, h, w, pad, reach, tolerance):  # pragma: no cover - compiled
+    stride, span = w + 2 * reach, w + pad
+    planes = len(bits) // (h * span)
+    level_shift = splat_words(_u16(6))  # SUBLEVELS is 2^6.
     for y in range(h):
-        for k in range(len(taps)):
-            row = padded[y + taps[k, 0], taps[k, 1] : taps[k, 1] + w]
-            centre = padded[y + reach, reach : reach + w]
-            bit = _u64(_u64(1) << _u64(k))
-            for x in range(w):
-                darker = np.int32(row[x]) + tolerance < np.int32(centre[x])
-                out[y, x] |= bit if darker else _u64(0)
-    return out
-
-
-@intrinsic
-def _popcount(typing_context, word):
-    """Count the set bits of a uint64 with the processor's instruction."""
-    if word != types.uint64:
-        return None
-
-    def generate(context, builder, signature, arguments):
-        return builder.ctpop(arguments[0])
-
-    return types.uint64(types.uint64), generate
-
-
-@nb.njit(inline="always")
-def cost_row(bits, bits_r, dn, dn_r, pad, weight, cap, out):  # pragma: no cover - compiled
-    """Fill the cost of every disparity in one row; the right row is mirrored, padded by `pad`."""
-    w, search = out.shape
-    for x in range(w):
-        start = w - 1 - x + pad
-        mine, level = bits[x], dn[x]
-        theirs, levels_r = bits_r[start : start + search], dn_r[start : start + search]
-        row = out[x]
-        for d in range(search):  # Separate loops: 64-bit words would halve the SIMD use of bytes.
-            row[d] = _u8(_popcount(mine ^ theirs[d]))  # pyright: ignore[reportCallIssue]
-        for d in range(search):
-            step = _u8(max(level, levels_r[d]) - min(level, levels_r[d]))
-            step = min(step, _u8(cap))
-            row[d] = _u8(row[d] + _u8(_u16(_u16(step) * weight) >> _u16(4)))
-
-
-def mirrored(rows: NDArray, *, pad: int) -> NDArray:
-    """Mirror the right image's rows and repeat its left column, now the last, `pad` times.
-
-    In mirrored rows, pixels of increasing disparity are contiguous in memory. The padding gives
-    disparities that point left of the image an ordinary cost, which avoids border artefacts.
-    """
-    flipped = rows[:, ::-1]
-    return np.ascontiguousarray(np.pad(flipped, ((0, 0), (0, pad)), mode="edge"))
+        for start in range(0, w, _LANES):
+            x = min(start, w - _LANES)  # The last vector overlaps the one before.
+            corner = y * stride + x
+            centre = load_words(padded, corner + reach * stride + reach)
+            store_low_bytes(dn, y * span + x, centre >> level_shift)
+            centre = centre - splat_words(tolerance)
+            for plane in range((len(places) + 7) // 8):
+                word = splat_words(_u16(0))
+                for k in range(min(8 * plane + 8, len(places)) - 1, 8 * plane - 1, -1):
+                    darker = above(centre, load_words(padded, corner + read(places, k)))
+                    word = word + word - darker  # A set mask is -1.
+                store_low_bytes(bits, (y * planes + plane) * span + x, word)
+        for row in range(planes):
+            at = (y * planes + row) * span + w
+            bits[at : at + pad] = bits[at - 1]
+        dn[y * span + w : (y + 1) * span] = dn[y * span + w - 1]

@@ -123,26 +123,25 @@ def support_cost(
 
     The cost of the CensusSemiGlobal engine has `support.COST_SCALE` levels per bit.
     """
-    shift = matcher.min_disparity_px
-    tolerance = round(engine.tolerance_dn * census.SUBLEVELS)
+    shift, search = matcher.min_disparity_px, matcher.search_px
     level, level_r = (
         census.levels(image, presmooth_px=engine.presmooth_px) for image in (left, right)
     )
-    bits = census.census(level, census_px=engine.census_px, tolerance=tolerance)
-    bits_r = census.census(level_r, census_px=engine.census_px, tolerance=tolerance)
-    dn, dn_r = (
-        (brightness // census.SUBLEVELS).astype(np.uint8) for brightness in (level, level_r)
-    )
-    beyond = shift + matcher.search_px
-    bits_r, dn_r = census.mirrored(bits_r, pad=beyond), census.mirrored(dn_r, pad=beyond)
-    weight = np.uint16(round(16 * engine.difference_weight))
-    cap, reach = np.uint16(round(engine.difference_cap_dn)), engine.support_px // 2
-    arms = support.arms(level, step=round(engine.arm_step_dn * census.SUBLEVELS), reach=reach)
-
-    def fill(start: int, out: NDArray[np.uint16]) -> None:
-        support.support_cost(bits, bits_r, dn, dn_r, shift, weight, cap, arms, reach, start, out)
-
-    return fill
+    window = {
+        "census_px": engine.census_px,
+        "tolerance": round(engine.tolerance_dn * census.SUBLEVELS),
+    }
+    reach = engine.support_px // 2
+    return support.SupportCost(
+        left=census.census(level, **window),
+        right=census.mirrored_census(level_r, **window, pad=shift + support.padding(search)),
+        arm=support.arms(level, step=round(engine.arm_step_dn * census.SUBLEVELS), reach=reach),
+        reach=reach,
+        least_px=shift,
+        search_px=search,
+        weight=round(16 * engine.difference_weight),
+        cap_dn=round(engine.difference_cap_dn),
+    ).fill
 
 
 def _census_semi_global(

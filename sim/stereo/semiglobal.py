@@ -16,10 +16,27 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-_u16, _u32 = np.uint16, np.uint32
-_WALL = 40_000  # Cost outside the searched range: above any real cost, far from overflow.
-BAND_ROWS = 48  # Rows of the volume in memory at a time; they fit the cache.
+from starling.sim.stereo import paths
+from starling.sim.stereo.lanes import (
+    aligned_words,
+    equal,
+    least_lane,
+    lesser,
+    load_words,
+    pick,
+    read,
+    splat_words,
+    store_words,
+)
+from starling.sim.stereo.paths import LANES
+
+BAND_ROWS = 16  # Rows of the volume in memory at a time.
+_GROUP_ROWS = 4  # Rows whose horizontal paths advance in turn; their volume fits the cache.
 _AHEAD = 2  # Bands prepared (cost, horizontal paths) while an earlier band is finished.
+_RUN_PX = 32  # Columns between the steps of the selection; a multiple of _TURN_PX.
+_TURN_PX = 4  # Columns that update the right view together.
+_NONE = 65535  # Summed cost or column before any is known; above every other.
+_u16 = np.uint16
 
 
 class Winners(NamedTuple):
@@ -36,118 +53,129 @@ class Winners(NamedTuple):
 
 
 @nb.njit(inline="always")
-def _advance(before, floor, cost, now, total, p1, p2):  # pragma: no cover - compiled
-    """Advance a path by one pixel: fill `now`, add it to `total`, return the least of `now`."""
-    search = cost.shape[0]
-    jump = _u16(floor + p2)
-    least = _u16(65535)
-    for d in range(search):
-        step = min(_u16(before[d] + p1), _u16(before[d + 2] + p1))
-        best = min(min(before[d + 1], step), jump)
-        value = _u16(_u16(best - floor) + cost[d])
-        now[d + 1] = value
-        total[d] = _u16(total[d] + value)
-        least = min(least, value)
-    return least
-
-
-@nb.njit(nogil=True, cache=True)
-def _sweep_sideways(cost, total, p1, p2):  # pragma: no cover - compiled
-    """Fill `total` with the summed costs of the two horizontal paths."""
-    rows, w, search = cost.shape
-    for y in range(rows):
-        a = np.full(search + 2, _WALL, np.uint16)
-        b = np.full(search + 2, _WALL, np.uint16)
-        total[y] = 0
-        for leftward in range(2):
-            a[1 : search + 1] = 0
-            floor = _u16(0)
-            for i in range(w):
-                x = w - 1 - i if leftward else i
-                floor = _advance(a, floor, cost[y, x], b, total[y, x], p1, p2)
-                a, b = b, a
-
-
-@nb.njit(nogil=True, cache=True)
-def _sweep_down(cost, total, p1, p2, state, floor, start):  # pragma: no cover - compiled
-    """Add the costs of the three downward paths (straight and both diagonals) to `total`.
-
-    Args:
-        state: (2, 3, w + 2, search + 2) costs of each path along the last even and the last odd
-            row. They have a margin of one column and one disparity on each side.
-        floor: (2, 3, w + 2) least cost of each path.
-        start: image row of the first row of `cost`.
-    """
-    rows, w, _ = cost.shape
-    for y in range(rows):
-        current = (start + y) % 2
-        above = 1 - current
-        for x in range(w):
-            for path in range(3):
-                source = x + path  # Columns x - 1, x, x + 1 of the row above.
-                floor[current, path, x + 1] = _advance(
-                    state[above, path, source],
-                    floor[above, path, source],
-                    cost[y, x],
-                    state[current, path, x + 1],
-                    total[y, x],
-                    p1,
-                    p2,
-                )
-
-
-@nb.njit(inline="always")
 def _parabola(below, middle, above):  # pragma: no cover - compiled
     """Fit a parabola through three costs: vertex in [-1, 1] px from the middle, and curvature."""
-    bend = np.int64(below) + np.int64(above) - 2 * np.int64(middle)
+    bend = np.int32(below) + np.int32(above) - np.int32(2) * np.int32(middle)
     if bend <= 0:
-        return 0.0, 0.0
-    return min(1.0, max(-1.0, (np.int64(below) - np.int64(above)) / (2.0 * bend))), float(bend)
+        return np.float32(0), np.float32(0)
+    vertex = np.float32(np.int32(below) - np.int32(above)) / np.float32(np.int32(2) * bend)
+    return min(np.float32(1), max(np.float32(-1), vertex)), np.float32(bend)
 
 
 @nb.njit(nogil=True, cache=True)
 def _select(
-    total, cost, best_at, offset, bend, right, right_offset, margin, excess, neighbour, shift
-):  # pragma: no cover - compiled
-    h, w, search = total.shape
+    cost, total, costs, floors, first, sizes, p1, p2, shift, best_at, offset, bend, right,
+    right_offset, margin, excess, neighbour,
+):  # pragma: no cover - compiled  # fmt: skip
+    """Finish the paths of a band of rows and choose the winners of both views."""
+    w, search = sizes
+    span = search + 2 * LANES
+    # The sums of a run; margins above every sum hide what lies beside a pixel's disparities.
+    sums = np.full((_RUN_PX + 1) * span, _u16(_NONE), np.uint16)
+    reach = LANES + w + shift + span
+    # Least sum of each right pixel and the left column that has it, mirrored.
+    least, column = np.empty(reach, np.uint16), np.empty(reach, np.uint16)
+    ramp = np.arange(search).astype(np.uint16)
     # Shifted to the winner, the mask hides it and its two neighbours without a branch in the loop.
-    wall = np.zeros(2 * search + 1, np.uint16)
-    wall[search - 1 : search + 2] = _u16(65535)
-    for y in range(h):
-        # Cost and index share one number, so that its minimum has the lowest best index.
-        best_right = np.full(w + shift + search, _u32(0xFFFFFFFF), np.uint32)
+    mask = np.zeros(2 * search + 1, np.uint16)
+    mask[search - 1 : search + 2] = _u16(_NONE)
+    for row in range(len(best_at)):
+        y = first + row
+        paths.enter_downward(costs, floors, y, w, search)
+        least[:], column[:] = _u16(_NONE), _u16(_NONE)
+        for start in range(0, w, _RUN_PX):
+            stop = min(start + _RUN_PX, w)
+            at = (row * w + start) * search
+            for x in range(stop - start, _RUN_PX if stop == w else 0):
+                sums[x * span : x * span + span] = _u16(_NONE)  # Columns right of the image.
+            paths.sweep_down(
+                cost, total, costs, floors, y, (start, stop), at, w, search, p1, p2, sums, span
+            )
+            _choose_left(
+                sums, span, ramp, mask, cost, at, search, start, stop,
+                best_at[row], offset[row], bend[row], margin[row], excess[row], neighbour[row],
+            )  # fmt: skip
+            _offer_right(sums, span, search, start, stop, w - 1 + shift + LANES, least, column)
+        base = row * w * search
         for x in range(w):
-            row = total[y, x]
-            mirror = best_right[w - 1 - x + shift : w - 1 - x + shift + search]
-            least = _u32(0xFFFFFFFF)
-            for d in range(search):
-                key = _u32((_u32(row[d]) << _u32(8)) | _u32(d))
-                least = min(least, key)
-                mirror[d] = min(mirror[d], key)
-            best = np.int64(least & _u32(255))
-            second, hidden = _u16(65535), wall[search - best : 2 * search - best]
-            for d in range(search):
-                second = min(second, _u16(row[d] | hidden[d]))
-            best_at[y, x] = best
-            excess[y, x] = _u16(second - row[best])
-            before, after = row[max(best - 1, 0)], row[min(best + 1, search - 1)]
-            neighbour[y, x] = _u16(max(before, after) - row[best])
-            lowest = np.float32(max(row[best], _u16(1)))
-            margin[y, x] = np.float32(100.0) * (np.float32(second) / lowest - np.float32(1.0))
-            if 0 < best < search - 1:
-                fine = cost[y, x]
-                offset[y, x], bend[y, x] = _parabola(fine[best - 1], fine[best], fine[best + 1])
-        for x in range(w):
-            key = best_right[w - 1 - x]
-            best = -1 if key == _u32(0xFFFFFFFF) else np.int64(key & _u32(255))
-            right[y, x] = best
-            left_column = x + shift + best  # Column in the left image.
-            if 0 < best < search - 1 and left_column < w - 1:
-                below, above = (
-                    cost[y, left_column - 1, best - 1],
-                    cost[y, left_column + 1, best + 1],
-                )
-                right_offset[y, x], _ = _parabola(below, cost[y, left_column, best], above)
+            place = w - 1 - x + LANES
+            winner = np.int64(read(column, place))
+            best = -1 if winner == _NONE else winner - x - shift
+            right[row, x] = best
+            right_offset[row, x] = np.float32(0)
+            if 0 < best < search - 1 and winner < w - 1:
+                at = base + winner * search + best
+                below, above = read(cost, at - search - 1), read(cost, at + search + 1)
+                right_offset[row, x], _ = _parabola(below, read(cost, at), above)
+
+
+@nb.njit(nogil=True, cache=True)
+def _choose_left(
+    sums, span, ramp, mask, cost, at, search, start, stop,
+    best_at, offset, bend, margin, excess, neighbour,
+):  # pragma: no cover - compiled  # fmt: skip
+    """Choose the winners of a run of columns in the left view."""
+    none = splat_words(_u16(_NONE))
+    for x in range(start, stop):
+        first = (x - start) * span + LANES
+        least = none
+        for d in range(0, search, LANES):
+            least = lesser(least, load_words(sums, first + d))
+        lowest = least_lane(least)
+        least = splat_words(lowest)
+        place = none
+        for d in range(0, search, LANES):
+            winner = equal(load_words(sums, first + d), least)
+            place = lesser(place, pick(winner, load_words(ramp, d), none))
+        best_at[x] = least_lane(place)
+        excess[x] = lowest
+    for x in range(start, stop):
+        first, best, lowest = (x - start) * span + LANES, np.int64(best_at[x]), excess[x]
+        rest = none
+        for d in range(0, search, LANES):
+            rest = lesser(rest, load_words(sums, first + d) | load_words(mask, search - best + d))
+        second = least_lane(rest)
+        excess[x] = second - lowest
+        before = read(sums, first + max(best - 1, 0))
+        after = read(sums, first + min(best + 1, search - 1))
+        neighbour[x] = max(before, after) - lowest
+        ratio = np.float32(second) / np.float32(max(lowest, _u16(1)))
+        margin[x] = np.float32(100.0) * (ratio - np.float32(1.0))
+        offset[x], bend[x] = np.float32(0), np.float32(0)
+        if 0 < best < search - 1:
+            here = at + (x - start) * search + best
+            below, above = read(cost, here - 1), read(cost, here + 1)
+            offset[x], bend[x] = _parabola(below, read(cost, here), above)
+
+
+@nb.njit(nogil=True, cache=True)
+def _offer_right(
+    sums, span, search, start, stop, base, least, column
+):  # pragma: no cover - compiled
+    """Offer a run of columns to the right view; of equal sums the lower disparity remains.
+
+    For each right pixel, columns come in the order of their disparities. Several columns share
+    each visit of the right view's memory, because a visit waits for the one before.
+    """
+    for x in range(start, stop, _TURN_PX):
+        a = (x - start) * span + LANES - 3
+        b, c, d = a + span + 1, a + 2 * span + 2, a + 3 * span + 3
+        column_a, column_b = splat_words(_u16(x)), splat_words(_u16(x + 1))
+        column_c, column_d = splat_words(_u16(x + 2)), splat_words(_u16(x + 3))
+        target = base - x - 3
+        for k in range(0, search + LANES, LANES):
+            before = load_words(least, target + k)
+            known = load_words(column, target + k)
+            after = lesser(before, load_words(sums, a + k))
+            known = pick(equal(after, before), known, column_a)
+            before = lesser(after, load_words(sums, b + k))
+            known = pick(equal(after, before), known, column_b)
+            after = lesser(before, load_words(sums, c + k))
+            known = pick(equal(after, before), known, column_c)
+            before = lesser(after, load_words(sums, d + k))
+            known = pick(equal(after, before), known, column_d)
+            store_words(least, target + k, before)
+            store_words(column, target + k, known)
 
 
 def select(
@@ -184,39 +212,27 @@ def select(
     )
     penalties = (_u16(p1), _u16(p2))
     # Threads per band: a parallel kernel needs a barrier per row, which stalls on a busy machine.
-    volumes = np.empty((_AHEAD + 1, 2, min(h, BAND_ROWS), w, search), np.uint16)
-    state = np.full((2, 3, w + 2, search + 2), _WALL, np.uint16)
-    state[:, :, :, 1:-1] = 0  # Paths start with zero cost.
-    floor = np.zeros((2, 3, w + 2), np.uint16)
+    volumes = aligned_words(_AHEAD + 1, 2, min(h, BAND_ROWS), w, search)
+    downward = paths.start_downward(w, search)
 
     def prepare(band: int) -> tuple[NDArray, NDArray]:
         start = band * BAND_ROWS
         support, total = volumes[band % (_AHEAD + 1), :, : min(BAND_ROWS, h - start)]
-        cost(start, support)
-        _sweep_sideways(support, total, *penalties)
-        return support, total
+        for row in range(0, len(support), _GROUP_ROWS):
+            group, sums = support[row : row + _GROUP_ROWS], total[row : row + _GROUP_ROWS]
+            cost(start + row, group)
+            paths.sweep_sideways(group.reshape(-1), sums.reshape(-1), w, search, *penalties)
+        return support.reshape(-1), total.reshape(-1)
 
     bands = range(-(-h // BAND_ROWS))
-    with ThreadPoolExecutor(_AHEAD) as pool:
+    with ThreadPoolExecutor(1) as pool:  # A single thread: the cost continues from row to row.
         ready = [pool.submit(prepare, band) for band in bands[:_AHEAD]]
         for band in bands:
             support, total = ready[band].result()
+            start = band * BAND_ROWS
+            part = slice(start, start + BAND_ROWS)
+            views = [view[part] for view in winners]
+            _select(support, total, *downward, start, (w, search), *penalties, shift, *views)
             if band + _AHEAD in bands:
                 ready.append(pool.submit(prepare, band + _AHEAD))
-            start = band * BAND_ROWS
-            _sweep_down(support, total, *penalties, state, floor, start)
-            part = slice(start, start + len(support))
-            _select(
-                total,
-                support,
-                winners.best[part],
-                winners.offset[part],
-                winners.bend[part],
-                winners.right_best[part],
-                winners.right_offset[part],
-                winners.margin_pct[part],
-                winners.second[part],
-                winners.neighbour[part],
-                shift,
-            )
     return winners

@@ -1,107 +1,244 @@
-"""Averaging of the cost over a support region that ends at steps of brightness.
+"""Matching cost, averaged over a support region that ends at steps of brightness.
 
 Cross-based support: Zhang, Lu and Lafruit 2009 (IEEE TCSVT 19(7)); in AD-Census: Mei et al. 2011.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
+import cv2
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.sim.stereo.census import cost_row
+from starling.sim.stereo.census import LEAST_PLANES, View
+from starling.sim.stereo.lanes import (
+    BYTES,
+    WORDS,
+    aligned_words,
+    count_bits,
+    equal,
+    greater,
+    high_product,
+    lesser,
+    load_bytes,
+    load_words,
+    lower_words,
+    read,
+    splat_bytes,
+    splat_words,
+    store_low_bytes,
+    store_words,
+    upper_words,
+)
 
 COST_SCALE = 32  # Levels per bit in the averaged cost; the sub-pixel fit needs fractions of a bit.
 ROW_SCALE = 16  # Levels per bit in the rows' means; a sum of 15 means fits 16 bits.
-_u8, _u16, _u32 = np.uint8, np.uint16, np.uint32
-_WAYS = np.array([(0, -1), (0, 1), (-1, 0), (1, 0)])  # West, east, north, south as (dy, dx).
+_RING = 16  # Running sums kept along a row: two arms of 7 px, their root, and the sum before.
+_LAST = _RING - 1
+_FAR = 65535  # Brightness outside the image, further from any pixel than the largest step.
+_u8, _u16 = np.uint8, np.uint16
+_LANES, _WIDE = WORDS.count, BYTES.count
 
 
 def arms(level: NDArray[np.uint16], *, step: int, reach: int) -> NDArray[np.uint8]:
     """Return the lengths of every pixel's four arms, within which brightness differs by <= `step`.
 
     Args:
-        level: (h, w) uint16 brightness.
+        level: (h, w) uint16 brightness, w >= 16.
         step: largest difference to the arm's root, in the levels of `level`.
         reach: longest arm [px]; arms also end at the image's border.
 
     Returns:
         (4, h, w) uint8: west, east, north, south.
     """
-    return _arms(level, np.int32(step), reach, _WAYS)
-
-
-@nb.njit(nogil=True, cache=True)
-def _arms(level, step, reach, ways):  # pragma: no cover - compiled
     h, w = level.shape
-    out = np.zeros((4, h, w), np.uint8)
-    for way in range(4):
-        dy, dx = ways[way]
-        for y in range(h):
-            grows = np.ones(w, np.uint8)
-            for length in range(1, min(reach, w - 1) + 1):
-                if not 0 <= y + dy * length < h:
-                    break
-                west, east = max(0, -dx * length), max(0, dx * length)
-                grows[:west], grows[w - east :] = 0, 0
-                roots, tips = level[y, west : w - east], level[y + dy * length, east : w - west]
-                on, lengths = grows[west : w - east], out[way, y, west : w - east]
-                for x in range(len(roots)):
-                    away = abs(np.int32(tips[x]) - np.int32(roots[x]))
-                    on[x] &= _u8(away <= step)
-                    lengths[x] += on[x]
+    margins = (reach, reach, reach, reach, cv2.BORDER_CONSTANT)
+    padded = cv2.copyMakeBorder(level, *margins, value=_FAR)  # pyright: ignore[reportArgumentType]
+    out = np.empty((4, h, w), np.uint8)
+    _arms(padded.reshape(-1), h, w, _u16(step), reach, out.reshape(-1))
     return out
 
 
+@nb.njit(nogil=True, cache=True)
+def _arms(padded, h, w, step, reach, out):  # pragma: no cover - compiled
+    stride = w + 2 * reach
+    one, nothing, steps = splat_words(_u16(1)), splat_words(_u16(0)), splat_words(step)
+    for way in range(4):
+        towards = (-1, 1, -stride, stride)[way]
+        for y in range(h):
+            for start in range(0, w, _LANES):
+                x = min(start, w - _LANES)  # The last vector overlaps the one before.
+                place = (y + reach) * stride + reach + x
+                root = load_words(padded, place)
+                grows, lengths = one, nothing
+                for length in range(1, reach + 1):
+                    tip = load_words(padded, place + length * towards)
+                    off = greater(root, tip) - lesser(root, tip)
+                    grows = grows & equal(lesser(off, steps), off)
+                    lengths = lengths + grows
+                store_low_bytes(out, (way * h + y) * w + x, lengths)
+
+
+def _shares(scale: int) -> NDArray[np.uint16]:
+    """Return scale / n for each count n of means, repeated in all lanes.
+
+    Returns:
+        (2, 16, lanes): whole part and 1/65536 parts of the share.
+    """
+    share = [0] + [(scale << 16) // count for count in range(1, _RING)]
+    parts = np.array([np.right_shift(share, 16), np.bitwise_and(share, 65535)], np.uint16)
+    table = aligned_words(2, _RING, _LANES)
+    table[:] = parts[:, :, None]
+    return table
+
+
+_ROW_SHARES = _shares(ROW_SCALE).reshape(-1)
+_COLUMN_SHARES = _shares(COST_SCALE // ROW_SCALE).reshape(-1)
+
+
+@dataclass(slots=True)
+class SupportCost:
+    """Cost of a pair, averaged along the horizontal arms, then along the vertical arms.
+
+    Rows are computed in order; only those that the arms span are stored. Rows that follow the
+    last ones continue their running sums. Running sums make the time independent of the arms'
+    lengths.
+    """
+
+    left: View
+    right: View  # Mirrored; padded by at least least_px + search_px, rounded up to 32.
+    arm: NDArray[np.uint8]  # (4, h, w) from `arms`.
+    reach: int  # Longest arm [px].
+    least_px: int  # Smallest disparity [px].
+    search_px: int  # Disparities, a multiple of 16.
+    weight: int  # Weight of the brightness difference [1/16 bit per DN].
+    cap_dn: int  # Largest difference that counts [DN].
+    _sums: NDArray[np.uint16] = field(default_factory=lambda: np.empty(0, np.uint16), repr=False)
+    _row: int = -1  # Row after the last one computed.
+
+    def fill(self, start: int, out: NDArray[np.uint16]) -> None:
+        """Fill `out` (rows, w, search) from image row `start` on; the cost has COST_SCALE a bit."""
+        h, w = self.left.dn.shape
+        first = start + self.reach
+        if start != self._row or not start:
+            first = max(0, start - self.reach)
+            self._sums = aligned_words((2 * self.reach + 2) * w * self.search_px)
+            self._sums[:] = 0
+        self._row = start + len(out)
+        sizes = (h, w, self.right.dn.shape[1], self.search_px, self.left.bits.shape[1])
+        _fill(
+            self.left.bits.reshape(-1),
+            self.left.dn.reshape(-1),
+            self.right.bits.reshape(-1),
+            self.right.dn.reshape(-1),
+            self.arm.reshape(-1),
+            sizes,
+            self.reach,
+            self.least_px,
+            (_u16(self.weight), _u8(self.cap_dn)),
+            (_ROW_SHARES, _COLUMN_SHARES),
+            self._sums,
+            (first, start, len(out)),
+            out.reshape(-1),
+        )
+
+
+def padding(search_px: int) -> int:
+    """Return the columns that the right view needs beyond its smallest disparity."""
+    return -(-search_px // _WIDE) * _WIDE
+
+
 @nb.njit(inline="always")
-def _mean(first, last, share, out):  # pragma: no cover - compiled
-    """Mean between two running sums; the sums may wrap around, their difference does not."""
-    for d in range(out.shape[0]):
-        out[d] = _u16(_u32(_u32(_u16(last[d] - first[d])) * share) >> _u32(16))
+def _mean(sums, last, before, shares, count):  # pragma: no cover - compiled
+    """Return the difference of two running sums times a share; the sums may wrap around."""
+    total = load_words(sums, last) - load_words(sums, before)
+    # A share loaded here, not before the loop, multiplies with one instruction.
+    whole, part = load_words(shares, count), load_words(shares, count + _RING * _LANES)
+    return total * whole + high_product(total, part)
 
 
 @nb.njit(nogil=True, cache=True)
-def support_cost(
-    bits, bits_r, dn, dn_r, pad, weight, cap, arm, reach, start, out
+def _fill(
+    bits, dn, bits_r, dn_r, arm, sizes, reach, pad, brightness, all_shares, sums, rows, out
 ):  # pragma: no cover - compiled
-    """Average the cost along the horizontal arms, then the means along the vertical arms.
-
-    Only the rows that the arms span are stored, so any band of rows can be computed separately.
-    Running sums make the time independent of the arms' lengths.
-
-    Args:
-        bits, dn: (h, w) census and brightness [DN] of the left image, uint64 and uint8.
-        bits_r, dn_r: (h, w + pad + search) of the right image, mirrored, last column repeated.
-        pad: smallest disparity [px].
-        weight: weight of the brightness difference [1/16 bit per DN].
-        cap: largest difference that counts [DN].
-        arm: (4, h, w) from `arms`.
-        reach: longest arm [px].
-        start: image row of the first row of `out`.
-        out: (rows, w, search) uint16, filled with the cost, COST_SCALE per bit.
-    """
-    h = bits.shape[0]
-    rows, w, search = out.shape
-    stored = 2 * reach + 2
-    sums = np.zeros((stored, w, search), np.uint16)  # Down the rows.
-    along = np.zeros((w + 1, search), np.uint16)  # Along one row.
-    cost, mean = np.zeros((w, search), np.uint8), np.zeros(search, np.uint16)
-    for y in range(max(0, start - reach), start + rows + reach):
-        if y < h:
-            cost_row(bits[y], bits_r[y], dn[y], dn_r[y], pad, weight, cap, cost)
-            for x in range(w):
-                for d in range(search):
-                    along[x + 1, d] = _u16(along[x, d] + cost[x, d])
-            for x in range(w):
-                first, last = x - arm[0, y, x], x + arm[1, y, x] + 1
-                _mean(along[first], along[last], _u32((ROW_SCALE << 16) // (last - first)), mean)
-                above, current = sums[(y - 1) % stored, x], sums[y % stored, x]
-                for d in range(search):
-                    current[d] = _u16(above[d] + mean[d])
+    h, w, span, search, planes = sizes
+    weight, cap = brightness
+    first, start, count = rows
+    row_shares, column_shares = all_shares
+    stored, size = 2 * reach + 2, w * search
+    width = -(-search // _WIDE) * _WIDE
+    along = np.zeros(_RING * width, np.uint16)  # Running sums along one row, up to each column.
+    for y in range(first, start + count + reach):
         done = y - reach
-        if done < start:
-            continue
-        for x in range(w):
-            before, last = done - arm[2, done, x] - 1, done + arm[3, done, x]
-            share = _u32(((COST_SCALE // ROW_SCALE) << 16) // (last - before))
-            _mean(sums[before % stored, x], sums[last % stored, x], share, out[done - start, x])
+        row = done % stored
+        above, current = (y - 1) % stored * size, y % stored * size
+        for column in range(w + reach):
+            x = column - reach
+            if y < h:
+                if column < w:
+                    before, now = (column & _LAST) * width, (column + 1 & _LAST) * width
+                    _add_cost(
+                        bits, dn, bits_r, dn_r, y, column, w, span, width, planes, pad,
+                        weight, cap, along, before, now,
+                    )  # fmt: skip
+                if x >= 0:
+                    place = y * w + x
+                    west, east = np.int64(read(arm, place)), np.int64(read(arm, h * w + place))
+                    before, last = (x - west & _LAST) * width, (x + east + 1 & _LAST) * width
+                    share = (west + east + 1) * _LANES
+                    for d in range(0, search, _LANES):
+                        mean = _mean(along, last + d, before + d, row_shares, share)
+                        at = x * search + d
+                        store_words(sums, current + at, load_words(sums, above + at) + mean)
+            if x >= 0 and done >= start:
+                place = done * w + x
+                north = np.int64(read(arm, 2 * h * w + place))
+                south = np.int64(read(arm, 3 * h * w + place))
+                before, last = row - north - 1, row + south
+                before = (before + stored if before < 0 else before) * size + x * search
+                last = (last - stored if last >= stored else last) * size + x * search
+                share = (north + south + 1) * _LANES
+                at = ((done - start) * w + x) * search
+                for d in range(0, search, _LANES):
+                    mean = _mean(sums, last + d, before + d, column_shares, share)
+                    store_words(out, at + d, mean)
+        along[:width] = 0
+
+
+@nb.njit(inline="always")
+def _add_cost(
+    bits, dn, bits_r, dn_r, y, x, w, span, width, planes, pad, weight, cap, along, before, now
+):  # pragma: no cover - compiled
+    """Add the cost of a pixel's disparities to the running sums: differing bits, brightness."""
+    mine, theirs = y * planes * w + x, y * planes * span + w - 1 - x + pad
+    a, b = splat_bytes(read(bits, mine)), splat_bytes(read(bits, mine + w))
+    c, d = splat_bytes(read(bits, mine + 2 * w)), splat_bytes(read(bits, mine + 3 * w))
+    e, level = splat_bytes(read(bits, mine + 4 * w)), splat_bytes(read(dn, y * w + x))
+    caps, weights, four = splat_bytes(cap), splat_words(weight), splat_words(_u16(4))
+    level_at = y * span + w - 1 - x + pad
+    for start in range(0, width, _WIDE):
+        at = theirs + start
+        differing = (
+            count_bits(a ^ load_bytes(bits_r, at))
+            + count_bits(b ^ load_bytes(bits_r, at + span))
+            + count_bits(c ^ load_bytes(bits_r, at + 2 * span))
+            + count_bits(d ^ load_bytes(bits_r, at + 3 * span))
+            + count_bits(e ^ load_bytes(bits_r, at + 4 * span))
+        )
+        level_r = load_bytes(dn_r, level_at + start)
+        off = lesser(greater(level, level_r) - lesser(level, level_r), caps)
+        lower = lower_words(differing) + (lower_words(off) * weights >> four)
+        upper = upper_words(differing) + (upper_words(off) * weights >> four)
+        store_words(along, now + start, load_words(along, before + start) + lower)
+        half = start + _LANES
+        store_words(along, now + half, load_words(along, before + half) + upper)
+    for plane in range(LEAST_PLANES, planes):
+        mask = splat_bytes(read(bits, mine + plane * w))
+        for start in range(0, width, _WIDE):
+            differing = count_bits(mask ^ load_bytes(bits_r, theirs + plane * span + start))
+            place = now + start
+            store_words(along, place, load_words(along, place) + lower_words(differing))
+            place = now + start + _LANES
+            store_words(along, place, load_words(along, place) + upper_words(differing))
