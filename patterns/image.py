@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 import zlib
 from pathlib import Path
 
@@ -127,7 +128,8 @@ def plain_png(chunks: Chunks) -> bytes:
     size = sum(count * length for count, length in rows)
     inflate = zlib.decompressobj()
     try:
-        pixels = np.frombuffer(inflate.decompress(packed, size + 1), np.uint8)
+        most = min(size + 1, sys.maxsize)  # A damaged header can announce more.
+        pixels = np.frombuffer(inflate.decompress(packed, most), np.uint8)
     except zlib.error as error:
         raise ValueError("too little pixel data") from error
     if len(pixels) != size or not inflate.eof:

@@ -89,7 +89,7 @@ def take(arrays: Mapping[str, Any], kinds: Mapping[str, str], folder: Path) -> l
     """
     for name, kind in kinds.items():
         array = arrays.get(name)
-        if not isinstance(array, np.ndarray) or not array.dtype.isnative:
+        if not isinstance(array, np.ndarray) or not _computable(array.dtype):
             actual = None  # A damaged member can be bytes.
         else:
             actual = f"{array.dtype.kind}{array.ndim}"
@@ -99,3 +99,8 @@ def take(arrays: Mapping[str, Any], kinds: Mapping[str, str], folder: Path) -> l
             )
             raise refuse("model", "must be whole", value, "It is damaged: train again.")
     return [arrays[name] for name in kinds]
+
+
+def _computable(dtype: np.dtype[Any]) -> bool:
+    """Return whether compiled code computes with the type; half and long floats have no kernel."""
+    return dtype.isnative and (dtype.kind != "f" or dtype.itemsize in (4, 8))

@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 from trimesh.resolvers import FilePathResolver
 
-from starling.patterns import errors
+from starling.patterns import errors, regular_file
 from starling.sim.geometry import frames
 from starling.sim.render import backend
 from starling.sim.scene.builtin import solids
@@ -260,9 +260,10 @@ def _without_lights(path: Path) -> Any:
     """Load the file without emitters, including those attached to shapes."""
     mi = backend.mitsuba()
     try:
-        root = ElementTree.fromstring(path.read_bytes())
+        root = ElementTree.fromstring(regular_file.read(path))
     except (ElementTree.ParseError, OSError, ValueError) as error:
         raise errors.refuse("scene", "must be a Mitsuba XML", path, f"{error}.") from None
+    _refuse_pipes(root, path)
     for shape in root.iter("shape"):
         if shape.get("type") in _WHOLE:
             raise errors.refuse(
@@ -277,3 +278,14 @@ def _without_lights(path: Path) -> Any:
         return mi.load_string(ElementTree.tostring(root, encoding="unicode"))
     except (RuntimeError, OSError, ValueError) as error:
         raise errors.refuse("scene", "must be a Mitsuba XML", path, f"{error}") from None
+
+
+def _refuse_pipes(root: ElementTree.Element, path: Path) -> None:
+    """Refuse a scene that names a pipe or a device, on which Mitsuba would wait for ever."""
+    for element in root.iter():
+        named = element.get("value") if element.get("name") == "filename" else None
+        file = path.parent / (element.get("filename") or named or ".")
+        if file.exists() and not (file.is_file() or file.is_dir()):
+            raise errors.refuse(
+                "scene", "must name regular files", f"{file} in {path}", "Is it a pipe?"
+            )

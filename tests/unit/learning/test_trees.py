@@ -198,6 +198,15 @@ def test_a_file_with_cyclic_trees_is_refused(tmp_path):
         SMALL.load(tmp_path)
 
 
+@pytest.mark.parametrize("kind", [np.float16, np.longdouble])
+def test_a_file_with_floats_without_compiled_code_is_refused(tmp_path, kind):
+    SMALL.fit(TRAIN[:1], folder=tmp_path, seed=0)
+    arrays = model_file.read(tmp_path, "trees", 1)
+    model_file.write(tmp_path, "trees", 1, {**arrays, "value": arrays["value"].astype(kind)})
+    with pytest.raises(InputError, match="model must be whole"):
+        SMALL.load(tmp_path)
+
+
 @pytest.mark.parametrize("holes", [3, 400, 6000, 7197])
 @pytest.mark.parametrize("most", [2, 1000, 5000, 100_000])
 def test_drawn_pixels_are_unbiased(holes, most):

@@ -132,3 +132,12 @@ def test_damaged_pictures_are_refused(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "x.png").write_bytes(data)
     with pytest.raises(InputError, match="rgb must be a readable image; got"):
         png.read_picture(tmp_path / "x.png", "rgb")
+
+
+def test_header_with_more_pixels_than_memory_is_refused(tmp_path: Path) -> None:
+    most = 2**31 - 1
+    (tmp_path / "x.png").write_bytes(
+        _file(most, most, zlib.compress(b"\0"), bytes([16, 6, 0, 0, 0]))
+    )
+    with pytest.raises(InputError, match="too little pixel data"):
+        png.read_picture(tmp_path / "x.png", "x")

@@ -1,6 +1,7 @@
 """Scenes by specifier: builtin names, meshes, Mitsuba XML, and all refusals."""
 
 import dataclasses
+import os
 import warnings
 
 import numpy as np
@@ -257,6 +258,21 @@ def test_reading_an_xml_prints_nothing(tmp_path, capfd):
 def test_refused_xml(tmp_path, text, message):
     (tmp_path / "scene.xml").write_text(text)
     with pytest.raises(InputError, match=message):
+        sources.load(str(tmp_path / "scene.xml"), SENSOR)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<shape type="ply"><string name="filename" value="pipe"/></shape>',
+        '<include filename="pipe"/>',
+    ],
+)
+def test_an_xml_that_names_a_pipe_is_refused(tmp_path, text):
+    """Mitsuba would wait for a writer for ever."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{text}</scene>')
+    with pytest.raises(InputError, match="scene must name regular files"):
         sources.load(str(tmp_path / "scene.xml"), SENSOR)
 
 
