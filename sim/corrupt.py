@@ -1,0 +1,179 @@
+"""What a depth camera would return for a clean depth image: infrared, depth with holes, reasons."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim.arrays import Image, Labels, Mask
+from starling.sim.effects import Value, setting
+from starling.sim.imaging.imager import Infrared
+from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Scene
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.simulate import expose, refuse_impossible
+from starling.sim.stereo.depth import to_code
+from starling.sim.stereo.post.temporal import History
+from starling.sim.warp import depth_input
+from starling.sim.warp.layers import DepthScene, layers
+
+AMBIENT_W_M2 = 0.1  # Ambient light of `scene.Ambient` [W m^-2].
+# Daylight in the band of the imager [W m^-2 / lux]: 0.89 W m^-2 nm^-1 at 850 nm and 109 klux
+# (ASTM G173 AM1.5 global), over an assumed band of 50 nm.
+W_M2_PER_LUX = 0.89 * 50 / 109e3
+_MARGIN_PX = 8  # Disparities searched beyond those of the scene [px].
+_STEP_PX = 16  # OpenCV's engines search a multiple of this.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Reading:
+    """One reading of a depth camera, each image (h, w) of the sensor's size."""
+
+    ir_left: Infrared
+    ir_right: Infrared | None  # None: structured light.
+    depth_m: Image  # NaN where missing.
+    depth_u16: NDArray[np.uint16]  # Code as the device writes it; 0 where missing.
+    reason: Labels  # Codes of `starling.Reason`; 0 if and only if there is depth.
+    lit: Mask  # The projector reaches the surface.
+    right_sees: Mask  # The right imager sees the surface.
+    true_depth_m: Image  # The input in the sensor's camera; NaN without a surface.
+    exposure_s: float
+    gain: float
+    history: History | None  # Pass as `past` with the next frame, for a temporal filter.
+
+
+class Corruptor:
+    """Corrupts depth images of one camera with one sensor."""
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        camera_matrix: NDArray[np.floating],
+        *,
+        effects: Mapping[str, Value] | None = None,
+    ) -> None:
+        """Check the camera and the effects.
+
+        Args:
+            sensor: depth camera to imitate.
+            camera_matrix: (3, 3) intrinsics of the depth images [px].
+            effects: strengths as for `starling.apply_effects`.
+
+        Raises:
+            InputError: if the matrix is no camera matrix, or an effect needs surfaces that a depth
+                image does not tell.
+        """
+        self.camera_matrix = depth_input.checked_matrix(camera_matrix)
+        _refuse_effects(effects or {})
+        scene = dataclasses.replace(_SCENE, ambient=Ambient(gradient=0.0))
+        self.sensor, self._scene = setting.apply(sensor, scene, effects or {})
+        refuse_impossible(self.sensor, 2)
+
+    def __call__(
+        self,
+        depth_m: NDArray[np.floating],
+        *,
+        reflectance: float | NDArray[Any] | None = None,
+        ambient_lux: float | None = None,
+        right_depth_m: NDArray[np.floating] | None = None,
+        projector_depth_m: NDArray[np.floating] | None = None,
+        seed: int = 0,
+        frame: int = 0,
+        past: History | None = None,
+    ) -> Reading:
+        """Corrupt one depth image (arguments and errors as `starling.corrupt`)."""
+        errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
+        camera, sensor = depth_input.Camera(self.camera_matrix, np.shape(depth_m)), self.sensor
+        depth = depth_input.resampled(
+            depth_input.checked_depth("depth_m", depth_m), camera, sensor
+        )
+        others = [
+            None
+            if image is None
+            else depth_input.resampled(depth_input.checked_depth(name, image), camera, sensor)
+            for name, image in (
+                ("right_depth_m", right_depth_m),
+                ("projector_depth_m", projector_depth_m),
+            )
+        ]
+        reflected = depth_input.reflectance(reflectance, camera, sensor)
+        scene = self._scene if ambient_lux is None else _lit_by(self._scene, ambient_lux)
+        rendered = layers(
+            DepthScene(
+                depth_m=depth,
+                reflectance=np.minimum(reflected * scene.finish.reflectance_scale, np.float32(1)),
+                ambient=scene.ambient,
+                right_depth_m=others[0],
+                projector_depth_m=others[1],
+            ),
+            sensor,
+        )
+        device = _searching(sensor, depth)
+        shot = expose(rendered, scene, device, seed=seed, frame=frame, past=past)
+        return Reading(
+            ir_left=shot.ir_left,
+            ir_right=shot.ir_right,
+            depth_m=shot.depth.depth_m,
+            depth_u16=to_code(shot.depth.depth_m, sensor.post.depth_unit_m),
+            reason=shot.depth.reason,
+            lit=rendered.truth.lit,
+            right_sees=rendered.truth.right_sees,
+            true_depth_m=depth,
+            exposure_s=shot.exposure_s,
+            gain=shot.gain,
+            history=shot.depth.history,
+        )
+
+
+# The layers hold the surfaces; the body gives them a name.
+_SCENE = Scene(
+    name="depth image",
+    bodies=(
+        Body(
+            name="surface",
+            mesh=Mesh(vertices=np.eye(3, dtype=np.float32), faces=np.array([[0, 1, 2]], np.uint32)),
+            material=Material(name="surface"),
+        ),
+    ),
+)
+# Effects on the scene that act on layers of a depth image, and why others do not.
+_SCENE_EFFECTS = ("ambient", "ambient_gradient", "nir_reflectance", "baseline_error", "subsurface")
+
+
+def _refuse_effects(effects: Mapping[str, Value]) -> None:
+    for name in effects:
+        effect, _ = setting.parameter_of(name)
+        if setting.acts_on_scene_only(name) and effect.name not in _SCENE_EFFECTS:
+            raise errors.refuse(
+                f"effect {name}",
+                "must not need surfaces behind or beside the depth image",
+                effects[name],
+                "Simulate the scene itself: starling.simulate.",
+            )
+
+
+def _lit_by(scene: Scene, lux: float) -> Scene:
+    errors.in_interval("ambient_lux", lux, 0.0, 2e5, "Direct sunlight has 1e5 lux.")
+    ambient = dataclasses.replace(scene.ambient, irradiance_w_m2=lux * W_M2_PER_LUX)
+    return dataclasses.replace(scene, ambient=ambient)
+
+
+def _searching(sensor: Sensor, depth_m: Image) -> Sensor:
+    """The sensor, which searches only the disparities of the scene, and 8 px beyond them."""
+    known = depth_m[np.isfinite(depth_m)]
+    if sensor.kind != "stereo" or not known.size:
+        return sensor
+    matcher = sensor.matcher
+    first, end = matcher.min_disparity_px, matcher.min_disparity_px + matcher.search_px
+    true = sensor.fx_px * sensor.baseline_m * (1 + sensor.baseline_error)
+    low = min(max(first, int(true / known.max()) - _MARGIN_PX), end - _STEP_PX)
+    span = true / known.min() + _MARGIN_PX - low
+    search = min(max(-(-int(np.ceil(span)) // _STEP_PX), 1) * _STEP_PX, end - low)
+    search -= search % _STEP_PX
+    narrowed = dataclasses.replace(matcher, min_disparity_px=low, search_px=search)
+    return dataclasses.replace(sensor, matcher=narrowed)

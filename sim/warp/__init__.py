@@ -1,0 +1,1 @@
+"""Light of a depth image: its surfaces warped into the right imager and the projector, no rays."""

@@ -1,0 +1,176 @@
+"""Depth images of a simulator: checks, conversions, and resampling to the sensor's camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim.arrays import Image
+from starling.sim.sensor.sensor import Sensor
+
+_METRES = 50.0  # A larger median is in millimetres [m].
+_JUMP = 0.02  # A larger relative depth difference of neighbours separates surfaces.
+REFLECTANCE = 0.5  # Of surfaces of which nothing is known.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """Camera of a depth image."""
+
+    matrix: NDArray[np.float64]  # (3, 3) [px]
+    shape: tuple[int, ...]  # (h, w)
+
+
+def checked_matrix(matrix: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return a camera matrix (3, 3) [px], or refuse it."""
+    k = np.asarray(matrix, np.float64)
+    name, form = "camera_matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+    if k.shape != (3, 3) or not np.isfinite(k).all():
+        raise errors.refuse(name, f"must be {form}, finite", k.tolist(), "Give pixels.")
+    if k[2, 0] or k[2, 1]:
+        raise errors.refuse(name, f"must be {form}", k.tolist(), "Is it transposed?")
+    if k[1, 0] or abs(k[0, 1]) > 1e-6 * abs(k[0, 0]) or k[2, 2] != 1:
+        raise errors.refuse(name, f"must be {form}", k.tolist(), "Rectify the image first.")
+    if min(k[0, 0], k[1, 1]) <= 1:
+        raise errors.refuse(
+            name, "must have focal lengths > 1 px", k.tolist(), "Is it normalised, or inverted?"
+        )
+    return k
+
+
+def checked_depth(name: str, depth_m: NDArray[np.floating]) -> Image:
+    """Return depth [m] as float32, NaN without a surface (0, NaN and infinity), or refuse it."""
+    depth = np.asarray(depth_m)
+    if depth.ndim != 2 or depth.dtype.kind not in "fiu":
+        raise errors.refuse(
+            name, "must be (h, w) numbers", f"{depth.shape} {depth.dtype}", "Give one image."
+        )
+    out = depth.astype(np.float32)
+    if (out < 0).any():
+        raise errors.refuse(
+            name, "must be >= 0", f"{out.min():g}", "Give distances along the optical axis."
+        )
+    out[(out == 0) | ~np.isfinite(out)] = np.nan
+    known = out[np.isfinite(out)]
+    if not known.size:
+        raise errors.refuse(name, "must hold a surface", "none", "Is the camera in a wall?")
+    middle = float(np.median(known))
+    if middle > _METRES:
+        raise errors.refuse(
+            name, "must be in metres", f"a median of {middle:g}", "Divide millimetres by 1000."
+        )
+    return out
+
+
+def reflectance(values: float | NDArray[Any] | None, camera: Camera, sensor: Sensor) -> Image:
+    """Return the near-infrared reflectance (h, w) in the sensor's camera.
+
+    Args:
+        values: None takes 0.5. A number or image (h, w) is the reflectance itself, from 0 to 1. An
+            image (h, w, 3) of RGB bytes is a hint: 0.25 + 0.6 max(R, G, B), linear, because dyes
+            that absorb visible light are bright at 850 nm.
+        camera: camera of the depth image.
+        sensor: its camera is that of the result.
+    """
+    shape = (sensor.height, sensor.width)
+    if values is None:
+        return np.full(shape, REFLECTANCE, np.float32)
+    image = np.asarray(values)
+    if image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8:
+        image = _linear(image).max(-1) * np.float32(0.6) + np.float32(0.25)
+    low, high = float(np.min(image)), float(np.max(image))
+    if not (0 <= low and high <= 1):
+        raise errors.refuse(
+            "reflectance",
+            "must be in [0, 1]",
+            f"{low:g} to {high:g}",
+            "Give RGB as (h, w, 3) uint8, or divide by 255.",
+        )
+    if image.ndim == 0:
+        return np.full(shape, float(image), np.float32)
+    if image.shape != camera.shape:
+        raise errors.refuse(
+            "reflectance", f"must be {camera.shape}, as the depth", image.shape, "Resize it."
+        )
+    image = np.ascontiguousarray(image, np.float32)
+    if matches(camera, sensor):
+        return image
+    x, y = _sources(camera, sensor)
+    columns, rows = np.meshgrid(x.astype(np.float32), y.astype(np.float32))
+    moved = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(moved, np.float32)
+
+
+def _linear(image: NDArray[np.uint8]) -> Image:
+    """Linear light of sRGB bytes (IEC 61966-2-1)."""
+    level = np.arange(256) / 255
+    table = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
+    return table.astype(np.float32)[image]
+
+
+def matches(camera: Camera, sensor: Sensor) -> bool:
+    """Whether an image of the camera is one of the sensor's."""
+    k = camera.matrix
+    own = (sensor.fx_px, sensor.fy_px, sensor.cx_px, sensor.cy_px)
+    same = np.allclose((k[0, 0], k[1, 1], k[0, 2], k[1, 2]), own, rtol=1e-6, atol=1e-6)
+    return same and camera.shape == (sensor.height, sensor.width)
+
+
+def _sources(camera: Camera, sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Columns and rows in the camera's image of the sensor's columns and rows."""
+    k = camera.matrix
+    x = (np.arange(sensor.width) - sensor.cx_px) / sensor.fx_px * k[0, 0] + k[0, 2]
+    y = (np.arange(sensor.height) - sensor.cy_px) / sensor.fy_px * k[1, 1] + k[1, 2]
+    return x, y
+
+
+def resampled(depth_m: Image, camera: Camera, sensor: Sensor) -> Image:
+    """Resample depth to the sensor's camera; NaN outside the image.
+
+    Inverse depth is linear on planes, so it is interpolated on surfaces. Across edges the nearest
+    pixel counts.
+    """
+    if matches(camera, sensor) and depth_m.shape == camera.shape:
+        return depth_m
+    x, y = _sources(camera, sensor)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        nearness = np.nan_to_num(np.float32(1) / depth_m)
+    moved = _interpolated(nearness, x.astype(np.float32), y.astype(np.float32), np.float32(_JUMP))
+    with np.errstate(divide="ignore"):
+        return np.where(moved > 0, np.float32(1) / moved, np.float32(np.nan))
+
+
+@nb.njit(nogil=True, cache=True)
+def _interpolated(image, columns, rows, jump):  # pragma: no cover - compiled
+    h, w = image.shape
+    half = np.float32(0.5)
+    out = np.zeros((len(rows), len(columns)), np.float32)
+    for a in range(len(rows)):
+        y = rows[a]
+        if y < -half or y > h - half:
+            continue
+        j = min(max(int(np.floor(y)), 0), max(h - 2, 0))
+        v = min(max(y - np.float32(j), np.float32(0)), np.float32(1))
+        top, bottom = image[j], image[min(j + 1, h - 1)]
+        for b in range(len(columns)):
+            x = columns[b]
+            if x < -half or x > w - half:
+                continue
+            i = min(max(int(np.floor(x)), 0), max(w - 2, 0))
+            u = min(max(x - np.float32(i), np.float32(0)), np.float32(1))
+            n = min(i + 1, w - 1)
+            p, q, r, s = top[i], top[n], bottom[i], bottom[n]
+            low, high = min(p, q, r, s), max(p, q, r, s)
+            if high - low <= jump * high:
+                upper = p + u * (q - p)
+                out[a, b] = upper + v * (r + u * (s - r) - upper)
+            else:
+                near = top if v < half else bottom
+                out[a, b] = near[i] if u < half else near[n]
+    return out

@@ -1,0 +1,258 @@
+"""Compiled kernels of the warp: disparity rows seen from other places, and their light.
+
+Imagers and emitters stand on the baseline, so a row stays a row in every view. A view at k
+baselines sees disparity d of column x at column x - k d.
+"""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+
+_f4 = np.float32
+_SLACK_SHARE = _f4(1.002)  # A surface hides those behind it by more than this share,
+_SLACK_PX = _f4(0.35)  # and this disparity [px]; rasterisation errs by less.
+_NEAREST_M = _f4(1e-4)  # Least distance from an emitter [m]; prevents division by zero.
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def warp_row(disparity, k, margin, jump_px, out, source):  # pragma: no cover - compiled
+    """Rasterise a row of disparities into the view at `k` baselines; the nearest surface wins.
+
+    Neighbours within `jump_px` belong to one surface, which is linear between them. The outermost
+    pixel of a surface extends by half a pixel.
+
+    Args:
+        disparity: (w,) [px], 0 without a surface.
+        k: place of the view [baselines].
+        margin: columns of `out` to the left of the view's first column.
+        jump_px: largest difference of neighbours on one surface [px].
+        out: (n,) is filled with disparities, 0 where nothing is seen.
+        source: (n,) is filled with the columns that are seen.
+    """
+    w, n = disparity.shape[0], out.shape[0]
+    out[:] = 0
+    source[:] = -1
+    for x in range(w):
+        here = disparity[x]
+        if here <= 0:
+            continue
+        left = _f4(x) - k * here + margin
+        following = disparity[x + 1] if x + 1 < w else _f4(0)
+        joined = following > 0 and abs(following - here) <= jump_px
+        if joined:
+            right = _f4(x + 1) - k * following + margin
+            if right > left:
+                slope = _f4(1) / (right - left)
+                for i in range(max(int(np.ceil(left)), 0), min(int(np.floor(right)), n - 1) + 1):
+                    share = (_f4(i) - left) * slope
+                    value = here + share * (following - here)
+                    if value > out[i]:
+                        out[i], source[i] = value, _f4(x) + share
+        before = disparity[x - 1] if x > 0 else _f4(0)
+        if not joined or before <= 0 or abs(before - here) > jump_px:
+            i = int(np.floor(left + _f4(0.5)))
+            if 0 <= i < n and here > out[i]:
+                out[i], source[i] = here, _f4(x)
+
+
+@nb.njit(nogil=True, cache=True)
+def fill_row(out, source):  # pragma: no cover - compiled
+    """Continue the farther neighbour over columns of which nothing is known, in place."""
+    n, x = out.shape[0], 0
+    while x < n:
+        if out[x] > 0:
+            x += 1
+            continue
+        end = x
+        while end < n and out[end] <= 0:
+            end += 1
+        before = out[x - 1] if x > 0 else _f4(0)
+        after = out[end] if end < n else _f4(0)
+        if before <= 0 and after <= 0:
+            return
+        from_left = after <= 0 or 0 < before <= after
+        out[x:end] = before if from_left else after
+        source[x:end] = source[x - 1] if from_left else source[end]
+        x = end
+
+
+@nb.njit(nogil=True, cache=True, inline="always")
+def _slope(before, here, after):  # pragma: no cover - compiled
+    """Difference to the neighbour that is nearer in disparity; 0 without neighbours."""
+    back = here - before if before > 0 else _f4(np.inf)
+    ahead = after - here if after > 0 else _f4(np.inf)
+    slope = back if abs(back) < abs(ahead) else ahead
+    return slope if np.isfinite(slope) else _f4(0)
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def normals(disparity, first, last, camera, out):  # pragma: no cover - compiled
+    """Fill rows `first` to `last` of `out` (h, w, 3) with normals, not normalised.
+
+    Disparity is linear on planes. For gradient (gx, gy) the normal is proportional to
+    (gx fx, gy fy, d - gx (x - cx) - gy (y - cy)), up to its sign.
+
+    Args:
+        disparity: (h, w) [px], 0 without a surface.
+        first, last: rows.
+        camera: fx, fy, cx, cy [px] as float32.
+        out: normals that point away from the camera.
+    """
+    h, w = disparity.shape
+    fx, fy, cx, cy = camera
+    for y in range(first, last):
+        above, below = disparity[max(y - 1, 0)], disparity[min(y + 1, h - 1)]
+        row, down = disparity[y], _f4(y) - cy
+        for x in range(w):
+            here = row[x]
+            gx = _slope(
+                row[x - 1] if x > 0 else _f4(0), here, row[x + 1] if x + 1 < w else _f4(0)
+            )
+            gy = _slope(above[x] if y > 0 else _f4(0), here, below[x] if y + 1 < h else _f4(0))
+            out[y, x, 0] = gx * fx
+            out[y, x, 1] = gy * fy
+            out[y, x, 2] = here - gx * (_f4(x) - cx) - gy * down
+
+
+@nb.njit(nogil=True, cache=True, inline="always")
+def _pixel(image, y, x):  # pragma: no cover - compiled
+    """Bilinear interpolation, with the border repeated."""
+    h, w = image.shape
+    j, i = int(np.floor(y)), int(np.floor(x))
+    v, u = y - _f4(j), x - _f4(i)
+    top, bottom = image[min(max(j, 0), h - 1)], image[min(max(j + 1, 0), h - 1)]
+    i0, i1 = min(max(i, 0), w - 1), min(max(i + 1, 0), w - 1)
+    upper = top[i0] + u * (top[i1] - top[i0])
+    return upper + v * (bottom[i0] + u * (bottom[i1] - bottom[i0]) - upper)
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def light_rows(
+    disparity, normal, first, last, view, camera, focal_baseline, emitter, pattern, hidden, out, lit
+):  # pragma: no cover - compiled
+    """Add an emitter's irradiance to rows of a view, for surfaces of disparity > 0.
+
+    Args:
+        disparity: (h, w) of the view [px], 0 without a surface.
+        normal: (h, w, 3) from `normals`.
+        first, last: rows.
+        view: place of the view [baselines] and the baseline [m].
+        camera: fx, fy, cx, cy [px].
+        focal_baseline: f b [px m].
+        emitter: origin (3), rotation by columns (9), half tangents (2), scale of the pattern, and
+            its place for shadows [baselines], all in the left frame.
+        pattern: levels (n, th, tw) of irradiance at unit distance, the nearness in focus, the
+            relative width, and the logarithm of the levels' ratio; see `emission.Defocus`.
+        hidden: (h, n) disparities that the emitter sees, and its left margin [px].
+        out: (h, w) irradiance [W m^-2], added to.
+        lit: (h, w) set where the emitter's light arrives.
+    """
+    fx, fy, cx, cy = camera
+    place, baseline = view
+    levels, focus, width, log_ratio = pattern
+    seen, margin = hidden
+    count, th, tw = levels.shape
+    e = emitter
+    ox, oy, oz = e[0] - place * baseline, e[1], e[2]
+    half_x, half_y, scale, from_emitter = e[12], e[13], e[14], e[15]
+    across, along = _f4(0.5) * _f4(tw) / half_x, _f4(0.5) * _f4(th) / half_y
+    mid_x, mid_y = _f4(0.5) * _f4(tw) - _f4(0.5), _f4(0.5) * _f4(th) - _f4(0.5)
+    for y in range(first, last):
+        ty = (_f4(y) - cy) / fy
+        shadow = seen[y]
+        for x in range(disparity.shape[1]):
+            d = disparity[y, x]
+            if d <= 0:
+                continue
+            z = focal_baseline / d
+            px, py, pz = (_f4(x) - cx) / fx * z - ox, ty * z - oy, z - oz
+            lx = e[3] * px + e[6] * py + e[9] * pz
+            ly = e[4] * px + e[7] * py + e[10] * pz
+            lz = e[5] * px + e[8] * py + e[11] * pz
+            nx, ny, nz = lx, ly, lz
+            if scale != 1:
+                nx, ny = lx / scale, ly / scale
+                nz = np.sqrt(max(lx * lx + ly * ly + lz * lz - nx * nx - ny * ny, _f4(0)))
+            if lz < _NEAREST_M or nz < _NEAREST_M:
+                continue
+            slope_x, slope_y = nx / nz, ny / nz
+            if abs(slope_x) > half_x or abs(slope_y) > half_y:
+                continue
+            column = _f4(x) + (place - from_emitter) * d + margin
+            i = min(max(int(np.floor(column)), 0), shadow.shape[0] - 2)
+            if min(shadow[i], shadow[i + 1]) > d * _SLACK_SHARE + _SLACK_PX:
+                continue
+            tx, tv = slope_x * across + mid_x, slope_y * along + mid_y
+            if count == 1:
+                irradiance = _pixel(levels[0], tv, tx)
+            else:
+                blur = width * (_f4(1) / max(lz, _f4(0.1)) - focus)
+                variance = _f4(1) + blur * blur
+                below = np.floor(np.log(variance) / log_ratio)
+                ratio = np.exp(log_ratio)
+                share = (variance * np.exp(-below * log_ratio) - _f4(1)) / (ratio - _f4(1))
+                level = min(below + min(max(share, _f4(0)), _f4(1)), _f4(count - 1))
+                n = min(int(level), count - 2)
+                irradiance = _pixel(levels[n], tv, tx)
+                irradiance += (level - _f4(n)) * (_pixel(levels[n + 1], tv, tx) - irradiance)
+            irradiance /= lz * lz
+            if scale != 1:
+                widening = lz / nz * (lz / nz) / scale
+                irradiance *= widening * widening
+            a, b, c = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
+            facing = abs(a * px + b * py + c * pz) / np.sqrt(a * a + b * b + c * c)
+            out[y, x] += irradiance * facing / lz
+            lit[y, x] = True
+
+
+@nb.njit(nogil=True, cache=True)
+def emitter_rows(disparity, place, margin, jump_px, first, last, out):  # pragma: no cover
+    """Fill rows of `out` (h, n) with the disparities that an emitter sees; see `warp_row`."""
+    source = np.empty(out.shape[1], np.float32)
+    for y in range(first, last):
+        warp_row(disparity[y], place, margin, jump_px, out[y], source)
+
+
+@nb.njit(nogil=True, cache=True)
+def right_rows(
+    disparity, reflectance, given, warping, jump_px, first, last, out, out_reflectance, seen
+):  # pragma: no cover - compiled
+    """Fill rows of the right view: disparity, reflectance, and the left points that it sees.
+
+    Args:
+        disparity, reflectance: (h, w) of the left view.
+        given: (h, w) disparities of the right view, used unless `warping`.
+        warping: whether to warp the left view.
+        jump_px: as in `warp_row`.
+        first, last: rows.
+        out, out_reflectance: (h, w) of the right view.
+        seen: (h, w) of the left view.
+    """
+    w = disparity.shape[1]
+    source, warped = np.empty(w, np.float32), np.empty(w, np.float32)
+    for y in range(first, last):
+        row = out[y]
+        warp_row(disparity[y], _f4(1), _f4(0), jump_px, warped, source)
+        if warping:
+            row[:] = warped
+        else:
+            row[:] = given[y]
+        fill_row(warped, source)
+        if warping:
+            row[:] = warped
+        for x in range(w):
+            place = source[x]
+            if not warping and abs(row[x] - warped[x]) > jump_px:
+                place = _f4(x) + row[x]
+            column = min(max(int(place + _f4(0.5)), 0), w - 1)
+            out_reflectance[y, x] = reflectance[y, column]
+        for x in range(w):
+            d = disparity[y, x]
+            if d <= 0:
+                continue
+            i = int(np.floor(_f4(x) - d + _f4(0.5)))
+            if i < 0 or i >= w:
+                continue
+            other = min(row[max(i - 1, 0)], row[i], row[min(i + 1, w - 1)])
+            seen[y, x] = other <= d * _SLACK_SHARE + _SLACK_PX

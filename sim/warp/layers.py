@@ -1,0 +1,280 @@
+"""Layers of a depth image, as `starling.sim.render` has them of a scene."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.sim.arrays import Image, Mask
+from starling.sim.geometry import frames
+from starling.sim.render import emission
+from starling.sim.render.layers import Layers, Truth, ViewLayers
+from starling.sim.scene.scene import Ambient
+from starling.sim.sensor.projector import Projector
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.warp import kernels
+
+JUMP_PX = 1.5  # A larger disparity difference of neighbours separates surfaces [px].
+_MATT_TILT = np.float32(2 / 3)  # Tilt of the ambient light on matt surfaces; see `scene.Ambient`.
+_PIXEL_VARIANCE = 1 / 12  # Variance of a pixel's box [px^2].
+_CHUNKS = 4  # Parts of an image that threads share.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DepthScene:
+    """Surfaces seen by the left imager, and light on them."""
+
+    depth_m: Image  # (h, w) z, NaN without a surface.
+    reflectance: Image  # (h, w)
+    ambient: Ambient  # World frame: the left imager's.
+    right_depth_m: Image | None = None  # (h, w) z seen from the right imager; None: warped.
+    projector_depth_m: Image | None = None  # (h, w) z seen from the projector, left axes.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """Surfaces seen from one imager, on whole rows."""
+
+    place: float  # [baselines]
+    disparity: Image  # (h, w), 0 without a surface.
+    normal: NDArray[np.float32]  # (h, w, 3), away from the imager, not normalised.
+    reflectance: Image
+
+
+def layers(scene: DepthScene, sensor: Sensor) -> Layers:
+    """Warp a depth image into the other views, and light it.
+
+    What the left imager does not see continues the farther surface beside it. Emitters off the
+    baseline shadow as if they stood on it. Surfaces are matt.
+
+    Args:
+        scene: Depth and reflectance in the left view of the sensor's size and intrinsics.
+        sensor: Geometry and projector; the layers are for 1 W.
+    """
+    baseline = sensor.baseline_m * (1 + sensor.baseline_error)
+    focal_baseline = np.float32(sensor.fx_px * baseline)
+    rows = [slice(part[0], part[-1] + 1) for part in np.array_split(range(sensor.height), _CHUNKS)]
+    with ThreadPoolExecutor(2) as pool:
+        disparity = _disparity(scene.depth_m, focal_baseline)
+        left = _view(pool, rows, sensor, 0.0, disparity, scene.reflectance)
+        hidden = _hidden_from_emitters(pool, rows, scene, sensor, disparity, baseline)
+        laser, lit = _laser(pool, rows, sensor, left, hidden, baseline)
+        truth_lit = lit
+        layer_left = _layers(left, laser, scene.ambient, focal_baseline)
+        layer_right = None
+        seen = np.zeros_like(lit)
+        if sensor.kind == "stereo":
+            right, seen = _right(pool, rows, scene, sensor, disparity, focal_baseline)
+            laser, _ = _laser(pool, rows, sensor, right, hidden, baseline)
+            layer_right = _layers(right, laser, scene.ambient, focal_baseline)
+    surface = disparity > 0
+    length = np.sqrt((left.normal**2).sum(-1, keepdims=True))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normal = np.where(surface[..., None], -left.normal / length, np.float32(np.nan))
+    return Layers(
+        left=layer_left,
+        right=layer_right,
+        truth=Truth(
+            depth_m=layer_left.depth_m,
+            normal=normal,
+            material=layer_left.body,
+            right_sees=seen,
+            lit=truth_lit,
+        ),
+    )
+
+
+def _disparity(depth_m: Image, focal_baseline: np.float32) -> Image:
+    """Disparity [px]; 0 without a surface."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        disparity = focal_baseline / depth_m
+    return np.where(np.isfinite(disparity), disparity, np.float32(0))
+
+
+def _view(
+    pool: ThreadPoolExecutor,
+    rows: list[slice],
+    sensor: Sensor,
+    place: float,
+    disparity: Image,
+    reflectance: Image,
+) -> _View:
+    normal = np.empty((*disparity.shape, 3), np.float32)
+    camera = _camera(sensor)
+
+    def fill(part: slice) -> None:
+        kernels.normals(disparity, part.start, part.stop, camera, normal)
+
+    list(pool.map(fill, rows))
+    return _View(place, disparity, normal, reflectance)
+
+
+def _camera(sensor: Sensor) -> tuple[np.float32, ...]:
+    values = (sensor.fx_px, sensor.fy_px, sensor.cx_px, sensor.cy_px)
+    return tuple(map(np.float32, values))
+
+
+def _right(
+    pool: ThreadPoolExecutor,
+    rows: list[slice],
+    scene: DepthScene,
+    sensor: Sensor,
+    disparity: Image,
+    focal_baseline: np.float32,
+) -> tuple[_View, Mask]:
+    """The right view, and the points of the left view that it sees (h, w)."""
+    warped, reflectance = np.empty_like(disparity), np.empty_like(disparity)
+    seen = np.zeros(disparity.shape, np.bool_)
+    given = None
+    if scene.right_depth_m is not None:
+        given = _disparity(scene.right_depth_m, focal_baseline)
+
+    def fill(part: slice) -> None:
+        kernels.right_rows(
+            disparity,
+            scene.reflectance,
+            warped if given is None else given,
+            given is None,
+            np.float32(JUMP_PX),
+            part.start,
+            part.stop,
+            warped,
+            reflectance,
+            seen,
+        )
+
+    list(pool.map(fill, rows))
+    return _view(pool, rows, sensor, 1.0, warped, reflectance), seen
+
+
+def _hidden_from_emitters(
+    pool: ThreadPoolExecutor,
+    rows: list[slice],
+    scene: DepthScene,
+    sensor: Sensor,
+    disparity: Image,
+    baseline: float,
+) -> list[tuple[Image, np.float32]]:
+    """Disparities that each emitter sees (h, n), and the left margin of its view [px]."""
+    views: list[tuple[Image, np.float32]] = []
+    reach = float(disparity.max(initial=0.0))
+    for emitter in _emitters(sensor.projector):
+        place = float(emitter[0]) / baseline
+        margin = int(np.ceil(abs(place) * reach)) + 2
+        out = np.zeros((sensor.height, sensor.width + 2 * margin), np.float32)
+        if scene.projector_depth_m is not None:
+            inner = slice(margin, margin + sensor.width)
+            out[:, inner] = _disparity(
+                scene.projector_depth_m, np.float32(sensor.fx_px * baseline)
+            )
+        else:
+
+            def fill(part: slice, out: Image = out, place: float = place, m: int = margin) -> None:
+                kernels.emitter_rows(
+                    disparity,
+                    np.float32(place),
+                    np.float32(m),
+                    np.float32(JUMP_PX),
+                    part.start,
+                    part.stop,
+                    out,
+                )
+
+            list(pool.map(fill, rows))
+        views.append((out, np.float32(margin)))
+    return views
+
+
+def _laser(
+    pool: ThreadPoolExecutor,
+    rows: list[slice],
+    sensor: Sensor,
+    view: _View,
+    hidden: list[tuple[Image, np.float32]],
+    baseline: float,
+) -> tuple[Image, Mask]:
+    """Irradiance of the projector's light of 1 W (h, w) [W m^-2], and where it arrives."""
+    irradiance = np.zeros(view.disparity.shape, np.float32)
+    lit = np.zeros(view.disparity.shape, np.bool_)
+    for number, seen in enumerate(hidden):
+        emitter = _emitters(sensor.projector)[number]
+        constants = np.append(emitter, np.float32(emitter[0] / baseline))
+        pattern = _pattern(sensor.projector, number, sensor.fx_px)
+
+        def fill(part: slice, values: Any = (constants, pattern, seen)) -> None:
+            kernels.light_rows(
+                view.disparity,
+                view.normal,
+                part.start,
+                part.stop,
+                (np.float32(view.place), np.float32(baseline)),
+                _camera(sensor),
+                np.float32(sensor.fx_px * baseline),
+                *values,
+                irradiance,
+                lit,
+            )
+
+        list(pool.map(fill, rows))
+    return irradiance, lit
+
+
+def _layers(
+    view: _View, irradiance: Image, ambient: Ambient, focal_baseline: np.float32
+) -> ViewLayers:
+    surface = view.disparity > 0
+    radiance = view.reflectance * np.float32(1 / np.pi)
+    with np.errstate(divide="ignore"):
+        depth_m = np.where(surface, focal_baseline / view.disparity, np.float32(np.nan))
+    sky = surface * radiance
+    if ambient.gradient:
+        length = np.sqrt((view.normal**2).sum(-1))
+        up = np.asarray(ambient.up, np.float32)
+        tilt = -(view.normal @ up) / np.maximum(length, np.float32(1e-12))
+        sky = sky * (1 + np.float32(ambient.gradient) * _MATT_TILT * tilt)
+    return ViewLayers(
+        projector_direct=irradiance * radiance,
+        projector_indirect=np.zeros_like(irradiance),
+        ambient=np.asarray(sky, np.float32),
+        other=np.zeros_like(irradiance),
+        depth_m=depth_m,
+        body=surface.astype(np.uint32),
+    )
+
+
+@lru_cache(maxsize=8)
+def _emitters(projector: Projector) -> list[NDArray[np.float32]]:
+    """Origin, rotation by columns, half tangents and pattern scale of each emitter (15,)."""
+    left_from_projector = frames.pose(projector.position_m, projector.rotation_deg)
+    half = emission.half_tangents(projector)
+    tables = []
+    for emitter in emission.emitters(projector):
+        pose = left_from_projector @ frames.pose(emitter.offset_m, emitter.rotation_deg)
+        # Columns of the rotation from left to emitter: rows of its inverse.
+        rotation = pose[:3, :3]
+        table = [*pose[:3, 3], *rotation.ravel(), *half, projector.pattern_scale]
+        tables.append(np.array(table, np.float32))
+    return tables
+
+
+@lru_cache(maxsize=8)
+def _pattern(projector: Projector, number: int, fx_px: float) -> tuple[Any, ...]:
+    """Levels of an emitter's pattern, averaged over a pixel, and their defocus."""
+    if projector.defocus_mrad_m:
+        defocus = emission.defocus_levels(projector, number)
+        levels, ratio = defocus.levels, defocus.ratio
+        width = projector.defocus_mrad_m / np.sqrt(defocus.variance_mrad2)
+    else:
+        levels, ratio, width = emission.irradiance_at_unit_distance(projector, number)[None], 2, 0
+    half_x, half_y = emission.half_tangents(projector)
+    sides = (2 * half_x * fx_px / levels.shape[2], 2 * half_y * fx_px / levels.shape[1])
+    sigma_x, sigma_y = (np.sqrt(_PIXEL_VARIANCE) / side for side in sides)  # [texel]
+    blurred = [cv2.GaussianBlur(level, (0, 0), sigma_x, sigmaY=sigma_y) for level in levels]
+    numbers = (1 / projector.focus_m, width, np.log(ratio))
+    return np.ascontiguousarray(np.stack(blurred), np.float32), *map(np.float32, numbers)
