@@ -23,8 +23,8 @@ from starling.sim.warp import depth_input
 from starling.sim.warp.layers import DepthScene, layers
 
 AMBIENT_W_M2 = 0.1  # Ambient light of `scene.Ambient` [W m^-2].
-# Daylight in the band of the imager [W m^-2 / lux]: 0.89 W m^-2 nm^-1 at 850 nm and 109 klux
-# (ASTM G173 AM1.5 global), over an assumed band of 50 nm.
+# Daylight in the imager's band [W m^-2 / lux], for an assumed band of 50 nm. ASTM G173 (AM1.5
+# global) has 0.89 W m^-2 nm^-1 at 850 nm, and 109 klux.
 W_M2_PER_LUX = 0.89 * 50 / 109e3
 _MARGIN_PX = 8  # Disparities searched beyond those of the scene [px].
 _STEP_PX = 16  # OpenCV's engines search a multiple of this.
@@ -66,7 +66,7 @@ class Corruptor:
 
         Raises:
             InputError: if the matrix is no camera matrix, or an effect needs surfaces that a depth
-                image does not tell.
+                image does not have.
         """
         self.camera_matrix = depth_input.checked_matrix(camera_matrix)
         _refuse_effects(effects or {})
@@ -88,10 +88,8 @@ class Corruptor:
     ) -> Reading:
         """Corrupt one depth image (arguments and errors as `starling.corrupt`)."""
         errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
-        camera, sensor = depth_input.Camera(self.camera_matrix, np.shape(depth_m)), self.sensor
-        depth = depth_input.resampled(
-            depth_input.checked_depth("depth_m", depth_m), camera, sensor
-        )
+        camera, sensor = depth_input.DepthCamera(self.camera_matrix, np.shape(depth_m)), self.sensor
+        depth = depth_input.resampled(depth_input.checked_depth("depth_m", depth_m), camera, sensor)
         others = [
             None
             if image is None
@@ -142,7 +140,7 @@ _SCENE = Scene(
     ),
 )
 # Effects on the scene that act on layers of a depth image, and why others do not.
-_SCENE_EFFECTS = ("ambient", "ambient_gradient", "nir_reflectance", "baseline_error", "subsurface")
+_SCENE_EFFECTS = ("ambient", "ambient_gradient", "nir_reflectance", "baseline_error")
 
 
 def _refuse_effects(effects: Mapping[str, Value]) -> None:

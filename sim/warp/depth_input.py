@@ -16,12 +16,12 @@ from starling.sim.sensor.sensor import Sensor
 
 _METRES = 50.0  # A larger median is in millimetres [m].
 _JUMP = 0.02  # A larger relative depth difference of neighbours separates surfaces.
-REFLECTANCE = 0.5  # Of surfaces of which nothing is known.
+REFLECTANCE = 0.5  # Of unknown surfaces.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Camera:
-    """Camera of a depth image."""
+class DepthCamera:
+    """DepthCamera of a depth image."""
 
     matrix: NDArray[np.float64]  # (3, 3) [px]
     shape: tuple[int, ...]  # (h, w)
@@ -68,7 +68,7 @@ def checked_depth(name: str, depth_m: NDArray[np.floating]) -> Image:
     return out
 
 
-def reflectance(values: float | NDArray[Any] | None, camera: Camera, sensor: Sensor) -> Image:
+def reflectance(values: float | NDArray[Any] | None, camera: DepthCamera, sensor: Sensor) -> Image:
     """Return the near-infrared reflectance (h, w) in the sensor's camera.
 
     Args:
@@ -85,7 +85,7 @@ def reflectance(values: float | NDArray[Any] | None, camera: Camera, sensor: Sen
     if image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8:
         image = _linear(image).max(-1) * np.float32(0.6) + np.float32(0.25)
     low, high = float(np.min(image)), float(np.max(image))
-    if not (0 <= low and high <= 1):
+    if not (low >= 0 and high <= 1):
         raise errors.refuse(
             "reflectance",
             "must be in [0, 1]",
@@ -114,15 +114,17 @@ def _linear(image: NDArray[np.uint8]) -> Image:
     return table.astype(np.float32)[image]
 
 
-def matches(camera: Camera, sensor: Sensor) -> bool:
+def matches(camera: DepthCamera, sensor: Sensor) -> bool:
     """Whether an image of the camera is one of the sensor's."""
     k = camera.matrix
-    own = (sensor.fx_px, sensor.fy_px, sensor.cx_px, sensor.cy_px)
-    same = np.allclose((k[0, 0], k[1, 1], k[0, 2], k[1, 2]), own, rtol=1e-6, atol=1e-6)
+    expected = (sensor.fx_px, sensor.fy_px, sensor.cx_px, sensor.cy_px)
+    same = np.allclose((k[0, 0], k[1, 1], k[0, 2], k[1, 2]), expected, rtol=1e-6, atol=1e-6)
     return same and camera.shape == (sensor.height, sensor.width)
 
 
-def _sources(camera: Camera, sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _sources(
+    camera: DepthCamera, sensor: Sensor
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Columns and rows in the camera's image of the sensor's columns and rows."""
     k = camera.matrix
     x = (np.arange(sensor.width) - sensor.cx_px) / sensor.fx_px * k[0, 0] + k[0, 2]
@@ -130,7 +132,7 @@ def _sources(camera: Camera, sensor: Sensor) -> tuple[NDArray[np.float64], NDArr
     return x, y
 
 
-def resampled(depth_m: Image, camera: Camera, sensor: Sensor) -> Image:
+def resampled(depth_m: Image, camera: DepthCamera, sensor: Sensor) -> Image:
     """Resample depth to the sensor's camera; NaN outside the image.
 
     Inverse depth is linear on planes, so it is interpolated on surfaces. Across edges the nearest

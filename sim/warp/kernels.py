@@ -34,31 +34,31 @@ def warp_row(disparity, k, margin, jump_px, out, source):  # pragma: no cover - 
     out[:] = 0
     source[:] = -1
     for x in range(w):
-        here = disparity[x]
-        if here <= 0:
+        value_px = disparity[x]
+        if value_px <= 0:
             continue
-        left = _f4(x) - k * here + margin
+        left = _f4(x) - k * value_px + margin
         following = disparity[x + 1] if x + 1 < w else _f4(0)
-        joined = following > 0 and abs(following - here) <= jump_px
+        joined = following > 0 and abs(following - value_px) <= jump_px
         if joined:
             right = _f4(x + 1) - k * following + margin
             if right > left:
                 slope = _f4(1) / (right - left)
                 for i in range(max(int(np.ceil(left)), 0), min(int(np.floor(right)), n - 1) + 1):
                     share = (_f4(i) - left) * slope
-                    value = here + share * (following - here)
+                    value = value_px + share * (following - value_px)
                     if value > out[i]:
                         out[i], source[i] = value, _f4(x) + share
         before = disparity[x - 1] if x > 0 else _f4(0)
-        if not joined or before <= 0 or abs(before - here) > jump_px:
+        if not joined or before <= 0 or abs(before - value_px) > jump_px:
             i = int(np.floor(left + _f4(0.5)))
-            if 0 <= i < n and here > out[i]:
-                out[i], source[i] = here, _f4(x)
+            if 0 <= i < n and value_px > out[i]:
+                out[i], source[i] = value_px, _f4(x)
 
 
 @nb.njit(nogil=True, cache=True)
 def fill_row(out, source):  # pragma: no cover - compiled
-    """Continue the farther neighbour over columns of which nothing is known, in place."""
+    """Continue the farther neighbour over unknown columns, in place."""
     n, x = out.shape[0], 0
     while x < n:
         if out[x] > 0:
@@ -78,10 +78,10 @@ def fill_row(out, source):  # pragma: no cover - compiled
 
 
 @nb.njit(nogil=True, cache=True, inline="always")
-def _slope(before, here, after):  # pragma: no cover - compiled
+def _slope(before, value_px, after):  # pragma: no cover - compiled
     """Difference to the neighbour that is nearer in disparity; 0 without neighbours."""
-    back = here - before if before > 0 else _f4(np.inf)
-    ahead = after - here if after > 0 else _f4(np.inf)
+    back = value_px - before if before > 0 else _f4(np.inf)
+    ahead = after - value_px if after > 0 else _f4(np.inf)
     slope = back if abs(back) < abs(ahead) else ahead
     return slope if np.isfinite(slope) else _f4(0)
 
@@ -105,14 +105,14 @@ def normals(disparity, first, last, camera, out):  # pragma: no cover - compiled
         above, below = disparity[max(y - 1, 0)], disparity[min(y + 1, h - 1)]
         row, down = disparity[y], _f4(y) - cy
         for x in range(w):
-            here = row[x]
+            value_px = row[x]
             gx = _slope(
-                row[x - 1] if x > 0 else _f4(0), here, row[x + 1] if x + 1 < w else _f4(0)
+                row[x - 1] if x > 0 else _f4(0), value_px, row[x + 1] if x + 1 < w else _f4(0)
             )
-            gy = _slope(above[x] if y > 0 else _f4(0), here, below[x] if y + 1 < h else _f4(0))
+            gy = _slope(above[x] if y > 0 else _f4(0), value_px, below[x] if y + 1 < h else _f4(0))
             out[y, x, 0] = gx * fx
             out[y, x, 1] = gy * fy
-            out[y, x, 2] = here - gx * (_f4(x) - cx) - gy * down
+            out[y, x, 2] = value_px - gx * (_f4(x) - cx) - gy * down
 
 
 @nb.njit(nogil=True, cache=True, inline="always")
@@ -216,13 +216,13 @@ def emitter_rows(disparity, place, margin, jump_px, first, last, out):  # pragma
 
 @nb.njit(nogil=True, cache=True)
 def right_rows(
-    disparity, reflectance, given, warping, jump_px, first, last, out, out_reflectance, seen
+    disparity, reflectance, rendered, warping, jump_px, first, last, out, out_reflectance, seen
 ):  # pragma: no cover - compiled
     """Fill rows of the right view: disparity, reflectance, and the left points that it sees.
 
     Args:
         disparity, reflectance: (h, w) of the left view.
-        given: (h, w) disparities of the right view, used unless `warping`.
+        rendered: (h, w) disparities of the right view, used unless `warping`.
         warping: whether to warp the left view.
         jump_px: as in `warp_row`.
         first, last: rows.
@@ -237,7 +237,7 @@ def right_rows(
         if warping:
             row[:] = warped
         else:
-            row[:] = given[y]
+            row[:] = rendered[y]
         fill_row(warped, source)
         if warping:
             row[:] = warped
@@ -254,5 +254,5 @@ def right_rows(
             i = int(np.floor(_f4(x) - d + _f4(0.5)))
             if i < 0 or i >= w:
                 continue
-            other = min(row[max(i - 1, 0)], row[i], row[min(i + 1, w - 1)])
-            seen[y, x] = other <= d * _SLACK_SHARE + _SLACK_PX
+            nearest = min(row[max(i - 1, 0)], row[i], row[min(i + 1, w - 1)])
+            seen[y, x] = nearest <= d * _SLACK_SHARE + _SLACK_PX

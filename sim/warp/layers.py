@@ -50,7 +50,7 @@ class _View:
 def layers(scene: DepthScene, sensor: Sensor) -> Layers:
     """Warp a depth image into the other views, and light it.
 
-    What the left imager does not see continues the farther surface beside it. Emitters off the
+    What the left imager does not see continues the adjacent farther surface. Emitters off the
     baseline shadow as if they stood on it. Surfaces are matt.
 
     Args:
@@ -131,16 +131,16 @@ def _right(
     """The right view, and the points of the left view that it sees (h, w)."""
     warped, reflectance = np.empty_like(disparity), np.empty_like(disparity)
     seen = np.zeros(disparity.shape, np.bool_)
-    given = None
+    rendered = None
     if scene.right_depth_m is not None:
-        given = _disparity(scene.right_depth_m, focal_baseline)
+        rendered = _disparity(scene.right_depth_m, focal_baseline)
 
     def fill(part: slice) -> None:
         kernels.right_rows(
             disparity,
             scene.reflectance,
-            warped if given is None else given,
-            given is None,
+            warped if rendered is None else rendered,
+            rendered is None,
             np.float32(JUMP_PX),
             part.start,
             part.stop,
@@ -170,9 +170,7 @@ def _hidden_from_emitters(
         out = np.zeros((sensor.height, sensor.width + 2 * margin), np.float32)
         if scene.projector_depth_m is not None:
             inner = slice(margin, margin + sensor.width)
-            out[:, inner] = _disparity(
-                scene.projector_depth_m, np.float32(sensor.fx_px * baseline)
-            )
+            out[:, inner] = _disparity(scene.projector_depth_m, np.float32(sensor.fx_px * baseline))
         else:
 
             def fill(part: slice, out: Image = out, place: float = place, m: int = margin) -> None:
@@ -207,7 +205,9 @@ def _laser(
         constants = np.append(emitter, np.float32(emitter[0] / baseline))
         pattern = _pattern(sensor.projector, number, sensor.fx_px)
 
-        def fill(part: slice, values: Any = (constants, pattern, seen)) -> None:
+        def fill(
+            part: slice, constants: Any = constants, pattern: Any = pattern, seen: Any = seen
+        ) -> None:
             kernels.light_rows(
                 view.disparity,
                 view.normal,
@@ -216,7 +216,9 @@ def _laser(
                 (np.float32(view.place), np.float32(baseline)),
                 _camera(sensor),
                 np.float32(sensor.fx_px * baseline),
-                *values,
+                constants,
+                pattern,
+                seen,
                 irradiance,
                 lit,
             )
@@ -239,7 +241,7 @@ def _layers(
         tilt = -(view.normal @ up) / np.maximum(length, np.float32(1e-12))
         sky = sky * (1 + np.float32(ambient.gradient) * _MATT_TILT * tilt)
     return ViewLayers(
-        projector_direct=irradiance * radiance,
+        projector_direct=np.asarray(irradiance * radiance, np.float32),
         projector_indirect=np.zeros_like(irradiance),
         ambient=np.asarray(sky, np.float32),
         other=np.zeros_like(irradiance),

@@ -1,0 +1,150 @@
+"""Corrupted depth images: against rendered layers, and all refusals."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from starling.patterns.errors import InputError
+from starling.sim.corrupt import Corruptor
+from starling.sim.reason import Reason
+from starling.sim.render import direct
+from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.scene import sources
+from starling.sim.scene.scene import Ambient
+from starling.sim.sensor import presets
+from starling.sim.warp import depth_input
+from starling.sim.warp.layers import DepthScene, layers
+
+WIDTH, HEIGHT, FOCAL = 160, 120, 150.0
+MATRIX = np.array([[FOCAL, 0, 79.5], [0, FOCAL, 59.5], [0, 0, 1]])
+SENSOR = dataclasses.replace(
+    presets.load("d435"),
+    **{"width": WIDTH, "height": HEIGHT, "fx_px": FOCAL, "fy_px": FOCAL},
+    **{"cx_px": 79.5, "cy_px": 59.5},
+)
+WALL = np.full((HEIGHT, WIDTH), 1.0, np.float32)
+
+
+def step(near_m: float = 0.8, far_m: float = 1.2) -> np.ndarray[Any, Any]:
+    depth = np.full((HEIGHT, WIDTH), far_m, np.float32)
+    depth[:, 60:100] = near_m
+    return depth
+
+
+@pytest.mark.parametrize("name", ["wall", "wall:2"])
+def test_light_of_a_wall_is_that_of_rays(name: str) -> None:
+    """A plane has no shadow and no edge; only the footprint of a pixel is approximated."""
+    scene = sources.load(name, SENSOR)
+    traced = direct.layers(MitsubaScene(scene), SENSOR)
+    truth = traced.truth
+    warped = layers(
+        DepthScene(
+            depth_m=truth.depth_m,
+            reflectance=np.full(truth.depth_m.shape, scene.bodies[0].material.reflectance),
+            ambient=Ambient(gradient=0.0),
+        ),
+        SENSOR,
+    )
+    for ours, rays in ((warped.left, traced.left), (warped.right, traced.right)):
+        assert ours is not None
+        assert rays is not None
+        means = ours.projector_direct.mean(), rays.projector_direct.mean()
+        assert means[0] == pytest.approx(means[1], rel=0.02)
+        inner = np.s_[:, 40:-40]
+        light = ours.projector_direct[inner].ravel(), rays.projector_direct[inner].ravel()
+        assert np.corrcoef(*light)[0, 1] > 0.97
+    assert (warped.truth.lit == truth.lit).mean() > 0.99
+    assert (warped.truth.right_sees == truth.right_sees).mean() > 0.98
+
+
+def test_a_step_hides_its_left_side_from_the_right_imager() -> None:
+    """The hidden strip is as wide as the two disparities differ."""
+    scene = DepthScene(
+        depth_m=step(), reflectance=np.full(WALL.shape, 0.5, np.float32), ambient=Ambient()
+    )
+    hidden = ~layers(scene, SENSOR).truth.right_sees
+    width_px = SENSOR.focal_baseline_px_m * (1 / 0.8 - 1 / 1.2)
+    assert hidden[60, 60 - round(width_px) : 60].mean() >= 0.5
+    assert not hidden[60, 20:50].any()
+    assert not hidden[60, 61:].any()
+
+
+def test_reading() -> None:
+    depth = step()
+    depth[:20] = np.inf
+    reading = Corruptor(SENSOR, MATRIX)(depth, seed=1)
+    again = Corruptor(SENSOR, MATRIX)(depth, seed=1)
+    known = np.isfinite(reading.depth_m)
+    assert np.array_equal(reading.depth_m, again.depth_m, equal_nan=True)
+    assert np.array_equal(known, reading.reason == Reason.VALID)
+    assert np.array_equal(known, reading.depth_u16 > 0)
+    assert (reading.reason[:16][~known[:16]] == Reason.NO_SURFACE).all()
+    middle = reading.depth_m[40:100, 65:95]
+    assert np.nanmedian(middle) == pytest.approx(0.8, rel=0.02)
+
+
+def test_resampling_keeps_a_tilted_plane() -> None:
+    """Inverse depth is linear on planes, so another camera sees the same plane."""
+    wide = np.array([[100.0, 0, 99.5], [0, 100.0, 79.5], [0, 0, 1]])
+    x = (np.arange(200) - 99.5) / 100
+    plane = np.repeat((1 / (1 + 0.3 * x))[None].astype(np.float32), 160, axis=0)
+    moved = depth_input.resampled(plane, depth_input.DepthCamera(wide, plane.shape), SENSOR)
+    seen_x = (np.arange(WIDTH) - 79.5) / FOCAL
+    np.testing.assert_allclose(moved[60], 1 / (1 + 0.3 * seen_x), rtol=1e-5)
+    matrix = np.array([[400.0, 0, 19.5], [0, 400.0, 19.5], [0, 0, 1]])
+    narrow = depth_input.DepthCamera(matrix, (40, 40))
+    outside = depth_input.resampled(np.ones((40, 40), np.float32), narrow, SENSOR)
+    assert np.isnan(outside[0, 0])
+    assert np.isfinite(outside[60, 80])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"depth_m": WALL * 1000}, "depth_m must be in metres; got a median of 1000"),
+        ({"depth_m": -WALL}, "depth_m must be >= 0"),
+        ({"depth_m": WALL * np.nan}, "depth_m must hold a surface"),
+        ({"depth_m": WALL[0]}, r"depth_m must be \(h, w\) numbers"),
+        ({"right_depth_m": WALL * 1000}, "right_depth_m must be in metres"),
+        ({"reflectance": 200.0}, r"reflectance must be in \[0, 1\]"),
+        ({"reflectance": WALL[:5]}, "reflectance must be .*, as the depth"),
+        ({"ambient_lux": -1.0}, "ambient_lux must be in"),
+        ({"seed": -1}, "seed must be in"),
+    ],
+)
+def test_refused_images(change: dict[str, Any], message: str) -> None:
+    values: dict[str, Any] = {"depth_m": WALL, **change}
+    with pytest.raises(InputError, match=message):
+        Corruptor(SENSOR, MATRIX)(values.pop("depth_m"), **values)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        (MATRIX.T, "Is it transposed"),
+        (np.linalg.inv(MATRIX), "must have focal lengths > 1 px"),
+        (MATRIX[:2], "must be .*, finite"),
+        (MATRIX + np.array([[0, 5, 0], [0, 0, 0], [0, 0, 0]]), "Rectify the image first"),
+    ],
+)
+def test_refused_matrices(matrix: np.ndarray[Any, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Corruptor(SENSOR, matrix)
+
+
+def test_effects_on_surfaces_are_refused_by_name() -> None:
+    with pytest.raises(InputError, match="effect specular must not need surfaces"):
+        Corruptor(SENSOR, MATRIX, effects={"specular": 0.5})
+
+
+def test_rgb_is_a_hint_of_reflectance() -> None:
+    """Black dyes reflect a quarter, white 0.85."""
+    camera = depth_input.DepthCamera(MATRIX, WALL.shape)
+    picture = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    picture[:, 80:] = 255
+    seen = depth_input.reflectance(picture, camera, SENSOR)
+    np.testing.assert_allclose(seen[0, [0, -1]], [0.25, 0.85], rtol=1e-6)
