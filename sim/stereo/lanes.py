@@ -152,6 +152,9 @@ splat_words, splat_bytes = _splatter(WORDS, types.uint16), _splatter(BYTES, type
 
 lesser = _binary(lambda builder, lanes, a, b: _call(builder, "llvm.umin", lanes, a.type, [a, b]))
 greater = _binary(lambda builder, lanes, a, b: _call(builder, "llvm.umax", lanes, a.type, [a, b]))
+excess = _binary(
+    lambda builder, lanes, a, b: _call(builder, "llvm.usub.sat", lanes, a.type, [a, b])
+)  # a - b, or 0 where a < b.
 equal = _binary(_equal)  # All bits of a lane are set where both are equal.
 above = _binary(_above)  # All bits of a lane are set where a > b, as signed numbers.
 high_product = _binary(_high)  # Upper half of each product.

@@ -30,10 +30,10 @@ from starling.sim.stereo.lanes import (
 )
 from starling.sim.stereo.paths import LANES
 
-BAND_ROWS = 16  # Rows of the volume in memory at a time.
+BAND_ROWS = 8  # Rows of the volume in memory at a time.
 _GROUP_ROWS = 4  # Rows whose horizontal paths advance in turn; their volume fits the cache.
 _AHEAD = 2  # Bands prepared (cost, horizontal paths) while an earlier band is finished.
-_RUN_PX = 32  # Columns between the steps of the selection; a multiple of _TURN_PX.
+_RUN_PX = 64  # Columns between the steps of the selection; a multiple of _TURN_PX.
 _TURN_PX = 4  # Columns that update the right view together.
 _NONE = 65535  # Summed cost or column before any is known; above every other.
 _u16 = np.uint16
@@ -52,14 +52,16 @@ class Winners(NamedTuple):
     neighbour: NDArray[np.uint16]  # Excess cost of the costlier neighbour of the best.
 
 
-@nb.njit(inline="always")
-def _parabola(below, middle, above):  # pragma: no cover - compiled
-    """Fit a parabola through three costs: vertex in [-1, 1] px from the middle, and curvature."""
-    bend = np.int32(below) + np.int32(above) - np.int32(2) * np.int32(middle)
-    if bend <= 0:
-        return np.float32(0), np.float32(0)
-    vertex = np.float32(np.int32(below) - np.int32(above)) / np.float32(np.int32(2) * bend)
-    return min(np.float32(1), max(np.float32(-1), vertex)), np.float32(bend)
+@nb.njit(nogil=True, cache=True)
+def _fit(three, offset, bend):  # pragma: no cover - compiled
+    """Fit parabolas through three costs (3, w): vertex in [-1, 1] px from the middle, curvature."""
+    for x in range(len(offset)):
+        below, above = np.int32(three[0, x]), np.int32(three[2, x])
+        curvature = max(below + above - np.int32(2) * np.int32(three[1, x]), np.int32(0))
+        vertex = np.float32(below - above) / np.float32(max(np.int32(2) * curvature, np.int32(1)))
+        vertex = min(np.float32(1), max(np.float32(-1), vertex))
+        offset[x] = vertex if curvature > 0 else np.float32(0)
+        bend[x] = np.float32(curvature)
 
 
 @nb.njit(nogil=True, cache=True)
@@ -79,6 +81,8 @@ def _select(
     # Shifted to the winner, the mask hides it and its two neighbours without a branch in the loop.
     mask = np.zeros(2 * search + 1, np.uint16)
     mask[search - 1 : search + 2] = _u16(_NONE)
+    three, three_r = np.empty((3, w), np.uint16), np.empty((3, w), np.uint16)
+    peaks, unused = np.empty((3, w), np.uint16), np.empty(w, np.float32)
     for row in range(len(best_at)):
         y = first + row
         paths.enter_downward(costs, floors, y, w, search)
@@ -92,29 +96,32 @@ def _select(
                 cost, total, costs, floors, y, (start, stop), at, w, search, p1, p2, sums, span
             )
             _choose_left(
-                sums, span, ramp, mask, cost, at, search, start, stop,
-                best_at[row], offset[row], bend[row], margin[row], excess[row], neighbour[row],
-            )  # fmt: skip
+                sums, span, ramp, mask, cost, at, search, start, stop, best_at[row], peaks, three
+            )
             _offer_right(sums, span, search, start, stop, w - 1 + shift + LANES, least, column)
-        base = row * w * search
+        _choose_right(column, cost, row * w * search, shift, search, right[row], three_r)
+        _fit(three, offset[row], bend[row])
+        _fit(three_r, right_offset[row], unused)
         for x in range(w):
-            place = w - 1 - x + LANES
-            winner = np.int64(read(column, place))
-            best = -1 if winner == _NONE else winner - x - shift
-            right[row, x] = best
-            right_offset[row, x] = np.float32(0)
-            if 0 < best < search - 1 and winner < w - 1:
-                at = base + winner * search + best
-                below, above = read(cost, at - search - 1), read(cost, at + search + 1)
-                right_offset[row, x], _ = _parabola(below, read(cost, at), above)
+            lowest, second = peaks[0, x], peaks[1, x]
+            excess[row, x], neighbour[row, x] = second - lowest, peaks[2, x] - lowest
+            ratio = np.float32(second) / np.float32(max(lowest, _u16(1)))
+            margin[row, x] = np.float32(100.0) * (ratio - np.float32(1.0))
 
 
 @nb.njit(nogil=True, cache=True)
 def _choose_left(
-    sums, span, ramp, mask, cost, at, search, start, stop,
-    best_at, offset, bend, margin, excess, neighbour,
-):  # pragma: no cover - compiled  # fmt: skip
-    """Choose the winners of a run of columns in the left view."""
+    sums, span, ramp, mask, cost, at, search, start, stop, best_at, peaks, three
+):  # pragma: no cover - compiled
+    """Choose the winners of a run of columns in the left view.
+
+    Args:
+        sums: summed costs of the run, `span` apart.
+        cost: flat support cost; the run starts at index `at`.
+        best_at: filled with the winners.
+        peaks: (3, w) filled with the sums of the best, the second best and the costlier neighbour.
+        three: (3, w) filled with the support cost below, at and above the winner; 0 at an end.
+    """
     none = splat_words(_u16(_NONE))
     for x in range(start, stop):
         first = (x - start) * span + LANES
@@ -128,24 +135,35 @@ def _choose_left(
             winner = equal(load_words(sums, first + d), least)
             place = lesser(place, pick(winner, load_words(ramp, d), none))
         best_at[x] = least_lane(place)
-        excess[x] = lowest
+        peaks[0, x] = lowest
     for x in range(start, stop):
-        first, best, lowest = (x - start) * span + LANES, np.int64(best_at[x]), excess[x]
+        first, best = (x - start) * span + LANES, np.int64(best_at[x])
         rest = none
         for d in range(0, search, LANES):
             rest = lesser(rest, load_words(sums, first + d) | load_words(mask, search - best + d))
-        second = least_lane(rest)
-        excess[x] = second - lowest
+        peaks[1, x] = least_lane(rest)
         before = read(sums, first + max(best - 1, 0))
-        after = read(sums, first + min(best + 1, search - 1))
-        neighbour[x] = max(before, after) - lowest
-        ratio = np.float32(second) / np.float32(max(lowest, _u16(1)))
-        margin[x] = np.float32(100.0) * (ratio - np.float32(1.0))
-        offset[x], bend[x] = np.float32(0), np.float32(0)
-        if 0 < best < search - 1:
-            here = at + (x - start) * search + best
-            below, above = read(cost, here - 1), read(cost, here + 1)
-            offset[x], bend[x] = _parabola(below, read(cost, here), above)
+        peaks[2, x] = max(before, read(sums, first + min(best + 1, search - 1)))
+        inside = 0 < best < search - 1
+        here = at + (x - start) * search + (best if inside else 1)
+        three[0, x] = read(cost, here - 1) if inside else _u16(0)
+        three[1, x] = read(cost, here) if inside else _u16(0)
+        three[2, x] = read(cost, here + 1) if inside else _u16(0)
+
+
+@nb.njit(nogil=True, cache=True)
+def _choose_right(column, cost, at, shift, search, right, three):  # pragma: no cover - compiled
+    """Choose the winners of a row in the right view; fill `three` along the cost's diagonal."""
+    w = len(right)
+    for x in range(w):
+        winner = np.int64(read(column, w - 1 - x + LANES))
+        best = -1 if winner == _NONE else winner - x - shift
+        right[x] = best
+        inside = 0 < best < search - 1 and winner < w - 1
+        here = at + winner * search + best if inside else at + search + 1
+        three[0, x] = read(cost, here - search - 1) if inside else _u16(0)
+        three[1, x] = read(cost, here) if inside else _u16(0)
+        three[2, x] = read(cost, here + search + 1) if inside else _u16(0)
 
 
 @nb.njit(nogil=True, cache=True)

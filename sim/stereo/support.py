@@ -19,6 +19,7 @@ from starling.sim.stereo.lanes import (
     aligned_words,
     count_bits,
     equal,
+    excess,
     greater,
     high_product,
     lesser,
@@ -94,6 +95,17 @@ def _shares(scale: int) -> NDArray[np.uint16]:
     return table
 
 
+def _limits(weight: int, cap_dn: int) -> NDArray[np.uint8]:
+    """Return the differences above each of which the cost rises by one more bit [DN].
+
+    Args:
+        weight: of the brightness difference [1/16 bit per DN].
+        cap_dn: largest difference that counts [DN].
+    """
+    bits = range(1, (cap_dn * weight >> 4) + 1)
+    return np.array([-(-16 * bit // weight) - 1 for bit in bits] or [255], np.uint8)
+
+
 _ROW_SHARES = _shares(ROW_SCALE).reshape(-1)
 _COLUMN_SHARES = _shares(COST_SCALE // ROW_SCALE).reshape(-1)
 
@@ -137,7 +149,7 @@ class SupportCost:
             sizes,
             self.reach,
             self.least_px,
-            (_u16(self.weight), _u8(self.cap_dn)),
+            _limits(self.weight, self.cap_dn),
             (_ROW_SHARES, _COLUMN_SHARES),
             self._sums,
             (first, start, len(out)),
@@ -161,10 +173,9 @@ def _mean(sums, last, before, shares, count):  # pragma: no cover - compiled
 
 @nb.njit(nogil=True, cache=True)
 def _fill(
-    bits, dn, bits_r, dn_r, arm, sizes, reach, pad, brightness, all_shares, sums, rows, out
+    bits, dn, bits_r, dn_r, arm, sizes, reach, pad, limits, all_shares, sums, rows, out
 ):  # pragma: no cover - compiled
     h, w, span, search, planes = sizes
-    weight, cap = brightness
     first, start, count = rows
     row_shares, column_shares = all_shares
     stored, size = 2 * reach + 2, w * search
@@ -181,7 +192,7 @@ def _fill(
                     before, now = (column & _LAST) * width, (column + 1 & _LAST) * width
                     _add_cost(
                         bits, dn, bits_r, dn_r, y, column, w, span, width, planes, pad,
-                        weight, cap, along, before, now,
+                        limits, along, before, now,
                     )  # fmt: skip
                 if x >= 0:
                     place = y * w + x
@@ -209,36 +220,49 @@ def _fill(
 
 @nb.njit(inline="always")
 def _add_cost(
-    bits, dn, bits_r, dn_r, y, x, w, span, width, planes, pad, weight, cap, along, before, now
+    bits, dn, bits_r, dn_r, y, x, w, span, width, planes, pad, limits, along, before, now
 ):  # pragma: no cover - compiled
     """Add the cost of a pixel's disparities to the running sums: differing bits, brightness."""
     mine, theirs = y * planes * w + x, y * planes * span + w - 1 - x + pad
     a, b = splat_bytes(read(bits, mine)), splat_bytes(read(bits, mine + w))
     c, d = splat_bytes(read(bits, mine + 2 * w)), splat_bytes(read(bits, mine + 3 * w))
     e, level = splat_bytes(read(bits, mine + 4 * w)), splat_bytes(read(dn, y * w + x))
-    caps, weights, four = splat_bytes(cap), splat_words(weight), splat_words(_u16(4))
     level_at = y * span + w - 1 - x + pad
+    one, limit = splat_bytes(_u8(1)), splat_bytes(limits[0])
     for start in range(0, width, _WIDE):
         at = theirs + start
-        differing = (
-            count_bits(a ^ load_bytes(bits_r, at))
-            + count_bits(b ^ load_bytes(bits_r, at + span))
-            + count_bits(c ^ load_bytes(bits_r, at + 2 * span))
-            + count_bits(d ^ load_bytes(bits_r, at + 3 * span))
-            + count_bits(e ^ load_bytes(bits_r, at + 4 * span))
+        bits_a, bits_b = a ^ load_bytes(bits_r, at), b ^ load_bytes(bits_r, at + span)
+        bits_c, bits_d = (
+            c ^ load_bytes(bits_r, at + 2 * span),
+            d ^ load_bytes(bits_r, at + 3 * span),
         )
+        # Two full adders leave three planes to count, of which two count double.
+        half, carry = bits_a ^ bits_b, bits_a & bits_b
+        carry, bits_a = carry | (half & bits_c), half ^ bits_c
+        bits_e = e ^ load_bytes(bits_r, at + 4 * span)
+        half, second = bits_a ^ bits_d, bits_a & bits_d
+        second = second | (half & bits_e)
+        twice = count_bits(carry) + count_bits(second)
         level_r = load_bytes(dn_r, level_at + start)
-        off = lesser(greater(level, level_r) - lesser(level, level_r), caps)
-        lower = lower_words(differing) + (lower_words(off) * weights >> four)
-        upper = upper_words(differing) + (upper_words(off) * weights >> four)
-        store_words(along, now + start, load_words(along, before + start) + lower)
-        half = start + _LANES
-        store_words(along, now + half, load_words(along, before + half) + upper)
+        off = excess(level, level_r) | excess(level_r, level)
+        differing = count_bits(half ^ bits_e) + twice + twice + lesser(excess(off, limit), one)
+        _add_bytes(along, now + start, along, before + start, differing)
     for plane in range(LEAST_PLANES, planes):
         mask = splat_bytes(read(bits, mine + plane * w))
         for start in range(0, width, _WIDE):
             differing = count_bits(mask ^ load_bytes(bits_r, theirs + plane * span + start))
-            place = now + start
-            store_words(along, place, load_words(along, place) + lower_words(differing))
-            place = now + start + _LANES
-            store_words(along, place, load_words(along, place) + upper_words(differing))
+            _add_bytes(along, now + start, along, now + start, differing)
+    for k in range(1, len(limits)):
+        limit = splat_bytes(limits[k])
+        for start in range(0, width, _WIDE):
+            level_r = load_bytes(dn_r, level_at + start)
+            off = excess(level, level_r) | excess(level_r, level)
+            _add_bytes(along, now + start, along, now + start, lesser(excess(off, limit), one))
+
+
+@nb.njit(inline="always")
+def _add_bytes(out, at, words, place, summand):  # pragma: no cover - compiled
+    """Write words plus bytes."""
+    store_words(out, at, load_words(words, place) + lower_words(summand))
+    upper = load_words(words, place + _LANES) + upper_words(summand)
+    store_words(out, at + _LANES, upper)
