@@ -14,6 +14,11 @@ def read(path: Path) -> bytes:
     """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "Its name has a null byte")
-    if path.exists() and not (path.is_file() or path.is_dir()):
+    if is_pipe_or_device(path):
         raise OSError(errno.EINVAL, "It is a pipe or a device", str(path))
     return path.read_bytes()
+
+
+def is_pipe_or_device(path: Path) -> bool:
+    """Return whether a path exists and is neither a regular file nor a folder."""
+    return path.exists() and not (path.is_file() or path.is_dir())

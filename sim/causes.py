@@ -30,9 +30,8 @@ def geometric_causes(truth: Truth, sensor: Sensor) -> dict[Reason, Mask]:
     }
     if sensor.kind == "structured_light":  # No right imager, so no occlusion.
         return causes
-    true_baseline_m = sensor.baseline_m * (1 + sensor.baseline_error)
     disparity = disparity_from_depth(
-        truth.depth_m, focal_px=sensor.fx_px, baseline_m=true_baseline_m
+        truth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.true_baseline_m
     )
     match_px = np.arange(sensor.width, dtype=np.float32) - disparity
     outside = surface & (match_px < FIRST_COLUMN_PX)

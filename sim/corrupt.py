@@ -22,7 +22,6 @@ from starling.sim.stereo.post.temporal import History
 from starling.sim.warp import depth_input
 from starling.sim.warp.layers import DepthScene, layers
 
-AMBIENT_W_M2 = 0.1  # Ambient light of `scene.Ambient` [W m^-2].
 # Daylight in the imager's band [W m^-2 / lux], for an assumed band of 50 nm. ASTM G173 (AM1.5
 # global) has 0.89 W m^-2 nm^-1 at 850 nm, and 109 klux.
 W_M2_PER_LUX = 0.89 * 50 / 109e3
@@ -70,8 +69,7 @@ class Corruptor:
         """
         self.camera_matrix = depth_input.checked_matrix(camera_matrix)
         _refuse_effects(effects or {})
-        scene = dataclasses.replace(_SCENE, ambient=Ambient(gradient=0.0))
-        self.sensor, self._scene = setting.apply(sensor, scene, effects or {})
+        self.sensor, self._scene = setting.apply(sensor, _SCENE, effects or {})
         refuse_impossible(self.sensor, 2)
 
     def __call__(
@@ -131,6 +129,7 @@ class Corruptor:
 # The layers hold the surfaces; the body gives them a name.
 _SCENE = Scene(
     name="depth image",
+    ambient=Ambient(gradient=0.0),
     bodies=(
         Body(
             name="surface",
@@ -168,7 +167,7 @@ def _searching(sensor: Sensor, depth_m: Image) -> Sensor:
         return sensor
     matcher = sensor.matcher
     first, end = matcher.min_disparity_px, matcher.min_disparity_px + matcher.search_px
-    true = sensor.fx_px * sensor.baseline_m * (1 + sensor.baseline_error)
+    true = sensor.fx_px * sensor.true_baseline_m
     low = min(max(first, int(true / known.max()) - _MARGIN_PX), end - _STEP_PX)
     span = true / known.min() + _MARGIN_PX - low
     search = min(max(-(-int(np.ceil(span)) // _STEP_PX), 1) * _STEP_PX, end - low)

@@ -106,7 +106,7 @@ def _view(
     rendered: ViewLayers,
 ) -> PatternView:
     lit = (rendered.projector_direct > 0).astype(np.float32)
-    shift_m = sensor.baseline_m * (1 + sensor.baseline_error) if side == "right" else 0.0
+    shift_m = sensor.true_baseline_m if side == "right" else 0.0
     points, lit = _misalign(_points(rendered.depth_m, sensor, shift_m), lit, sensor, side)
     depth = points[..., 2]
     disparity = disparity_from_depth(depth, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)

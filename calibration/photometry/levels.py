@@ -113,7 +113,7 @@ def _projector_log_cos(depth_m: Image, sensor: Sensor, side: Side) -> Image:
     x = (np.arange(width, dtype=np.float64) - sensor.cx_px) / sensor.fx_px
     y = (np.arange(height, dtype=np.float64) - sensor.cy_px) / sensor.fy_px
     depth = np.where(np.isfinite(depth_m), depth_m, 1.0).astype(np.float64)
-    shift = 0.0 if side == "left" else sensor.baseline_m * (1 + sensor.baseline_error)
+    shift = 0.0 if side == "left" else sensor.true_baseline_m
     points = np.stack([x * depth + shift, y[:, None] * depth, depth], axis=-1)
     pose = frames.pose(sensor.projector.position_m, sensor.projector.rotation_deg)
     local = (points - pose[:3, 3]) @ pose[:3, :3]

@@ -258,7 +258,7 @@ def projector_tangents(
     )
     point = ray * depth_m[..., None]
     if right:
-        point = point + np.array([sensor.baseline_m * (1 + sensor.baseline_error), 0.0, 0.0])
+        point = point + np.array([sensor.true_baseline_m, 0.0, 0.0])
     part = sensor.projector
     local = (point - np.array(part.position_m)) @ frames.rotation(part.rotation_deg)
     with np.errstate(invalid="ignore", divide="ignore"):

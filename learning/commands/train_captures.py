@@ -88,7 +88,7 @@ def train_captures(
     untrained_method.fit(examples, folder=out, seed=seed, track=track)
     figures = {
         "method": method,
-        "scenes": [s.name for s in opened.scenes if rooms is None or s.room in rooms],
+        "scenes": [scene.name for scene in captured.scenes_in(opened, rooms)],
         "ndp_rate": captured.ndp_rate(examples),
     }
     work_folder.end(out, "train", arguments, figures)

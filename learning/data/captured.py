@@ -60,14 +60,23 @@ def examples(
     Raises:
         InputError: if a room is unknown, or a scene is invalid.
     """
-    check_rooms(captures, rooms or ())
-    wanted = [scene for scene in captures.scenes if rooms is None or scene.room in rooms]
+    wanted = scenes_in(captures, rooms)
     read = partial(example, simulation=simulation)
     if simulation is not None and simulation.cache is None:
         return [read(scene) for scene in track(wanted, "scenes")]
     for scene in track(wanted, "scenes"):
         read(scene)  # Refuses a damaged scene, and fills the cache.
     return OnDemand(wanted, read)
+
+
+def scenes_in(captures: CaptureSet, rooms: Sequence[str] | None) -> list[CapturedScene]:
+    """Return the scenes of some rooms; all where `rooms` is None.
+
+    Raises:
+        InputError: as `check_rooms`.
+    """
+    check_rooms(captures, rooms or ())
+    return [scene for scene in captures.scenes if rooms is None or scene.room in rooms]
 
 
 def check_rooms(captures: CaptureSet, rooms: Sequence[str]) -> None:

@@ -101,7 +101,7 @@ def _true_scene(scene: Scene) -> Scene:
 
 
 def _true_sensor(sensor: Sensor, scale: float) -> Sensor:
-    baseline = sensor.baseline_m * (1 + sensor.baseline_error)
+    baseline = sensor.true_baseline_m
     part = sensor.projector
     if sensor.kind == "structured_light":  # The projector takes the right imager's position.
         part = dataclasses.replace(part, position_m=(baseline, 0.0, 0.0))

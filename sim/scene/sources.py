@@ -285,7 +285,7 @@ def _refuse_pipes(root: ElementTree.Element, path: Path) -> None:
     for element in root.iter():
         named = element.get("value") if element.get("name") == "filename" else None
         file = path.parent / (element.get("filename") or named or ".")
-        if file.exists() and not (file.is_file() or file.is_dir()):
+        if regular_file.is_pipe_or_device(file):
             raise errors.refuse(
                 "scene", "must name regular files", f"{file} in {path}", "Is it a pipe?"
             )

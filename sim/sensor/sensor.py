@@ -100,6 +100,11 @@ class Sensor:
             )
 
     @property
+    def true_baseline_m(self) -> float:
+        """Distance of the imagers with the baseline's error [m]."""
+        return self.baseline_m * (1 + self.baseline_error)
+
+    @property
     def focal_baseline_px_m(self) -> float:
         """f b [px m]: disparity [px] times depth [m]."""
         return self.fx_px * self.baseline_m

@@ -148,6 +148,13 @@ def resampled(depth_m: Image, camera: DepthCamera, sensor: Sensor) -> Image:
         return np.where(moved > 0, np.float32(1) / moved, np.float32(np.nan))
 
 
+@nb.njit(nogil=True, cache=True, inline="always")
+def _between(place, count):  # pragma: no cover - compiled
+    """Return the sample before a place, and the share of the sample after it."""
+    before = min(max(int(np.floor(place)), 0), max(count - 2, 0))
+    return before, min(max(place - np.float32(before), np.float32(0)), np.float32(1))
+
+
 @nb.njit(nogil=True, cache=True)
 def _interpolated(image, columns, rows, jump):  # pragma: no cover - compiled
     h, w = image.shape
@@ -157,15 +164,13 @@ def _interpolated(image, columns, rows, jump):  # pragma: no cover - compiled
         y = rows[a]
         if y < -half or y > h - half:
             continue
-        j = min(max(int(np.floor(y)), 0), max(h - 2, 0))
-        v = min(max(y - np.float32(j), np.float32(0)), np.float32(1))
+        j, v = _between(y, h)
         top, bottom = image[j], image[min(j + 1, h - 1)]
         for b in range(len(columns)):
             x = columns[b]
             if x < -half or x > w - half:
                 continue
-            i = min(max(int(np.floor(x)), 0), max(w - 2, 0))
-            u = min(max(x - np.float32(i), np.float32(0)), np.float32(1))
+            i, u = _between(x, w)
             n = min(i + 1, w - 1)
             p, q, r, s = top[i], top[n], bottom[i], bottom[n]
             low, high = min(p, q, r, s), max(p, q, r, s)

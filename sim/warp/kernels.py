@@ -9,10 +9,13 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from starling.sim.render.emission import NEAREST_M
+
 _f4 = np.float32
 _SLACK_SHARE = _f4(1.002)  # A surface hides those behind it by more than this share,
 _SLACK_PX = _f4(0.35)  # and this disparity [px]; rasterisation errs by less.
 _NEAREST_M = _f4(1e-4)  # Least distance from an emitter [m]; prevents division by zero.
+_FULL_BLUR_M = _f4(NEAREST_M)  # Defocus on closer surfaces is that at this distance.
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
@@ -158,6 +161,7 @@ def light_rows(
     half_x, half_y, scale, from_emitter = e[12], e[13], e[14], e[15]
     across, along = _f4(0.5) * _f4(tw) / half_x, _f4(0.5) * _f4(th) / half_y
     mid_x, mid_y = _f4(0.5) * _f4(tw) - _f4(0.5), _f4(0.5) * _f4(th) - _f4(0.5)
+    ratio = np.exp(log_ratio)
     for y in range(first, last):
         ty = (_f4(y) - cy) / fy
         shadow = seen[y]
@@ -187,10 +191,9 @@ def light_rows(
             if count == 1:
                 irradiance = _pixel(levels[0], tv, tx)
             else:
-                blur = width * (_f4(1) / max(lz, _f4(0.1)) - focus)
+                blur = width * (_f4(1) / max(lz, _FULL_BLUR_M) - focus)
                 variance = _f4(1) + blur * blur
                 below = np.floor(np.log(variance) / log_ratio)
-                ratio = np.exp(log_ratio)
                 share = (variance * np.exp(-below * log_ratio) - _f4(1)) / (ratio - _f4(1))
                 level = min(below + min(max(share, _f4(0)), _f4(1)), _f4(count - 1))
                 n = min(int(level), count - 2)
@@ -234,13 +237,8 @@ def right_rows(
     for y in range(first, last):
         row = out[y]
         warp_row(disparity[y], _f4(1), _f4(0), jump_px, warped, source)
-        if warping:
-            row[:] = warped
-        else:
-            row[:] = rendered[y]
         fill_row(warped, source)
-        if warping:
-            row[:] = warped
+        row[:] = warped if warping else rendered[y]
         for x in range(w):
             place = source[x]
             if not warping and abs(row[x] - warped[x]) > jump_px:

@@ -15,13 +15,14 @@ from starling.sim.arrays import Image, Mask
 from starling.sim.geometry import frames
 from starling.sim.render import emission
 from starling.sim.render.layers import Layers, Truth, ViewLayers
+from starling.sim.render.skylight import MATT_TILT
 from starling.sim.scene.scene import Ambient
 from starling.sim.sensor.projector import Projector
 from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import depth_from_disparity, disparity_from_depth
 from starling.sim.warp import kernels
 
 JUMP_PX = 1.5  # A larger disparity difference of neighbours separates surfaces [px].
-_MATT_TILT = np.float32(2 / 3)  # Tilt of the ambient light on matt surfaces; see `scene.Ambient`.
 _PIXEL_VARIANCE = 1 / 12  # Variance of a pixel's box [px^2].
 _CHUNKS = 4  # Parts of an image that threads share.
 
@@ -57,22 +58,19 @@ def layers(scene: DepthScene, sensor: Sensor) -> Layers:
         scene: Depth and reflectance in the left view of the sensor's size and intrinsics.
         sensor: Geometry and projector; the layers are for 1 W.
     """
-    baseline = sensor.baseline_m * (1 + sensor.baseline_error)
-    focal_baseline = np.float32(sensor.fx_px * baseline)
     rows = [slice(part[0], part[-1] + 1) for part in np.array_split(range(sensor.height), _CHUNKS)]
     with ThreadPoolExecutor(2) as pool:
-        disparity = _disparity(scene.depth_m, focal_baseline)
+        disparity = _disparity(scene.depth_m, sensor)
         left = _view(pool, rows, sensor, 0.0, disparity, scene.reflectance)
-        hidden = _hidden_from_emitters(pool, rows, scene, sensor, disparity, baseline)
-        laser, lit = _laser(pool, rows, sensor, left, hidden, baseline)
-        truth_lit = lit
-        layer_left = _layers(left, laser, scene.ambient, focal_baseline)
+        hidden = _hidden_from_emitters(pool, rows, scene, sensor, disparity)
+        laser, lit = _laser(pool, rows, sensor, left, hidden)
+        layer_left = _layers(left, laser, scene.ambient, sensor)
         layer_right = None
         seen = np.zeros_like(lit)
         if sensor.kind == "stereo":
-            right, seen = _right(pool, rows, scene, sensor, disparity, focal_baseline)
-            laser, _ = _laser(pool, rows, sensor, right, hidden, baseline)
-            layer_right = _layers(right, laser, scene.ambient, focal_baseline)
+            right, seen = _right(pool, rows, scene, sensor, disparity)
+            laser, _ = _laser(pool, rows, sensor, right, hidden)
+            layer_right = _layers(right, laser, scene.ambient, sensor)
     surface = disparity > 0
     length = np.sqrt((left.normal**2).sum(-1, keepdims=True))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -85,16 +83,15 @@ def layers(scene: DepthScene, sensor: Sensor) -> Layers:
             normal=normal,
             material=layer_left.body,
             right_sees=seen,
-            lit=truth_lit,
+            lit=lit,
         ),
     )
 
 
-def _disparity(depth_m: Image, focal_baseline: np.float32) -> Image:
+def _disparity(depth_m: Image, sensor: Sensor) -> Image:
     """Disparity [px]; 0 without a surface."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        disparity = focal_baseline / depth_m
-    return np.where(np.isfinite(disparity), disparity, np.float32(0))
+    rig = {"focal_px": sensor.fx_px, "baseline_m": sensor.true_baseline_m}
+    return np.nan_to_num(disparity_from_depth(depth_m, **rig))
 
 
 def _view(
@@ -126,14 +123,13 @@ def _right(
     scene: DepthScene,
     sensor: Sensor,
     disparity: Image,
-    focal_baseline: np.float32,
 ) -> tuple[_View, Mask]:
     """The right view, and the points of the left view that it sees (h, w)."""
     warped, reflectance = np.empty_like(disparity), np.empty_like(disparity)
     seen = np.zeros(disparity.shape, np.bool_)
     rendered = None
     if scene.right_depth_m is not None:
-        rendered = _disparity(scene.right_depth_m, focal_baseline)
+        rendered = _disparity(scene.right_depth_m, sensor)
 
     def fill(part: slice) -> None:
         kernels.right_rows(
@@ -159,18 +155,17 @@ def _hidden_from_emitters(
     scene: DepthScene,
     sensor: Sensor,
     disparity: Image,
-    baseline: float,
 ) -> list[tuple[Image, np.float32]]:
     """Disparities that each emitter sees (h, n), and the left margin of its view [px]."""
     views: list[tuple[Image, np.float32]] = []
     reach = float(disparity.max(initial=0.0))
     for emitter in _emitters(sensor.projector):
-        place = float(emitter[0]) / baseline
+        place = float(emitter[0]) / sensor.true_baseline_m
         margin = int(np.ceil(abs(place) * reach)) + 2
         out = np.zeros((sensor.height, sensor.width + 2 * margin), np.float32)
         if scene.projector_depth_m is not None:
             inner = slice(margin, margin + sensor.width)
-            out[:, inner] = _disparity(scene.projector_depth_m, np.float32(sensor.fx_px * baseline))
+            out[:, inner] = _disparity(scene.projector_depth_m, sensor)
         else:
 
             def fill(part: slice, out: Image = out, place: float = place, m: int = margin) -> None:
@@ -195,9 +190,9 @@ def _laser(
     sensor: Sensor,
     view: _View,
     hidden: list[tuple[Image, np.float32]],
-    baseline: float,
 ) -> tuple[Image, Mask]:
     """Irradiance of the projector's light of 1 W (h, w) [W m^-2], and where it arrives."""
+    baseline = sensor.true_baseline_m
     irradiance = np.zeros(view.disparity.shape, np.float32)
     lit = np.zeros(view.disparity.shape, np.bool_)
     for number, seen in enumerate(hidden):
@@ -227,19 +222,17 @@ def _laser(
     return irradiance, lit
 
 
-def _layers(
-    view: _View, irradiance: Image, ambient: Ambient, focal_baseline: np.float32
-) -> ViewLayers:
+def _layers(view: _View, irradiance: Image, ambient: Ambient, sensor: Sensor) -> ViewLayers:
     surface = view.disparity > 0
     radiance = view.reflectance * np.float32(1 / np.pi)
-    with np.errstate(divide="ignore"):
-        depth_m = np.where(surface, focal_baseline / view.disparity, np.float32(np.nan))
+    rig = {"focal_px": sensor.fx_px, "baseline_m": sensor.true_baseline_m}
+    depth_m = depth_from_disparity(view.disparity, **rig)
     sky = surface * radiance
     if ambient.gradient:
         length = np.sqrt((view.normal**2).sum(-1))
         up = np.asarray(ambient.up, np.float32)
         tilt = -(view.normal @ up) / np.maximum(length, np.float32(1e-12))
-        sky = sky * (1 + np.float32(ambient.gradient) * _MATT_TILT * tilt)
+        sky = sky * (1 + np.float32(ambient.gradient) * np.float32(MATT_TILT) * tilt)
     return ViewLayers(
         projector_direct=np.asarray(irradiance * radiance, np.float32),
         projector_indirect=np.zeros_like(irradiance),

@@ -23,8 +23,12 @@ WIDTH, HEIGHT, FOCAL = 160, 120, 150.0
 MATRIX = np.array([[FOCAL, 0, 79.5], [0, FOCAL, 59.5], [0, 0, 1]])
 SENSOR = dataclasses.replace(
     presets.load("d435"),
-    **{"width": WIDTH, "height": HEIGHT, "fx_px": FOCAL, "fy_px": FOCAL},
-    **{"cx_px": 79.5, "cy_px": 59.5},
+    width=WIDTH,
+    height=HEIGHT,
+    fx_px=FOCAL,
+    fy_px=FOCAL,
+    cx_px=79.5,
+    cy_px=59.5,
 )
 WALL = np.full((HEIGHT, WIDTH), 1.0, np.float32)
 
