@@ -16,6 +16,7 @@ from trimesh.resolvers import FilePathResolver
 from starling.patterns import errors, regular_file
 from starling.sim.geometry import frames
 from starling.sim.render import backend
+from starling.sim.scene import gltf, ply
 from starling.sim.scene.builtin import solids
 from starling.sim.scene.scene import Ambient, Body, Material, Scene, Sun
 from starling.sim.sensor.sensor import Sensor
@@ -171,14 +172,18 @@ def mesh_parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # Its errors are reported below.
     if not path.is_file():
         raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
+    check = {".ply": ply.refuse_damaged, ".glb": gltf.refuse_unsupported}.get(path.suffix.lower())
     try:
+        if check is not None:
+            check(path)
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             resolver = _RegularFiles(str(path))
             parts = _parts(trimesh.load_scene(path, process=False, resolver=resolver))
     except Exception as error:  # The parsers of trimesh raise errors of any type.
+        reason = str(error) or "its parts contradict each other"
         raise errors.refuse(
-            "scene", "must be a mesh", path, f"It cannot be read: {error}"
+            "scene", "must be a mesh", path, f"It cannot be read: {reason}"
         ) from None
     if not parts:
         raise errors.refuse("scene", "must hold triangles", path, "The mesh is empty.")
