@@ -6,7 +6,7 @@ from starling.patterns import errors
 from starling.sim.datasets import mesh_pile, render_view
 from starling.sim.datasets.plan import Plan, view
 from starling.sim.datasets.source import Captured, Dropped, Pile, SceneFiles
-from starling.sim.scene import sources
+from starling.sim.scene import mitsuba_xml, sources
 from starling.sim.simulate import refuse_impossible
 
 _VIEWS = 64  # Views whose drawn values are tried; `plan.read` tries the ends of every range.
@@ -40,7 +40,7 @@ def _refuse_files(source: object) -> None:
             if path.suffix.lower() in sources.MESH_SUFFIXES:
                 sources.refuse_mesh(path)
             else:
-                sources.load_xml(path)
+                mitsuba_xml.load(path)
     if isinstance(source, Captured):
         for path in source.paths:
             if not (path / "truth.png").is_file() or not any(path.glob("*/ir_left.png")):

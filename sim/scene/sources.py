@@ -5,18 +5,15 @@ from __future__ import annotations
 import logging
 import os
 import warnings
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
 from trimesh.resolvers import FilePathResolver
 
-from starling.patterns import errors, regular_file
+from starling.patterns import errors
 from starling.sim.geometry import frames
-from starling.sim.render import backend
-from starling.sim.scene import gltf, ply
+from starling.sim.scene import gltf, mitsuba_xml, ply
 from starling.sim.scene.builtin import solids
 from starling.sim.scene.scene import Ambient, Body, Material, Scene, Sun
 from starling.sim.sensor.sensor import Sensor
@@ -37,11 +34,8 @@ _CONVERTIBLE = (
 )
 _LARGEST_M = 100.0  # Largest extent of a mesh; larger ones are not in metres [m].
 _USUAL_M = (0.005, 30.0)  # Extents of objects and rooms; others give a warning [m].
-_FLOAT32 = 1e-5  # Rounding of Mitsuba's single-precision matrices.
 _NEAR_M = 1000.0  # Largest coordinate of a mesh that is not shifted to the origin [m].
-_SUN_Y_UP = (0.3, 0.9, 0.3)  # Above and in front, as the default is where y points down.
 _SURFACE = Material(name="unnamed", reflectance=0.5)
-_WHOLE = ("instance", "shapegroup")  # Shapes with child shapes, which are not supported.
 
 
 def load(specifier: str, sensor: Sensor) -> Scene:
@@ -66,7 +60,7 @@ def load(specifier: str, sensor: Sensor) -> Scene:
     if path.suffix.lower() in MESH_SUFFIXES:
         return load_mesh(path, sensor)
     if path.suffix.lower() == ".xml":
-        return load_xml(path)
+        return mitsuba_xml.load(path)
     if os.path.isdir(path):  # Unlike `is_dir`, it bears names that are too long.
         return captured_scene.load(path, sensor)
     if path.suffix.lower() in _CONVERTIBLE:
@@ -112,7 +106,7 @@ def load_mesh(path: Path, sensor: Sensor, world_from_left: frames.Pose | None = 
         name=path.stem,
         bodies=bodies,
         ambient=Ambient(up=(0.0, 1.0, 0.0)),
-        sun=Sun(towards=_SUN_Y_UP),
+        sun=Sun(towards=mitsuba_xml.SUN_Y_UP),
         world_from_left=pose,
         origin_m=(x, y, z),
     )
@@ -229,68 +223,3 @@ def _front(bodies: tuple[Body, ...], sensor: Sensor) -> frames.Pose:
     away = np.array([0.0, np.sin(np.deg2rad(20)), np.cos(np.deg2rad(20))])
     eye = middle + max(distance, 1e-3) * away
     return frames.look_at(tuple(eye), tuple(middle), (0.0, 1.0, 0.0))
-
-
-def load_xml(path: Path) -> Scene:
-    """Load a Mitsuba 3 scene, y up, at the pose of its first sensor or Mitsuba's default pose.
-
-    Projector and ambient light replace all emitters of the file. The shapes of lamps remain.
-
-    Raises:
-        InputError: if the file is missing, cannot be loaded, has no shapes, or has instances.
-    """
-    if not path.is_file():
-        raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
-    loaded = _without_lights(path)
-    if not loaded.shapes():
-        raise errors.refuse("scene", "must hold shapes", path, "Add a shape to the XML.")
-    to_world = np.eye(4)
-    if loaded.sensors():
-        matrix = np.array(loaded.sensors()[0].world_transform().matrix, np.float64)
-        to_world = matrix.reshape(4, 4)
-        scale = np.linalg.norm(to_world[:3, :3], axis=0)
-        to_world[:3, :3] /= np.where(scale > 0, scale, 1.0)
-    world_from_left = frames.opencv_from_mitsuba(to_world)
-    frames.refuse_not_rigid(f"to_world of the sensor in {path}", world_from_left, rounding=_FLOAT32)
-    return Scene(
-        name=path.stem,
-        shapes=tuple(loaded.shapes()),
-        ambient=Ambient(up=(0.0, 1.0, 0.0)),
-        sun=Sun(towards=_SUN_Y_UP),
-        world_from_left=world_from_left,
-    )
-
-
-def _without_lights(path: Path) -> Any:
-    """Load the file without emitters, including those attached to shapes."""
-    mi = backend.mitsuba()
-    try:
-        root = ElementTree.fromstring(regular_file.read(path))
-    except (ElementTree.ParseError, OSError, ValueError) as error:
-        raise errors.refuse("scene", "must be a Mitsuba XML", path, f"{error}.") from None
-    _refuse_pipes(root, path)
-    for shape in root.iter("shape"):
-        if shape.get("type") in _WHOLE:
-            raise errors.refuse(
-                "scene", "must not hold instances", path, "Write each shape out, or export a mesh."
-            )
-    for parent in list(root.iter()):
-        for light in parent.findall("emitter"):
-            parent.remove(light)
-    resolver = mi.file_resolver()
-    resolver.prepend(str(path.parent.resolve()))  # Paths in the XML start at its folder.
-    try:
-        return mi.load_string(ElementTree.tostring(root, encoding="unicode"))
-    except (RuntimeError, OSError, ValueError) as error:
-        raise errors.refuse("scene", "must be a Mitsuba XML", path, f"{error}") from None
-
-
-def _refuse_pipes(root: ElementTree.Element, path: Path) -> None:
-    """Refuse a scene that names a pipe or a device, on which Mitsuba would wait for ever."""
-    for element in root.iter():
-        named = element.get("value") if element.get("name") == "filename" else None
-        file = path.parent / (element.get("filename") or named or ".")
-        if regular_file.is_pipe_or_device(file):
-            raise errors.refuse(
-                "scene", "must name regular files", f"{file} in {path}", "Is it a pipe?"
-            )

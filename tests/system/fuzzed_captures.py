@@ -13,7 +13,7 @@ from starling.sim.captures import capture, exr, png
 from starling.sim.captures import info as capture_info
 from starling.sim.captures.exchange import labelfusion, stream, tum
 from starling.sim.render.layers import Layers, Truth, ViewLayers
-from starling.sim.scene import scene_file, sources
+from starling.sim.scene import mitsuba_xml, scene_file, sources
 from starling.sim.sensor import presets, realsense
 from starling.sim.stereo.depth import DepthMap
 from tests.system import mutations
@@ -221,7 +221,7 @@ def _write_xml(folder: Path) -> Path:
 
 
 def _read_xml(path: Path) -> object:
-    return sources.load_xml(path).world_from_left
+    return mitsuba_xml.load(path).world_from_left
 
 
 FORMATS = {
