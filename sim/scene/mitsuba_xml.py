@@ -14,12 +14,14 @@ import numpy as np
 from starling.patterns import errors, regular_file
 from starling.sim.geometry import frames
 from starling.sim.render import backend
-from starling.sim.scene import ply
+from starling.sim.scene import ply, serialized
 from starling.sim.scene.scene import Ambient, Scene, Sun
 
 SUN_Y_UP = (0.3, 0.9, 0.3)  # Above and in front, as the default is where y points down.
 _FLOAT32 = 1e-5  # Rounding of Mitsuba's single-precision matrices.
 _WHOLE = ("instance", "shapegroup")  # Shapes with child shapes, which are not supported.
+# Checks of mesh files by plugin; Mitsuba checks the others itself.
+_CHECKS = {"ply": ply.refuse_damaged, "serialized": serialized.refuse_damaged}
 # Properties of surfaces that are shares of light.
 _SHARE = re.compile(r"\w*reflectance|\w*transmittance|base_color|opacity|weight")
 _COLOURS = ("color", "color0", "color1", "value")  # Properties of textures that are shares then.
@@ -33,7 +35,7 @@ def load(path: Path) -> Scene:
 
     Raises:
         InputError: if the file is missing, cannot be loaded, has no shapes, or has instances.
-            Also if a PLY is damaged, or a share of light is outside [0, 1].
+            Also if a mesh is damaged, or a share of light is outside [0, 1].
     """
     if not path.is_file():
         raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
@@ -146,7 +148,7 @@ def _children(node: Any) -> list[tuple[str, int]]:
 
 
 def _refuse_nodes(state: Any, path: Path, resolver: Any) -> None:
-    """Refuse instances, damaged PLY files and shares of light outside [0, 1]."""
+    """Refuse instances, damaged meshes and shares of light outside [0, 1]."""
     mi = backend.mitsuba()
     for node in state.nodes:
         plugin = node.props.plugin_name()
@@ -154,21 +156,18 @@ def _refuse_nodes(state: Any, path: Path, resolver: Any) -> None:
             raise errors.refuse(
                 "scene", "must not hold instances", path, "Write each shape out, or export a mesh."
             )
-        if plugin == "ply" and "filename" in node.props:
-            _refuse_damaged(Path(str(resolver.resolve(node.props["filename"]))), path)
+        if plugin in _CHECKS and "filename" in node.props:
+            mesh = Path(str(resolver.resolve(node.props["filename"])))
+            try:
+                _CHECKS[plugin](mesh)
+            except (ValueError, OSError) as error:
+                rule, advice = f"in {path} must be a mesh", f"It cannot be read: {error}"
+                raise errors.refuse("shape", rule, mesh, advice) from None
         if node.type == mi.ObjectType.BSDF:
             where = mi.parser.file_location(state, node)
             for name in filter(_SHARE.fullmatch, node.props.keys()):
                 for value in _numbers(state, node, name):
                     errors.in_interval(f"{name} in {where}", value, 0.0, 1.0)
-
-
-def _refuse_damaged(mesh: Path, path: Path) -> None:
-    try:
-        ply.refuse_damaged(mesh)
-    except (ValueError, OSError) as error:
-        rule = f"in {path} must be a mesh"
-        raise errors.refuse("shape", rule, mesh, f"It cannot be read: {error}") from None
 
 
 def _numbers(state: Any, node: Any, name: str) -> list[float]:

@@ -19,6 +19,7 @@ Edit = Callable[[dict[str, Any]], object]
 def _glb(path: Path, edit: Edit) -> Path:
     """Write a box whose JSON is edited."""
     data = trimesh.creation.box().export(file_type="glb")
+    assert isinstance(data, bytes)
     (length,) = struct.unpack_from("<I", data, 12)
     header = json.loads(data[20 : 20 + length])
     edit(header)

@@ -96,6 +96,7 @@ def test_a_mesh_is_not_taken_from_the_folder_of_an_earlier_scene(tmp_path: Path)
 def test_a_mesh_with_a_missing_vertex_is_refused(tmp_path: Path, corner: int, encoding: str):
     """Mitsuba reads other memory as the vertex, or ends the process."""
     data = trimesh.creation.icosphere(1).export(file_type="ply", encoding=encoding)
+    assert isinstance(data, bytes)
     if encoding == "binary":
         data = data[:-4] + np.int32(corner).tobytes()
     else:

@@ -1,6 +1,7 @@
 """PLY files that contradict themselves are refused, and odd but correct ones are read."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,12 @@ def test_text_that_contradicts_its_header_is_refused(
         sources.mesh_parts(path)
 
 
+def _box() -> bytes:
+    data = BOX.export(file_type="ply")
+    assert isinstance(data, bytes)
+    return data
+
+
 def _header(data: bytes) -> int:
     return data.index(b"end_header\n") + len(b"end_header\n")
 
@@ -97,9 +104,11 @@ def _length(data: bytes, value: int) -> bytes:
         (lambda data: data[: _header(data)], "8 rows of vertex, which is more than the file holds"),
     ],
 )
-def test_binary_that_contradicts_its_header_is_refused(tmp_path: Path, damaged, reason: str):
+def test_binary_that_contradicts_its_header_is_refused(
+    tmp_path: Path, damaged: Callable[[bytes], bytes], reason: str
+):
     path = tmp_path / "box.ply"
-    path.write_bytes(damaged(BOX.export(file_type="ply")))
+    path.write_bytes(damaged(_box()))
     with pytest.raises(InputError, match=f"It cannot be read: .*{reason}"):
         sources.mesh_parts(path)
 
@@ -124,7 +133,7 @@ def test_two_lists_a_row_are_read(tmp_path: Path):
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_binary_of_both_byte_orders_is_read(tmp_path: Path, order: str):
     name = {"<": "little", ">": "big"}[order]
-    data = BOX.export(file_type="ply")
+    data = _box()
     vertices = np.asarray(BOX.vertices, f"{order}f4").tobytes()
     face = np.dtype([("length", "u1"), ("corners", f"{order}i4", 3)])
     faces = np.zeros(len(BOX.faces), face)
