@@ -110,13 +110,13 @@ def _refuse_pipes(path: Path, resolver: Any, values: dict[str, str], files: set[
     except (ElementTree.ParseError, OSError, ValueError) as error:
         raise errors.refuse("scene", "must be a Mitsuba XML", path, f"{error}.") from None
     for element in root.iter():
-        given = {key: _substitute(text, values) for key, text in element.attrib.items()}
+        attributes = {key: _substitute(text, values) for key, text in element.attrib.items()}
         if element.tag == "default":
-            values.setdefault(given.get("name", ""), given.get("value", ""))
+            values.setdefault(attributes.get("name", ""), attributes.get("value", ""))
         if element.tag == "path":
-            resolver.prepend(str(resolver.resolve(given.get("value", "."))))
-        named = given.get("value") if given.get("name") == "filename" else None
-        file = Path(str(resolver.resolve(given.get("filename") or named or ".")))
+            resolver.prepend(str(resolver.resolve(attributes.get("value", "."))))
+        named = attributes.get("value") if attributes.get("name") == "filename" else None
+        file = Path(str(resolver.resolve(attributes.get("filename") or named or ".")))
         if regular_file.is_pipe_or_device(file):
             raise errors.refuse(
                 "scene", "must name regular files", f"{file} in {path}", "Is it a pipe?"
