@@ -148,7 +148,8 @@ def _scene_effects(diagnosis: Diagnosis) -> list[str]:
 
 def as_text(result: Mapping[str, Any]) -> str:
     """Write the result of `diagnose_captures` as text: the answer, and the paths."""
-    lines = [*result["says"], *result["notes"], f"Report: {result['report']}"]
+    lines = [*result["says"], *result["notes"], f"Next: {result['next']}"]
+    lines.append(f"Report: {result['report']}")
     if result["fixed"] is not None:
         lines.append(f"Sensor: {result['fixed']}")
     if result["not_in_sensor"]:

@@ -132,7 +132,7 @@ def diagnose(
         compatible=attribution.together,
         remainders=remainders,
         places=remainder_places(
-            scenes.training, settings, [name for name, left in remainders.items() if left.share]
+            scenes.training, settings, [name for name, left in remainders.items() if left.notable]
         ),
         absorbed=absorbed_effects(attribution.settings, scenes.complete),
         discriminations=tuple(discriminations),

@@ -9,6 +9,8 @@ import numpy as np
 from starling.diagnosis.howfar.evaluation import Evaluation
 from starling.diagnosis.which.segment import SegmentResult
 
+_NOTABLE = 0.05  # Share from which a remainder is located.
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Remainder:
@@ -16,6 +18,11 @@ class Remainder:
 
     share: float | None  # Share of the gap beyond noise, 0 to 1; None without an evident gap.
     interval: tuple[float, float] | None  # 95 %, over held-out rooms.
+
+    @property
+    def notable(self) -> bool:
+        """Whether the remainder is large enough to be located."""
+        return self.share is not None and self.share >= _NOTABLE
 
 
 def remainder(segment: SegmentResult, reported: bool, evaluation: Evaluation | None) -> Remainder:

@@ -13,6 +13,7 @@ from starling.diagnosis.howfar.reduction import GapReduction
 from starling.diagnosis.howfar.residual import LearnedResidual
 from starling.diagnosis.report import notes, sentences
 from starling.diagnosis.where import frames
+from starling.diagnosis.where.maps import GapMap
 from starling.diagnosis.where.remainder import RemainderPlace
 from starling.diagnosis.which.search import AcceptedEffect
 from starling.diagnosis.which.segment import SegmentResult
@@ -27,6 +28,7 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": diagnosis.kind,
         "against": diagnosis.against,
         "says": sentences.answer(diagnosis),
+        "next": sentences.next_step(diagnosis),
         "notes": notes.notes(diagnosis),
         "effects": [
             {**effect, "taken_up": effect["name"] in diagnosis.absorbed}
@@ -46,16 +48,7 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
             "rules": [dataclasses.asdict(rule) for rule in diagnosis.where.rules],
             "rows": [dataclasses.asdict(row) for row in diagnosis.where.hole_bins],
             "off": [dataclasses.asdict(row) for row in diagnosis.where.error_bins],
-            "maps": [
-                {
-                    "quantity": gap_map.quantity,
-                    "frame": gap_map.frame,
-                    "mean": gap_map.mean.tolist(),
-                    "deviations": gap_map.deviations.tolist(),
-                    "agreement": gap_map.agreement.tolist(),
-                }
-                for gap_map in diagnosis.where.maps
-            ],
+            "maps": [_map(gap_map) for gap_map in diagnosis.where.maps],
             "frames": {
                 quantity: frames.common_frame(diagnosis.where.maps, quantity)
                 for quantity in dict.fromkeys(each.quantity for each in diagnosis.where.maps)
@@ -139,7 +132,19 @@ def _part(part: Any) -> dict[str, Any]:
 
 
 def _place(place: RemainderPlace | None) -> dict[str, Any] | None:
-    return None if place is None else dataclasses.asdict(place)
+    if place is None:
+        return None
+    return {**dataclasses.asdict(place), "maps": [_map(gap_map) for gap_map in place.maps]}
+
+
+def _map(gap_map: GapMap) -> dict[str, Any]:
+    return {
+        "quantity": gap_map.quantity,
+        "frame": gap_map.frame,
+        "mean": gap_map.mean.tolist(),
+        "deviations": gap_map.deviations.tolist(),
+        "agreement": gap_map.agreement.tolist(),
+    }
 
 
 def _effect(

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.howfar.residual import LearnedResidual
 from starling.diagnosis.report import sentences
@@ -19,8 +17,6 @@ from starling.diagnosis.which.segment import SegmentResult
 from starling.sim.effects import setting
 
 Item = list[str]  # Sentences.
-
-_LEVEL_RATIO = 1.25  # Ratio of levels from which the exposure is called off.
 
 
 def notes(diagnosis: Diagnosis) -> list[str]:
@@ -48,15 +44,13 @@ def note_lists(diagnosis: Diagnosis) -> dict[str, list[Item]]:
 
 def _levels(diagnosis: Diagnosis) -> Iterator[Item]:
     """Report that captures are brighter or darker than the base, which is no effect yet."""
-    ratios = diagnosis.where.levels
-    if not ratios:
+    middle = sentences.exposure_ratio(diagnosis)
+    if middle is None:
         return
-    middle = float(np.median(list(ratios.values())))
-    if 1 / _LEVEL_RATIO < middle < _LEVEL_RATIO:
-        return
+    ratios = diagnosis.where.levels.values()
     first, second = side_names(diagnosis.against).have
     word = "brighter" if middle > 1 else "darker"
-    ends = dict.fromkeys(f"{end:.2g}" for end in (min(ratios.values()), max(ratios.values())))
+    ends = dict.fromkeys(f"{end:.2g}" for end in (min(ratios), max(ratios)))
     item = [
         f"Your exposure may be off by a factor of {middle:.2g}: {first} are {word} than {second} "
         f"({' to '.join(ends)} by room)."
@@ -115,7 +109,10 @@ def _weak(segment: SegmentResult) -> Iterator[Item]:
     for fit in segment.weak:
         gain, needed = f"{fit.total:.0f}", f"{segment.search.threshold:.0f}"
         value = sentences.with_unit(fit.name, fit.value)
-        yield [f"In {where}, {fit.name} {value} has a gain of {gain}; {needed} is needed."]
+        if fit.total < segment.search.threshold:
+            yield [f"In {where}, {fit.name} {value} has a gain of {gain}; {needed} is needed."]
+        else:
+            yield [f"In {where}, {fit.name} {value} loses its gain once it is simulated."]
 
 
 def _remainders(diagnosis: Diagnosis) -> Iterator[Item]:
@@ -133,6 +130,9 @@ def _remainders(diagnosis: Diagnosis) -> Iterator[Item]:
         size = f"Unexplained in {where}: {100 * left.share:.0f} %{ends} of the gap."
         if not diagnosis.settings.keys() & segment.settings.keys():
             size = f"No effect is reported in {where}, so all of the gap stays unexplained."
+        if not left.notable:
+            yield [size]
+            continue
         yield [
             size,
             *_shows_in(segment.lead, ""),

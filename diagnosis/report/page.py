@@ -37,7 +37,8 @@ _TITLES = {
     "values.",
     "Too weak to name": "The best candidates. The gain measures the evidence on rooms that did not "
     "fit them.",
-    "Unexplained remainder": "What stays of the gap once the effects are simulated.",
+    "Unexplained remainder": "What stays of the gap once the effects are simulated. Maps of it "
+    "stand in the section on where the gap lies.",
 }
 _QUESTIONS = ("Where", "Which", "How far")
 
@@ -64,6 +65,7 @@ def _answer(diagnosis: Diagnosis) -> str:
         f"<li><b>{question}</b>{escape(sentence)}</li>"
         for question, sentence in zip(_QUESTIONS, sentences.answer(diagnosis), strict=True)
     )
+    items += f"<li><b>Next</b>{escape(sentences.next_step(diagnosis))}</li>"
     return f'<ul class="answer">{items}</ul>{_compared(diagnosis)}'
 
 
@@ -71,6 +73,7 @@ def _pictures(diagnosis: Diagnosis) -> str:
     return scene_section.section(
         diagnosis.example,
         side_names(diagnosis.against),
+        applied=sentences.applied(diagnosis),
         held_out=diagnosis.example.scene in diagnosis.held_out,
         tried=bool(diagnosis.segments),
     )

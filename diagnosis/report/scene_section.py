@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,37 +59,36 @@ def scene_images(scene_model: SceneModel, settings: Mapping[str, Value]) -> Scen
     )
 
 
-def section(images: SceneImages, sides: SideNames, *, held_out: bool, tried: bool) -> str:
+def section(
+    images: SceneImages, sides: SideNames, *, applied: str, held_out: bool, tried: bool
+) -> str:
     """Draw a scene's infrared images and disparity errors as HTML.
 
     Args:
         images: observations of the scene.
         sides: names of the two sides of the gap.
+        applied: the effects of `images.after` in words.
         held_out: whether the scene was not used to select effects.
         tried: whether any effect was tried.
     """
+    titled = [(sides.title, images.real), (sides.reference_title, images.before)]
+    if images.after is not None:
+        titled.append((f"Simulated, {applied}", images.after))
     texts = []
     if tried:
         texts.append(f"This scene was {'not ' if held_out else ''}used to select the effects.")
     if images.after is None and not sides.gap:
         texts.append("No effect is applied, so there is no picture with effects.")
-    return (prose(*texts) if texts else "") + _infrared(images, sides) + _errors(images, sides)
+    return (prose(*texts) if texts else "") + _infrared(titled) + _errors(titled, images.strata)
 
 
-def _observations(images: SceneImages, sides: SideNames) -> list[tuple[str, SceneObservation]]:
-    pairs = [(sides.title, images.real), (sides.reference_title, images.before)]
-    if images.after is None:
-        return pairs
-    return [*pairs, ("Simulated, reported effects", images.after)]
-
-
-def _infrared(images: SceneImages, sides: SideNames) -> str:
+def _infrared(titled: Sequence[tuple[str, SceneObservation]]) -> str:
     frames = [
         (name, observation.left[0])
-        for name, observation in _observations(images, sides)
+        for name, observation in titled
         if isinstance(observation, StereoObservation)
     ]
-    paired = isinstance(images.real, StereoObservation)
+    paired = isinstance(titled[0][1], StereoObservation)
     note = "" if paired else "No infrared images of it were captured."
     if not frames:
         return prose(note)
@@ -126,11 +125,11 @@ def _infrared(images: SceneImages, sides: SideNames) -> str:
     )
 
 
-def _errors(images: SceneImages, sides: SideNames) -> str:
+def _errors(titled: Sequence[tuple[str, SceneObservation]], strata: Strata) -> str:
     drawn = []
-    for name, observation in _observations(images, sides):
+    for name, observation in titled:
         source = "device depth" if isinstance(observation, DepthObservation) else "our matcher"
-        drawn.append(_error(f"{name}, {source}", observation.depth_px[0], images))
+        drawn.append(_error(f"{name}, {source}", observation.depth_px[0], strata))
     ends = [f"{number(sign * pictures.ERROR_LIMIT_PX, '+.0f')} px" for sign in (-1, 1)]
     return (
         f'{grid(drawn, columns=3)}<div class="scale">{colour_bar(pictures.scale(), *ends)}'
@@ -139,10 +138,10 @@ def _errors(images: SceneImages, sides: SideNames) -> str:
     )
 
 
-def _error(name: str, disparity_px: Image, images: SceneImages) -> str:
-    holes = percent(float(np.mean(~np.isfinite(disparity_px[images.strata.counted]))))
+def _error(name: str, disparity_px: Image, strata: Strata) -> str:
+    holes = percent(float(np.mean(~np.isfinite(disparity_px[strata.counted]))))
     return figure(
-        pictures.errors(disparity_px, images.strata),
+        pictures.errors(disparity_px, strata),
         f"{name}: disparity error; {holes} without depth",
         alt=f"{name}: disparity error, {holes} without depth.",
     )

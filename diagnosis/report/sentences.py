@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.howfar.evidence import SurrogateReason
 from starling.diagnosis.howfar.reduction import GapReduction
@@ -17,6 +19,7 @@ from starling.sim.effects.effect import Value
 from starling.sim.report.elements import counted
 
 _WHOLE_PCT = 99.5  # Gap reduction from which the whole gap is closed.
+_LEVEL_RATIO = 1.25  # Ratio of levels from which the exposure is called off.
 _MOST_NAMES = 3  # Largest number of names in a sentence.
 _MOST_WORDS = 14  # Largest number of words of these names.
 REASONS: dict[SurrogateReason, str] = {
@@ -149,6 +152,42 @@ def _howfar(diagnosis: Diagnosis) -> str:
     else:
         why = "the effects cannot be simulated together"
     return f"How far the gap closes was not measured: {why}."
+
+
+def next_step(diagnosis: Diagnosis) -> str:
+    """Return one sentence that says what to do next."""
+    if diagnosis.kind == "cannot tell":
+        return "Capture at least two rooms."
+    if diagnosis.kind == "no gap":
+        return "Nothing has to be changed; weaker effects may still be present."
+    separating = [pair for pair in diagnosis.discriminations if pair.enough]
+    if separating:
+        first, second = separating[0].rivals
+        return f"Capture {separating[0].capture}, to separate {first} from {second}."
+    if diagnosis.settings and diagnosis.compatible:
+        if all(map(setting.acts_on_scene_only, diagnosis.settings)):
+            return f"Set {shortened(list(diagnosis.settings))} in scene.toml, and diagnose again."
+        return "Diagnose again with the sensor file that --fix writes."
+    if exposure_ratio(diagnosis) is not None:
+        return "Check the exposure of the captures and of the sensor file, and diagnose again."
+    weak = [(segment, fit) for segment in diagnosis.segments for fit in segment.weak]
+    if weak:
+        segment, best = max(weak, key=lambda item: item[1].total)
+        return f"Capture more rooms, so that {best.name} can be confirmed or excluded."
+    return "Look for the cause in the maps of the gap; no known effect is like it."
+
+
+def exposure_ratio(diagnosis: Diagnosis) -> float | None:
+    """Return the median ratio of levels, captured to base; None if it is near 1 or unknown."""
+    ratios = list(diagnosis.where.levels.values())
+    middle = float(np.median(ratios)) if ratios else 1.0
+    return None if 1 / _LEVEL_RATIO < middle < _LEVEL_RATIO else middle
+
+
+def applied(diagnosis: Diagnosis) -> str:
+    """Name the reported effects as a clause: `with pitch 1.04 px and 1 more`."""
+    pairs = diagnosis.settings.items()
+    return f"with {shortened([f'{name} {with_unit(name, value)}' for name, value in pairs])}"
 
 
 def largest_closed(figures: Mapping[str, GapReduction]) -> str | None:

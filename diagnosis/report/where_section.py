@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -88,6 +88,7 @@ def section(diagnosis: Diagnosis) -> str:
         + "".join(_part(name, part, sides) for name, part in diagnosis.where.parts.items())
         + "<h3>Maps</h3>"
         + _maps(diagnosis)
+        + _remainder_maps(diagnosis)
         + _levels(diagnosis.where.levels, sides)
         + "<h3>Objects</h3>"
         + _bodies(diagnosis.where.bodies, sides)
@@ -147,21 +148,47 @@ def _part(name: str, part: StageFigures, sides: SideNames) -> str:
 def _maps(diagnosis: Diagnosis) -> str:
     if not diagnosis.where.maps:
         return prose("Only one room: maps of what rooms have in common need at least two.")
-    info = diagnosis.example.strata.info
-    parts = [
-        prose(
-            "Means over rooms. Effects of imager and lens are fixed in the camera image; effects "
-            "of the projector are fixed in the projector field. Grey: fewer than two rooms have "
-            "enough pixels. Both frames share one colour scale."
-        )
-    ]
+    text = (
+        "Means over rooms. Effects of imager and lens are fixed in the camera image; effects of "
+        "the projector are fixed in the projector field. Grey: fewer than two rooms have enough "
+        "pixels. Both frames share one colour scale."
+    )
     sides = side_names(diagnosis.against)
+    return prose(text) + _drawn(diagnosis.where.maps, diagnosis, sides.pair, sides.more)
+
+
+def _remainder_maps(diagnosis: Diagnosis) -> str:
+    """Draw what stays of the gap once the reported effects are simulated."""
+    left = [each for place in diagnosis.places.values() for each in place.maps]
+    if not left or not diagnosis.settings:
+        return ""
+    sides = side_names(diagnosis.against)
+    names = (sides.pair[0], f"{sides.pair[1]} with the reported effects")
+    text = "Means over rooms. The simulation has the reported effects."
+    return f"<h3>Maps of the remainder</h3>{prose(text)}" + _drawn(
+        left, diagnosis, names, sides.more
+    )
+
+
+def _drawn(
+    maps: Sequence[GapMap], diagnosis: Diagnosis, names: tuple[str, str], more: str
+) -> str:
+    """Draw the maps of each quantity in both frames.
+
+    Args:
+        maps: maps of any quantities.
+        diagnosis: their diagnosis.
+        names: names of the captures and of what they are compared with.
+        more: the side that has more where a map is red.
+    """
+    info = diagnosis.example.strata.info
+    parts = []
     for quantity, blank in _QUANTITIES.items():
-        pair = [each for each in diagnosis.where.maps if each.quantity == quantity]
+        pair = [each for each in maps if each.quantity == quantity]
         if not pair:
             continue
         filled = dataclasses.replace(
-            blank, title=blank.title.format(*sides.pair), red=blank.red.format(sides.more)
+            blank, title=blank.title.format(*names), red=blank.red.format(more)
         )
         limit = pictures.limit(pair, least=filled.least)
         drawn = [_map(each, filled, limit, info.height / info.width) for each in pair]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -34,6 +34,8 @@ class RemainderPlace:
     frame: FixedFrame | None  # Frame in which it is fixed; None if it is fixed in none.
     zone: str | None  # Part of the camera image where it is strongest: `top left`.
     scale: Scale | None  # Largest share of its variance beyond noise; None below noise.
+    # Maps of levels or holes, captured minus simulated with the effects; none for one room.
+    maps: tuple[GapMap, ...] = field(default=(), compare=False)
 
 
 def remainder_places(
@@ -65,6 +67,7 @@ def remainder_places(
                 ],
                 [each.counted for each in strata],
             ),
+            maps=tuple(each for each in gap_maps if each.quantity == _QUANTITIES[segment]),
         )
         for segment in segments
     }

@@ -134,7 +134,7 @@ def word_count(sentence: str) -> int:
 def test_sentences_have_at_most_25_words(each: Diagnosis):
     answer = sentences.answer(each)
     assert len(answer) == 3
-    for sentence in (*answer, *notes.notes(each)):
+    for sentence in (*answer, sentences.next_step(each), *notes.notes(each)):
         assert word_count(sentence) <= MOST_WORDS, sentence
         assert sentence[-1] in ".!?" and "  " not in sentence and "nan" not in sentence.split()
 
@@ -250,6 +250,11 @@ def test_weak_candidates_are_listed_with_the_needed_gain():
         [f"In the infrared images, veil {value} has a gain of 5; 12 is needed."],
         [f"In the infrared images, lens_blur {value} px has a gain of 3; 12 is needed."],
     ]
+    alone = (accepted("veil", 13.0, []).fit,)
+    (simulated,) = [segment_result(dataclasses.replace(search, alone=alone))]
+    assert notes.note_lists(surrogate(segments=(simulated,), evidence={}))["Too weak to name"] == [
+        [f"In the infrared images, veil {value} loses its gain once it is simulated."]
+    ]
     nothing = surrogate(segments=(segment_result(NOTHING),), evidence={})
     assert sentences.answer(nothing)[1] == "There is a gap, but no known effect reduces it."
 
@@ -305,7 +310,12 @@ def test_an_effect_is_reported_with_a_remainder():
     result = json.loads(record.dumps(figures.figures(each)))
     assert [effect["stand_in"] for effect in result["effects"]] == [False]
     assert result["unexplained_share"]["image"] == {"share": 0.35, "interval": [0.2, 0.5]}
-    assert result["which"]["image"]["remainder"] == dataclasses.asdict(place)
+    assert result["which"]["image"]["remainder"] == {
+        "frame": "camera",
+        "zone": "top left",
+        "scale": "dots",
+        "maps": [],
+    }
     assert result["which"]["depth"]["remainder"] is None
 
 

@@ -355,9 +355,9 @@ def test_json_holds_the_figures_of_the_page():
 
 
 def test_printed_text_ends_with_paths():
-    result = {"says": ["a.", "b."], "notes": ["c."], "report": "out/report.html"}
+    result = {"says": ["a.", "b."], "notes": ["c."], "next": "d.", "report": "out/report.html"}
     result |= {"fixed": None, "not_in_sensor": []}
-    lines = ["a.", "b.", "c.", "Report: out/report.html"]
+    lines = ["a.", "b.", "c.", "Next: d.", "Report: out/report.html"]
     assert command.as_text(result).splitlines() == lines
     result["fixed"] = "out/sensor.toml"
     assert command.as_text(result).splitlines() == [*lines, "Sensor: out/sensor.toml"]
