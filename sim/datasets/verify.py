@@ -197,10 +197,10 @@ def _plan(path: Path) -> Plan:
 def _grouped(
     path: Path, rows: Sequence[Row], findings: list[Finding], track: progress.Progress
 ) -> Iterator[tuple[Mapping[str, bytes], Sequence[Row]]]:
-    """Yield the existing files of each archive or view, with their rows."""
+    """Yield the existing files of each archive or frame, with their rows."""
     groups: dict[str, list[Row]] = {}
     for row in rows:
-        groups.setdefault(row["shard"] or row["name"].partition("/")[0], []).append(row)
+        groups.setdefault(row["shard"] or row["name"], []).append(row)
     for group in track(list(groups.values()), "checksums"):
         archive = group[0]["shard"]
         if archive:
