@@ -41,6 +41,8 @@ REACH_M = 0.15  # Distance up to which surfaces occlude ambient light [m].
 DIRECTIONS = 12  # Directions in the image in which occluders are looked for.
 STEPS = 6  # Samples in each direction.
 
+Effects = dict[str, Any]  # Reported effects of a verdict by row of the table.
+
 
 def main() -> None:
     """Diagnose all cases and print the scores."""
@@ -62,7 +64,9 @@ def main() -> None:
     ]
     for case, verdict in zip(cases, verdicts, strict=True):
         print(line(case, verdict))
-    print(json.dumps(scores(cases, verdicts, believed), indent=1))
+    for rule, reported in (("present", reported_effects), ("first", reported_by_first_rule)):
+        result = scores(cases, [reported(verdict) for verdict in verdicts], believed)
+        print(f"By the {rule} rule: {json.dumps(result, indent=1)}")
 
 
 def make_light(work: Path, *, imperfect: bool) -> Path:
@@ -169,18 +173,23 @@ def _short(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:.4g}"
 
 
+def reported_effects(verdict: Mapping[str, Any]) -> Effects:
+    """Return the accepted effects that are no surrogates."""
+    accepted = verdict["effects"]
+    return {each["name"].partition(".")[0]: each for each in accepted if not each["stand_in"]}
+
+
+def reported_by_first_rule(verdict: Mapping[str, Any]) -> Effects:
+    """Return all accepted effects, or none if a gap stays unexplained in any segment."""
+    if any(part["beyond"] > part["below"] for part in verdict["left"].values()):
+        return {}
+    return {each["name"].partition(".")[0]: each for each in verdict["effects"]}
+
+
 def scores(
-    cases: Sequence[Case], verdicts: Sequence[Mapping[str, Any]], believed: nominal.Nominal
+    cases: Sequence[Case], reported: Sequence[Effects], believed: nominal.Nominal
 ) -> dict[str, float]:
-    """Score reported effects, which are no surrogates, by kind of case."""
-    reported = [
-        {
-            effect["name"].partition(".")[0]: effect
-            for effect in verdict["effects"]
-            if not effect["stand_in"]
-        }
-        for verdict in verdicts
-    ]
+    """Score reported effects by kind of case."""
     pairs = list(zip(cases, reported, strict=True))
     known = [(case, names) for case, names in pairs if case.kind in ("single", "pair")]
     right = [name in names for case, names in known for name in case.settings]
