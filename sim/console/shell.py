@@ -10,20 +10,37 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from starling.patterns.errors import InputError
+from starling.patterns.errors import InputError, refuse
+
+TERMINATED = 143  # Exit code after SIGTERM: 128 and its number.
 
 
 @contextmanager
-def termination_as_exit() -> Iterator[None]:
-    """Turn SIGTERM into `SystemExit`, so that partial output is removed."""
+def stopped_by_signals() -> Iterator[None]:
+    """Turn SIGTERM into `SystemExit`, as SIGINT is `KeyboardInterrupt`: partial output is removed.
+
+    A repeated signal is ignored, as it would end the removal. A signal that the caller ignores
+    stays ignored.
+    """
     if threading.current_thread() is not threading.main_thread():  # Only it receives signals.
         yield
         return
-    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number, handler in before.items():
+        if handler != signal.SIG_IGN:
+            signal.signal(number, _stop)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _stop(number: int, _: object) -> None:
+    signal.signal(number, signal.SIG_IGN)
+    if number == signal.SIGTERM:
+        sys.exit(TERMINATED)
+    raise KeyboardInterrupt
 
 
 def say(value: Any, *, json: bool, as_text: Callable[[Any], str] | None = None) -> None:
@@ -44,6 +61,14 @@ def format_error(error: Exception) -> str:
     return (
         f"starling: an error of starling itself, {type(error).__name__}: {message}. "
         "Run again with --debug and report what it prints."
+    )
+
+
+def format_lost_output(error: OSError) -> str:
+    """Format the loss of standard output as one line."""
+    advice = "Free some space, or send it elsewhere."
+    return format_error(
+        refuse("standard output", "must take the result", error.strerror or error, advice)
     )
 
 
