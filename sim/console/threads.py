@@ -59,9 +59,7 @@ class Workers(ProcessPoolExecutor):
         self.shutdown(cancel_futures=kind is not None)
 
 
-def _begin(
-    link: Connection, begin: Callable[..., None] | None, arguments: tuple[Any, ...]
-) -> None:
+def _begin(link: Connection, begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
     def watch() -> None:
         link.poll(None)  # Until the other end is closed.
         os._exit(1)
