@@ -62,6 +62,34 @@ def test_signal_leaves_nothing(tmp_path: Path, number: int, exit_code: int) -> N
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_during_an_import_that_catches_everything_is_not_lost(
+    tmp_path: Path, number: int
+) -> None:
+    """As trimesh catches what its optional imports raise."""
+    signals = "import os, time; os.kill(os.getpid(), {}); time.sleep(0.3)"
+    (tmp_path / "signalled_import.py").write_text(
+        f"try:\n    {signals.format(int(number))}\nexcept BaseException:\n    pass\n"
+    )
+    code = (
+        f"import sys, time; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from starling.command_line import main\n"
+        "from starling.sim.render import backend\n"
+        "def report():\n"
+        "    import signalled_import\n"
+        "    time.sleep(60)\n"
+        "backend.report = report\n"
+        "sys.exit(main(['doctor']))"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (run.returncode, run.stderr) == (
+        128 + number,
+        "interrupted; nothing half-written is left\n",
+    )
+
+
 def test_ignored_signal_stays_ignored() -> None:
     """As those of a program that `nohup` or a script started in the background."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
