@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from starling.diagnosis.scenes.fit_scene import Nuisances
 from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model
-from starling.sim.console.threads import begin_worker, cores
+from starling.sim.console.threads import Workers, cores
 from starling.sim.sensor.sensor import Sensor
 
 _MOST = 8  # Largest number of workers.
@@ -43,18 +42,12 @@ class WorkerPool:
             held_out: other scenes of the set.
             against: capture set that the captures are compared with.
         """
-        context = multiprocessing.get_context("spawn")
         names, other_names = ([scene.name for scene in scenes] for scenes in (training, held_out))
         fitted = {scene.name: scene.nuisances for scene in (*training, *held_out)}
         self._held = partition(names, other_names, min(cores(), _MOST))
         self._submitted = [0] * len(self._held)  # Number of jobs given to each worker.
         self._pools = [
-            ProcessPoolExecutor(
-                1,
-                mp_context=context,
-                initializer=_begin,
-                initargs=(captures, sensor, scenes, against, fitted),
-            )
+            Workers(1, _begin, (captures, sensor, scenes, against, fitted))
             for scenes in self._held
         ]
 
@@ -77,7 +70,7 @@ class WorkerPool:
     ) -> None:
         """Stop the workers."""
         for pool in self._pools:
-            pool.shutdown(cancel_futures=True)
+            pool.__exit__(kind, error, trace)
 
 
 def partition(scenes: Sequence[str], held_out: Sequence[str], count: int) -> list[tuple[str, ...]]:
@@ -113,7 +106,6 @@ def _begin(
     from starling.diagnosis.scenes.selection import pair_scenes
     from starling.sim.captures import capture
 
-    begin_worker()
     reference_set = None if against is None else capture.open_set(against)
     for scene, reference in pair_scenes(capture.open_set(captures), reference_set).pairs:
         if scene.name in scenes:

@@ -36,7 +36,7 @@ QUANTITIES = {
     "depth_unit_m": PlausibleRange(low=1e-7, high=0.1, remedy="Give the step of depth.png [m]."),
     "time_s": PlausibleRange(low=0, high=1e10, remedy="Give seconds: divide nanoseconds by 1e9."),
     # Some loggers write 0 for an unknown exposure or gain.
-    "exposure_s": PlausibleRange(low=0, high=100, remedy="Give seconds."),
+    "exposure_s": PlausibleRange(low=0, high=10, remedy="Give seconds."),
     "gain": PlausibleRange(low=0, high=1e5, remedy="Give a factor, or the device's own number."),
     "laser_power": PlausibleRange(
         low=0, high=1e5, remedy="Give the device's own number, mW or percent."

@@ -1,6 +1,7 @@
 """The command line: `starling VERB`. Each package keeps its verbs; this module finds and runs them.
 
-Exit codes: 0 done, 1 refused (one line on standard error), 2 bad flags.
+Exit codes: 0 done, 1 refused (one line on standard error), 2 bad flags, 130 and 143 stopped by a
+signal. Imports that take time stand in functions, as an interrupt of them is to be caught as well.
 """
 
 from __future__ import annotations
@@ -11,11 +12,6 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
-
-import tyro
-from tyro.conf import FlagCreatePairsOff, PositionalMetavarFromFieldName
-
-from starling.sim.console import shell
 
 # By group of the help: each verb and the module whose function of the same name it calls.
 GROUPS: dict[str, dict[str, str]] = {
@@ -57,23 +53,41 @@ GROUPS: dict[str, dict[str, str]] = {
 VERBS = {name: module for group in GROUPS.values() for name, module in group.items()}
 _HELP = ("-h", "--help")
 _BAD_FLAGS = 2
+_INTERRUPTED = 130  # 128 and the number of SIGINT.
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    os.environ["MPLBACKEND"] = "agg"  # Pictures are files; another backend may not exist.
     try:
-        with shell.termination_as_exit(), warnings.catch_warnings():
+        from starling.sim.console import shell, streams
+
+        with streams.usable() as output:
+            try:
+                code = _end(arguments)
+            except KeyboardInterrupt:
+                code = _report_stop(_INTERRUPTED)
+            lost = output.loss()
+            if lost is not None:
+                print(shell.format_lost_output(lost), file=sys.stderr)
+            return code if lost is None else code or 1
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+
+
+def _end(arguments: list[str]) -> int:
+    """Run one command and turn every way in which it ends into an exit code."""
+    from starling.sim.console import shell
+
+    try:
+        with shell.stopped_by_signals(), warnings.catch_warnings():
             warnings.showwarning = shell.warn
             return _run(arguments)
     except SystemExit as stop:
+        if stop.code == shell.TERMINATED:
+            return _report_stop(shell.TERMINATED)
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
-    except KeyboardInterrupt:
-        print("interrupted; nothing half-written is left", file=sys.stderr)
-        return 130
-    except BrokenPipeError:  # The reader of the output has gone (`starling sensors | head -1`).
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - until the process ends
-        return 0
     except Exception as error:
         if "--debug" in arguments:
             raise
@@ -81,7 +95,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
 
 
+def _report_stop(code: int) -> int:
+    print("interrupted; nothing half-written is left", file=sys.stderr)
+    return code
+
+
 def _run(arguments: list[str]) -> int:
+    import tyro
+    from tyro.conf import FlagCreatePairsOff, PositionalMetavarFromFieldName
+
     if not arguments:
         print(_overview(), file=sys.stderr)
         return _BAD_FLAGS

@@ -19,7 +19,9 @@ from starling.calibration import correlation, heldout
 from starling.diagnosis.scenes import estimated, pose
 from starling.diagnosis.scenes.observation import infrared_observation, match_pairs
 from starling.diagnosis.scenes.pose import PosedScene
+from starling.patterns import errors
 from starling.sim import simulate
+from starling.sim.captures import frame_record
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.commands.simulate_captures import scene_seed
 from starling.sim.effects import setting as setting
@@ -135,13 +137,19 @@ def recorded_exposure(
         captured: captured scene.
         exposures: exposure of its first repeat; empty if the camera records none.
         sensor: the base.
+
+    Raises:
+        InputError: if no imager has this exposure time or gain.
     """
     imager = sensor.left
     if not exposures or (imager.auto_exposure_level > 0 and captured.known() is None):
         return {}
+    exposure_s, gain = exposures[0].exposure_s, exposures[0].gain
+    with errors.naming(f"{captured.path}, {frame_record.FILE}"):
+        dataclasses.replace(imager, exposure_s=exposure_s, gain=gain)
     values = {
-        EXPOSURE: Nuisance(imager.exposure_s, exposures[0].exposure_s),
-        GAIN: Nuisance(imager.gain, exposures[0].gain),
+        EXPOSURE: Nuisance(imager.exposure_s, exposure_s),
+        GAIN: Nuisance(imager.gain, gain),
         AUTO_EXPOSURE: Nuisance(imager.auto_exposure_level, 0.0),
     }
     return {

@@ -62,6 +62,16 @@ _MULTIPART = 1 << 12
 _ZIP = 3
 _LINES = 16  # Scan lines per chunk of ZIP compression.
 _BYTES = {0: 4, 1: 2, 2: 4}  # Bytes of the pixel types uint, half and float.
+_TYPES = {  # Type of each attribute that determines how the library decodes pixels.
+    "channels": "chlist",
+    "chunkCount": "int",
+    "compression": "compression",
+    "dataWindow": "box2i",
+    "displayWindow": "box2i",
+    "lineOrder": "lineOrder",
+    "name": "string",
+    "type": "string",
+}
 _WIDEST = 16384  # Largest accepted width and height [px].
 
 
@@ -260,7 +270,9 @@ def _attributes(data: bytes, position: int) -> tuple[dict[str, bytes], int]:
     attributes = {}
     while data[position] != 0:
         name, position = _string(data, position)
-        _, position = _string(data, position)  # The type; the name implies it.
+        kind, position = _string(data, position)
+        if kind != _TYPES.get(name, kind) or name in attributes:
+            raise DamagedError(f"a damaged attribute {name}")
         (size,) = struct.unpack_from("<I", data, position)
         position += 4
         attributes[name] = data[position : position + size]

@@ -8,22 +8,54 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from types import FrameType
 from typing import Any
 
-from starling.patterns.errors import InputError
+from starling.patterns.errors import InputError, refuse
+
+TERMINATED = 143  # Exit code after SIGTERM: 128 and its number.
+_AGAIN_S = 0.1  # A signal during an import is sent again after this time [s].
 
 
 @contextmanager
-def termination_as_exit() -> Iterator[None]:
-    """Turn SIGTERM into `SystemExit`, so that partial output is removed."""
+def stopped_by_signals() -> Iterator[None]:
+    """Turn SIGTERM into `SystemExit`, as SIGINT is `KeyboardInterrupt`: partial output is removed.
+
+    A repeated signal is ignored, as it would end the removal. A signal that the caller ignores
+    stays ignored. A signal waits for the end of an import: trimesh catches all exceptions in its.
+    """
     if threading.current_thread() is not threading.main_thread():  # Only it receives signals.
         yield
         return
-    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number, handler in before.items():
+        if handler != signal.SIG_IGN:
+            signal.signal(number, _stop)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    if _imports(frame):
+        main = threading.main_thread().ident or 0
+        threading.Timer(_AGAIN_S, signal.pthread_kill, (main, number)).start()
+        return
+    signal.signal(number, signal.SIG_IGN)
+    if number == signal.SIGTERM:
+        sys.exit(TERMINATED)
+    raise KeyboardInterrupt
+
+
+def _imports(frame: FrameType | None) -> bool:
+    """Whether a frame belongs to an import that is not complete."""
+    while frame is not None:
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            return True
+        frame = frame.f_back
+    return False
 
 
 def say(value: Any, *, json: bool, as_text: Callable[[Any], str] | None = None) -> None:
@@ -44,6 +76,14 @@ def format_error(error: Exception) -> str:
     return (
         f"starling: an error of starling itself, {type(error).__name__}: {message}. "
         "Run again with --debug and report what it prints."
+    )
+
+
+def format_lost_output(error: OSError) -> str:
+    """Format the loss of standard output as one line."""
+    advice = "Free some space, or send it elsewhere."
+    return format_error(
+        refuse("standard output", "must take the result", error.strerror or error, advice)
     )
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -79,9 +80,10 @@ def generate(
                 if ray
                 else run_locally(parsed, info, out, remaining, workers or cores())
             )
-            for result in _tracked(results, remaining, track):
-                folder.put(result)
-                new += len(result.rows)
+            with closing(results):  # Workers end before the folder is given free.
+                for result in _tracked(results, remaining, track):
+                    folder.put(result)
+                    new += len(result.rows)
             _refuse_changed(text(plan, parsed, layout, shard_frames), out)
             folder.finish({"verb": "generate", "layout": layout})
         figures = set_folder.figures(out)
@@ -109,8 +111,8 @@ def _refuse_changed(now: str, out: Path) -> None:
 
 
 def _tracked(
-    results: Iterator[TaskResult], remaining: Sequence[Task], track: progress.Progress
-) -> Iterator[TaskResult]:
+    results: Generator[TaskResult], remaining: Sequence[Task], track: progress.Progress
+) -> Generator[TaskResult]:
     """Yield results as they arrive, with progress."""
     for _ in track(remaining, "shards"):
         yield next(results)

@@ -232,7 +232,9 @@ def opened(path: Path, plan: str, layout: Layout) -> Iterator[SetFolder]:
             it, or it cannot be written.
     """
     plan_file = path / PLAN
-    begun = plan_file.is_file()
+    begun = plan_file.is_file() and ((path / _PARTS).is_dir() or (path / output.RECORD).is_file())
+    if begun:  # Before anything is written.
+        _refuse_other(files.read_text(plan_file), plan, path)
     if path.exists() and not begun and (not path.is_dir() or _others(path)):
         advice = "Choose another folder, or empty this one yourself."
         raise errors.refuse("out", "must be a new folder or an unfinished set", path, advice)
@@ -245,8 +247,6 @@ def opened(path: Path, plan: str, layout: Layout) -> Iterator[SetFolder]:
         except OSError as error:
             rule, advice = "must be used by one run at a time", "End the other run, or wait for it."
             raise errors.refuse("out", rule, path, advice) from error
-        if begun:
-            _refuse_other(files.read_text(plan_file), plan, path)
         with output.refused(path):
             if (path / output.RECORD).is_file():
                 shutil.rmtree(path / _PARTS)

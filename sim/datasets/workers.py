@@ -7,12 +7,11 @@ installed, and the plan's files at the same paths.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import socket
 from collections import deque
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from typing import Any
 
 from starling.patterns import errors
 from starling.sim.captures.info import CaptureInfo
-from starling.sim.console.threads import begin_worker, single_threaded
+from starling.sim.console.threads import Workers, single_threaded
 from starling.sim.datasets.plan import Plan
 from starling.sim.datasets.render_view import RenderedView, Row, render
 
@@ -84,7 +83,7 @@ def make(plan: Plan, info: CaptureInfo, out: Path, task: Task) -> TaskResult:
 
 def run_locally(
     plan: Plan, info: CaptureInfo, out: Path, tasks: Sequence[Task], workers: int
-) -> Iterator[TaskResult]:
+) -> Generator[TaskResult]:
     """Run tasks and yield their results in the order of the tasks.
 
     Args:
@@ -96,9 +95,8 @@ def run_locally(
         InputError: as `make`, or if a process died.
     """
     workers = max(1, min(workers, len(tasks)))
-    context = multiprocessing.get_context("spawn")
     waiting: deque[Future[TaskResult]] = deque()
-    with _one_thread(), ProcessPoolExecutor(workers, context, initializer=begin_worker) as pool:
+    with _one_thread(), Workers(workers) as pool:
         try:
             for task in tasks:
                 waiting.append(pool.submit(make, plan, info, out, task))
@@ -108,8 +106,6 @@ def run_locally(
                 yield waiting.popleft().result()
         except BrokenProcessPool as error:
             raise _lost("worker", "one that was killed") from error
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _lost(name: str, got: str) -> errors.InputError:
@@ -134,7 +130,7 @@ def _one_thread() -> Iterator[None]:
 
 def run_on_ray(
     plan: Plan, info: CaptureInfo, out: Path, tasks: Sequence[Task], address: str
-) -> Iterator[TaskResult]:
+) -> Generator[TaskResult]:
     """Run tasks and yield their results as they arrive.
 
     Args:

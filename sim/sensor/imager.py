@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from starling.patterns import errors
+from starling.sim.quantities import QUANTITIES
 
 BIT_DEPTHS = (8, 10, 12, 16)
 _ABOVE_ZERO = {  # Upper limits of fields > 0; larger values are in a wrong unit.
-    "exposure_s": 10.0,
-    "auto_exposure_max_s": 10.0,
+    "exposure_s": QUANTITIES["exposure_s"].high,
+    "auto_exposure_max_s": QUANTITIES["exposure_s"].high,
     "gain": 1e3,
     "pixel_pitch_m": 1e-3,
     "full_well_e": 1e7,

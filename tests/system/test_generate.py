@@ -290,6 +290,10 @@ def test_set_of_another_plan_is_refused(plan: Path, whole: Path, tmp_path: Path)
     (tmp_path / "full" / "thesis.tex").touch()
     with pytest.raises(InputError, match="out must be a new folder or an unfinished set"):
         generate(plan, tmp_path / "full", workers=1)
+    before = content(plan.parent / "other")
+    with pytest.raises(InputError, match="out must be a new folder or an unfinished set"):
+        generate(second, second.parent, workers=1)  # It holds the plan itself.
+    assert content(second.parent) == before and not (second.parent / ".lock").exists()
     with (
         set_folder.opened(tmp_path / "held", "x", "folders"),
         pytest.raises(InputError, match="out must be used by one run at a time"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from starling import command_line
+from starling.sim.console import shell
 from starling.sim.render import backend
 
 ROOT = Path(__file__).parents[2]
@@ -33,37 +33,71 @@ def test_warnings_are_one_line(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) 
     assert (code, json.loads(out), err) == (0, {"a": 1}, "starling: warning: slow\n")
 
 
-def test_closed_output_pipe_is_no_error() -> None:
-    run = subprocess.run(
-        [sys.executable, "-c", "import sys; from starling.command_line import main;"
-         f"sys.stdout = open({os.devnull!r}, 'w');"
-         "from starling.sim.console import shell;"
-         "shell.say = lambda *_, **__: (_ for _ in ()).throw(BrokenPipeError());"
-         "sys.exit(main(['sensors', 'show', 'd435']))"],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert (run.returncode, run.stderr) == (0, "")
-
-
-def test_termination_leaves_nothing(tmp_path: Path) -> None:
-    """A process terminated while it writes removes partial output, like one that fails."""
+@pytest.mark.parametrize(("number", "exit_code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_signal_leaves_nothing(tmp_path: Path, number: int, exit_code: int) -> None:
+    """A process stopped while it writes removes partial output, however often it is told to."""
     code = (
-        "import sys, time; from starling.command_line import main\n"
+        "import os, shutil, sys, time; from starling.command_line import main\n"
         "from starling.sim.console.output import OutputFolder\n"
         "from starling.sim.render import backend\n"
+        "remove = shutil.rmtree\n"
+        "def told_again(*arguments, **flags):\n"
+        f"    os.kill(os.getpid(), {number})\n"
+        "    remove(*arguments, **flags)\n"
+        "shutil.rmtree = told_again\n"
         "def report():\n"
         f"    with OutputFolder({str(tmp_path / 'out')!r}) as folder:\n"
         "        folder.write('a', 'x'); print('ready', flush=True); time.sleep(60)\n"
         "backend.report = report\n"
         "sys.exit(main(['doctor']))"
     )
-    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE) as run:
-        assert run.stdout is not None
+    command, pipe = [sys.executable, "-c", code], subprocess.PIPE
+    with subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as run:
+        assert run.stdout is not None and run.stderr is not None
         run.stdout.readline()
         assert list(tmp_path.iterdir())
-        run.send_signal(signal.SIGTERM)
-        assert run.wait(10) == 143
+        run.send_signal(number)
+        assert run.wait(10) == exit_code
+        assert run.stderr.read() == "interrupted; nothing half-written is left\n"
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_during_an_import_that_catches_everything_is_not_lost(
+    tmp_path: Path, number: int
+) -> None:
+    """As trimesh catches what its optional imports raise."""
+    signals = "import os, time; os.kill(os.getpid(), {}); time.sleep(0.3)"
+    (tmp_path / "signalled_import.py").write_text(
+        f"try:\n    {signals.format(int(number))}\nexcept BaseException:\n    pass\n"
+    )
+    code = (
+        f"import sys, time; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from starling.command_line import main\n"
+        "from starling.sim.render import backend\n"
+        "def report():\n"
+        "    import signalled_import\n"
+        "    time.sleep(60)\n"
+        "backend.report = report\n"
+        "sys.exit(main(['doctor']))"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (run.returncode, run.stderr) == (
+        128 + number,
+        "interrupted; nothing half-written is left\n",
+    )
+
+
+def test_ignored_signal_stays_ignored() -> None:
+    """As those of a program that `nohup` or a script started in the background."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with shell.stopped_by_signals():
+            assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_runs_in_a_thread_and_leaves_signals_alone(capsys: Capsys) -> None:

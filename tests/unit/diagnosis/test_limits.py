@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from starling.diagnosis.scenes import estimated
-from starling.diagnosis.scenes.fit_scene import SCALE, SHIFT, TURN, Nuisance
+from starling.diagnosis.scenes.fit_scene import SCALE, SHIFT, TURN, Nuisance, recorded_exposure
 from starling.diagnosis.scenes.limits import list_limits
 from starling.diagnosis.scenes.observation import (
     DepthObservation,
@@ -21,6 +22,8 @@ from starling.diagnosis.scenes.selection import SceneSelection
 from starling.diagnosis.validation.adapters import families
 from starling.diagnosis.which import attribution
 from starling.diagnosis.which.candidates import Segment
+from starling.patterns.errors import InputError
+from starling.sim.imaging.imager.exposure import Exposure
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
@@ -168,6 +171,14 @@ def test_recorded_exposures_are_reported():
     assert "Fitted to each scene" not in text
     text = limits(scene("a"), exposed("b", 0.004, 1.0))
     assert "gives the exposure of b: 0.004 s at gain 1." in text
+
+
+def test_a_recorded_gain_of_no_imager_is_refused_with_its_file():
+    """Recorded gains may be numbers of a device; here they are factors."""
+    captured: Any = SimpleNamespace(path=Path("set/a"), known=dict)
+    match = r"set/a, frame\.json: imager\.gain must be in \[0, 1000\]; got 1600"
+    with pytest.raises(InputError, match=match):
+        recorded_exposure(captured, [Exposure(exposure_s=0.01, gain=1600.0)], SENSOR)
 
 
 def test_motion_and_device_of_the_reference_set_are_reported():

@@ -131,6 +131,13 @@ def _patched(data: bytes, name: bytes, offset: int, value: int) -> bytes:
         (b"chunkCount\0int\0", 4, 7, "a wrong number of chunks"),
         (b"ambient\0", 8, 2, "subsampled channels"),
         (b"ambient\0", 0, 9, "cut short or damaged"),
+        # The library skips an attribute of another type, and prints what it then misses.
+        (
+            b"dataWindow\0bo",
+            0,
+            int.from_bytes(b"z2i\0", "little"),
+            "a damaged attribute dataWindow",
+        ),
     ],
 )
 def test_damaged_headers_are_refused(

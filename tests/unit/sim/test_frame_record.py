@@ -72,6 +72,7 @@ def test_a_pose_that_is_not_finite_costs_the_pose_and_not_the_frame() -> None:
         ({"timestamp": 1e300}, "timestamp must be in"),
         ({"timestamp": True}, "timestamp must be in"),
         ({"exposure_s": -1}, "exposure_s must be in"),
+        ({"exposure_s": 11}, r"exposure_s must be in \[0, 10\]; got 11"),
         ({"counts": 1}, "counts must be a text"),
         ({"left_from_world": "abc"}, "left_from_world must be four rows"),
         ({"left_from_world": np.eye(3).tolist()}, "left_from_world must be four rows"),

@@ -1,4 +1,4 @@
-"""Workers end with their killed parent process."""
+"""Workers end with their parent process, however it ends."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
+
+import pytest
 
 POOL = """
-import multiprocessing, os, sys, time
-from concurrent.futures import ProcessPoolExecutor
-from starling.sim.console.threads import begin_worker
+import os, sys, time
+from starling.sim.console.threads import Workers
 
 if __name__ == "__main__":
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, context, initializer=begin_worker) as pool:
+    with Workers(1) as pool:
         print(pool.submit(os.getpid).result(), flush=True)
+        pool.submit(time.sleep, 120)
         time.sleep(120)
 """
 
@@ -30,14 +32,22 @@ def alive(pid: int) -> bool:
         return False
 
 
-def test_worker_ends_with_its_parent_process(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_workers_end_with_their_parent_process(tmp_path: Path, number: int):
+    """Also in the middle of a job; an interrupt from the keyboard prints nothing in them."""
     script = tmp_path / "pool.py"
     script.write_text(POOL, encoding="utf-8")
-    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) as pool:
-        assert pool.stdout is not None
+    command, pipe = [sys.executable, script], subprocess.PIPE
+    with subprocess.Popen(
+        command, stdout=pipe, stderr=pipe, text=True, start_new_session=True
+    ) as pool:
+        assert pool.stdout is not None and pool.stderr is not None
         worker = int(pool.stdout.readline())
         assert alive(worker)
-        os.kill(pool.pid, signal.SIGKILL)
+        send = os.killpg if number == signal.SIGINT else os.kill
+        send(pool.pid, number)
+        pool.wait(20)
+        assert pool.stderr.read().count("Traceback") == (number == signal.SIGINT)
     until = time.monotonic() + 20
     while alive(worker) and time.monotonic() < until:
         time.sleep(0.05)
