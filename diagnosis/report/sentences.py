@@ -170,9 +170,9 @@ def next_step(diagnosis: Diagnosis) -> str:
         return "Diagnose again with the sensor file that --fix writes."
     if exposure_ratio(diagnosis) is not None:
         return "Check the exposure of the captures and of the sensor file, and diagnose again."
-    weak = [(segment, fit) for segment in diagnosis.segments for fit in segment.weak]
+    weak = [fit for segment in diagnosis.segments for fit in segment.weak]
     if weak:
-        segment, best = max(weak, key=lambda item: item[1].total)
+        best = max(weak, key=lambda fit: fit.total)
         return f"Capture more rooms, so that {best.name} can be confirmed or excluded."
     return "Look for the cause in the maps of the gap; no known effect is like it."
 
