@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,13 +14,15 @@ from numpy.typing import NDArray
 from starling.patterns import errors
 from starling.sim.arrays import Image, Labels, Mask
 from starling.sim.effects import Value, setting
+from starling.sim.geometry import frames
 from starling.sim.imaging.imager import Infrared
 from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Scene
+from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import expose, refuse_impossible
 from starling.sim.stereo.depth import to_code
 from starling.sim.stereo.post.temporal import History
-from starling.sim.warp import depth_input
+from starling.sim.warp import depth_input, suspicions
 from starling.sim.warp.layers import DepthScene, layers
 
 # Daylight in the imager's band [W m^-2 / lux], for an assumed band of 50 nm. ASTM G173 (AM1.5
@@ -51,7 +54,7 @@ class Corruptor:
 
     def __init__(
         self,
-        sensor: Sensor,
+        sensor: Sensor | str,
         camera_matrix: NDArray[np.floating],
         *,
         effects: Mapping[str, Value] | None = None,
@@ -59,7 +62,7 @@ class Corruptor:
         """Check the camera and the effects.
 
         Args:
-            sensor: depth camera to imitate.
+            sensor: depth camera to imitate, or its name as for `starling.load_sensor`.
             camera_matrix: (3, 3) intrinsics of the depth images [px].
             effects: strengths as for `starling.apply_effects`.
 
@@ -67,10 +70,38 @@ class Corruptor:
             InputError: if the matrix is no camera matrix, or an effect needs surfaces that a depth
                 image does not have.
         """
-        self.camera_matrix = depth_input.checked_matrix(camera_matrix)
+        self.camera_matrix = edits.checked_matrix(camera_matrix)
         _refuse_effects(effects or {})
-        self.sensor, self._scene = setting.apply(sensor, _SCENE, effects or {})
+        device = presets.load(sensor) if isinstance(sensor, str) else sensor
+        self.sensor, self._scene = setting.apply(device, _SCENE, effects or {})
         refuse_impossible(self.sensor, 2)
+        self._warned: tuple[int, ...] = ()  # Size of the images that were looked at.
+
+    def warm(self, shape: tuple[int, int]) -> None:
+        """Compile and fill all tables, so that the first call is as fast as the others.
+
+        Args:
+            shape: (height, width) of the depth images.
+
+        Raises:
+            InputError: no height or no width.
+        """
+        if min(shape) < 1:
+            raise errors.refuse("shape", "must be (height, width)", shape, "Give pixels.")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            self(np.ones(shape, np.float32))
+        self._warned = ()
+
+    @property
+    def left_from_right(self) -> frames.Pose:
+        """Pose (4, 4) of the right imager, for `right_depth_m`; x right, y down, z forward."""
+        return frames.right_of(np.eye(4), self.sensor.true_baseline_m)
+
+    @property
+    def left_from_projector(self) -> frames.Pose:
+        """Pose (4, 4) for `projector_depth_m`: the projector's place, the left imager's axes."""
+        return frames.pose(self.sensor.projector.position_m, (0.0, 0.0, 0.0))
 
     def __call__(
         self,
@@ -84,14 +115,24 @@ class Corruptor:
         frame: int = 0,
         past: History | None = None,
     ) -> Reading:
-        """Corrupt one depth image (arguments and errors as `starling.corrupt`)."""
+        """Corrupt one depth image (arguments and errors as `starling.corrupt`).
+
+        The first image of each size is looked at for usual mistakes, with a warning for each.
+        """
         errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
-        camera, sensor = depth_input.DepthCamera(self.camera_matrix, np.shape(depth_m)), self.sensor
-        depth = depth_input.resampled(depth_input.checked_depth("depth_m", depth_m), camera, sensor)
+        sensor, clean = self.sensor, depth_input.checked_depth("depth_m", depth_m)
+        camera = depth_input.DepthCamera(self.camera_matrix, clean.shape)
+        if clean.shape != self._warned:
+            self._warned = clean.shape
+            suspicions.warn_of_cameras(camera, sensor)
+            suspicions.warn_of_depth(clean, camera)
+        depth = depth_input.resampled(clean, camera, sensor)
         others = [
             None
             if image is None
-            else depth_input.resampled(depth_input.checked_depth(name, image), camera, sensor)
+            else depth_input.resampled(
+                depth_input.checked_depth(name, image, shape=clean.shape), camera, sensor
+            )
             for name, image in (
                 ("right_depth_m", right_depth_m),
                 ("projector_depth_m", projector_depth_m),

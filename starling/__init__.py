@@ -21,12 +21,15 @@ if TYPE_CHECKING:
     from starling.patterns.pattern import Pattern as Pattern
     from starling.sim.captures.capture import CapturedScene as CapturedScene
     from starling.sim.captures.capture import CaptureSet as CaptureSet
+    from starling.sim.corrupt import Corruptor as Corruptor
+    from starling.sim.corrupt import Reading as Reading
     from starling.sim.effects.effect import Value
     from starling.sim.reason import Reason as Reason
     from starling.sim.scene.scene import Scene as Scene
     from starling.sim.sensor.sensor import Sensor as Sensor
     from starling.sim.simulate import Shot as Shot
     from starling.sim.stereo.depth import DepthMap as DepthMap
+    from starling.sim.stereo.post.temporal import History
 
 __version__ = "0.2.0"
 
@@ -35,10 +38,12 @@ _CLASSES = {  # Name to the module that defines it; loaded on first use.
     "CaptureSet": "starling.sim.captures.capture",
     "CapturedScene": "starling.sim.captures.capture",
     "Completed": "starling.learning.completion.method",
+    "Corruptor": "starling.sim.corrupt",
     "DepthMap": "starling.sim.stereo.depth",
     "Diagnosis": "starling.diagnosis.diagnosis",
     "InputError": "starling.patterns.errors",
     "Pattern": "starling.patterns.pattern",
+    "Reading": "starling.sim.corrupt",
     "Reason": "starling.sim.reason",
     "Scene": "starling.sim.scene.scene",
     "Sensor": "starling.sim.sensor.sensor",
@@ -50,10 +55,12 @@ __all__ = [
     "CaptureSet",
     "CapturedScene",
     "Completed",
+    "Corruptor",
     "DepthMap",
     "Diagnosis",
     "InputError",
     "Pattern",
+    "Reading",
     "Reason",
     "Scene",
     "Sensor",
@@ -62,6 +69,9 @@ __all__ = [
     "calibrate",
     "compare",
     "complete",
+    "corrupt",
+    "depth_from_range",
+    "depth_from_zbuffer",
     "diagnose",
     "draw",
     "generate",
@@ -89,12 +99,21 @@ def list_sensors() -> list[str]:
     return presets.names()
 
 
-def load_sensor(name: str, *, edits: Iterable[str] = ()) -> Sensor:
+def load_sensor(
+    name: str,
+    *,
+    edits: Iterable[str] = (),
+    camera_matrix: NDArray[Any] | None = None,
+    size: tuple[int, int] = (640, 480),
+) -> Sensor:
     """Load a sensor preset by name, or a sensor file by path, and edit fields of it.
 
     Args:
         name: preset (see `list_sensors`) or path of a `.toml` file.
         edits: `PATH=VALUE` each, e.g. `projector.power_w=0.2`; `imager.` means both imagers.
+        camera_matrix: (3, 3) intrinsics in place of the device's [px]; its lens stays, so that
+            pixels grow or shrink.
+        size: (width, height) of its images [px]; used with `camera_matrix`.
 
     Raises:
         InputError: unknown preset, unreadable file, unknown field or refused value.
@@ -105,9 +124,12 @@ def load_sensor(name: str, *, edits: Iterable[str] = ()) -> Sensor:
         (0.05015, 0.2)
     """
     from starling.sim.sensor import presets
-    from starling.sim.sensor.edits import apply
+    from starling.sim.sensor.edits import apply, with_camera
 
-    return apply(presets.load(name), edits)
+    sensor = presets.load(name)
+    if camera_matrix is not None:
+        sensor = with_camera(sensor, camera_matrix, size)
+    return apply(sensor, edits)
 
 
 def load_scene(specifier: str, sensor: Sensor) -> Scene:
@@ -196,6 +218,105 @@ def simulate(
     camera = load_sensor(sensor) if isinstance(sensor, str) else sensor
     stage = load_scene(scene, camera) if isinstance(scene, str) else scene
     return simulate(stage, camera, seed=seed, frame=frame, samples=samples)
+
+
+def corrupt(
+    depth_m: NDArray[Any],
+    camera_matrix: NDArray[Any],
+    sensor: Sensor | str = "d435",
+    *,
+    reflectance: float | NDArray[Any] | None = None,
+    ambient_lux: float | None = None,
+    right_depth_m: NDArray[Any] | None = None,
+    projector_depth_m: NDArray[Any] | None = None,
+    seed: int = 0,
+    frame: int = 0,
+    past: History | None = None,
+) -> Reading:
+    """Turn a clean depth image of any simulator into a reading of a depth camera.
+
+    The sensor stands where the depth image was rendered. In a loop make a `Corruptor` once.
+
+    Args:
+        depth_m: (h, w) depth along the optical axis [m]; 0, NaN or infinity without a surface.
+        camera_matrix: (3, 3) intrinsics of the depth image [px].
+        sensor: depth camera to imitate, or its name as for `load_sensor`.
+        reflectance: of the surfaces in the near infrared: a number, an image (h, w) from 0 to 1,
+            or an image (h, w, 3) of RGB bytes as a hint, 0.25 + 0.6 max(R, G, B). 0.5 if None.
+        ambient_lux: daylight on the surfaces [lux]; an indoor level if None.
+        right_depth_m: (h, w) depth seen from `Corruptor.left_from_right`; warped if None.
+        projector_depth_m: (h, w) depth seen from `Corruptor.left_from_projector`; warped if None.
+        seed: seed of all noise; equal seeds give equal bits on one machine.
+        frame: number of the frame; each frame has noise of its own.
+        past: `history` of the frame before, for a temporal filter.
+
+    Returns:
+        Images in the sensor's own camera; load it with `camera_matrix` for that of the input.
+
+    Raises:
+        InputError: depth that is not in metres, no camera matrix, or images of different size.
+
+    Examples:
+        >>> camera_matrix = np.array([[600.0, 0, 319.5], [0, 600.0, 239.5], [0, 0, 1]])
+        >>> sensor = starling.load_sensor("d435", camera_matrix=camera_matrix, size=(640, 480))
+        >>> depth_m = np.full((480, 640), 1.2, np.float32)
+        >>> reading = starling.corrupt(depth_m, camera_matrix, sensor)
+        >>> reading.depth_m.shape, reading.depth_u16.dtype
+        ((480, 640), dtype('uint16'))
+    """
+    from starling.sim.corrupt import Corruptor
+
+    return Corruptor(sensor, camera_matrix)(
+        depth_m,
+        reflectance=reflectance,
+        ambient_lux=ambient_lux,
+        right_depth_m=right_depth_m,
+        projector_depth_m=projector_depth_m,
+        seed=seed,
+        frame=frame,
+        past=past,
+    )
+
+
+def depth_from_zbuffer(zbuffer: NDArray[Any], near_m: float, far_m: float) -> NDArray[Any]:
+    """Depth [m] (h, w) from an OpenGL depth buffer; NaN at the far plane.
+
+    Args:
+        zbuffer: (h, w) window depth, 0 at the near and 1 at the far plane. Of a reversed buffer
+            give `1 - zbuffer`.
+        near_m: distance of the near plane [m].
+        far_m: distance of the far plane [m].
+
+    Raises:
+        InputError: values outside [0, 1], or planes in the wrong order.
+
+    Examples:
+        >>> starling.depth_from_zbuffer(np.array([[0.0, 0.5, 1.0]]), 0.5, 1.5)
+        array([[0.5 , 0.75,  nan]], dtype=float32)
+    """
+    from starling.sim.warp import conversions
+
+    return conversions.depth_from_zbuffer(zbuffer, near_m, far_m)
+
+
+def depth_from_range(range_m: NDArray[Any], camera_matrix: NDArray[Any]) -> NDArray[Any]:
+    """Depth along the optical axis [m] (h, w) from distances along each pixel's ray.
+
+    Args:
+        range_m: (h, w) distance from the camera's centre [m].
+        camera_matrix: (3, 3) intrinsics [px].
+
+    Raises:
+        InputError: an image of another shape, or no camera matrix.
+
+    Examples:
+        >>> camera_matrix = np.array([[4, 0, 0], [0, 4, 0], [0, 0, 1]])
+        >>> starling.depth_from_range(np.array([[1.0, 1.0, 1.0, 1.0]]), camera_matrix)[0, 3]
+        np.float32(0.8)
+    """
+    from starling.sim.warp import conversions
+
+    return conversions.depth_from_range(range_m, camera_matrix)
 
 
 def simulate_captures(

@@ -8,6 +8,9 @@ import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from starling.patterns import errors
 from starling.sim.sensor import matcher, structure
 from starling.sim.sensor.imager import EXPOSURE
@@ -64,6 +67,44 @@ def with_values(sensor: Sensor, values: Iterable[tuple[str, Any]]) -> Sensor:
         raise errors.InputError(message) from error
     _refuse_hidden_pattern(edited, dict(values))
     return edited
+
+
+def with_camera(sensor: Sensor, camera_matrix: Any, size: tuple[int, int]) -> Sensor:
+    """Give a sensor other intrinsics, with its own focal length: pixels grow or shrink.
+
+    Args:
+        sensor: Sensor to edit.
+        camera_matrix: (3, 3) intrinsics of a rectified image [px].
+        size: (width, height) [px].
+
+    Raises:
+        InputError: for no camera matrix, or intrinsics that the sensor cannot have.
+    """
+    k = checked_matrix(camera_matrix)
+    values: list[tuple[str, Any]] = [("width", int(size[0])), ("height", int(size[1]))]
+    places = {"fx_px": (0, 0), "fy_px": (1, 1), "cx_px": (0, 2), "cy_px": (1, 2)}
+    values += [(name, float(k[place])) for name, place in places.items()]
+    for side, imager in (("left", sensor.left), ("right", sensor.right)):
+        pitch = imager.pixel_pitch_m * sensor.fx_px / k[0, 0]
+        values.append((f"{side}.pixel_pitch_m", float(pitch)))
+    return with_values(sensor, values)
+
+
+def checked_matrix(matrix: Any) -> NDArray[np.float64]:
+    """Return a camera matrix (3, 3) [px], or refuse it."""
+    k = np.asarray(matrix, np.float64)
+    name, form = "camera_matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+    if k.shape != (3, 3) or not np.isfinite(k).all():
+        raise errors.refuse(name, f"must be {form}, finite", k.tolist(), "Give pixels.")
+    if k[2, 0] or k[2, 1]:
+        raise errors.refuse(name, f"must be {form}", k.tolist(), "Is it transposed?")
+    if k[1, 0] or abs(k[0, 1]) > 1e-6 * abs(k[0, 0]) or k[2, 2] != 1:
+        raise errors.refuse(name, f"must be {form}", k.tolist(), "Rectify the image first.")
+    if min(k[0, 0], k[1, 1]) <= 1:
+        raise errors.refuse(
+            name, "must have focal lengths > 1 px", k.tolist(), "Is it normalised, or inverted?"
+        )
+    return k
 
 
 def _refuse_hidden_pattern(sensor: Sensor, values: Mapping[str, Any]) -> None:

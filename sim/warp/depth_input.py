@@ -21,36 +21,29 @@ REFLECTANCE = 0.5  # Of unknown surfaces.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthCamera:
-    """DepthCamera of a depth image."""
+    """Camera of a depth image."""
 
     matrix: NDArray[np.float64]  # (3, 3) [px]
     shape: tuple[int, ...]  # (h, w)
 
 
-def checked_matrix(matrix: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return a camera matrix (3, 3) [px], or refuse it."""
-    k = np.asarray(matrix, np.float64)
-    name, form = "camera_matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
-    if k.shape != (3, 3) or not np.isfinite(k).all():
-        raise errors.refuse(name, f"must be {form}, finite", k.tolist(), "Give pixels.")
-    if k[2, 0] or k[2, 1]:
-        raise errors.refuse(name, f"must be {form}", k.tolist(), "Is it transposed?")
-    if k[1, 0] or abs(k[0, 1]) > 1e-6 * abs(k[0, 0]) or k[2, 2] != 1:
-        raise errors.refuse(name, f"must be {form}", k.tolist(), "Rectify the image first.")
-    if min(k[0, 0], k[1, 1]) <= 1:
-        raise errors.refuse(
-            name, "must have focal lengths > 1 px", k.tolist(), "Is it normalised, or inverted?"
-        )
-    return k
+def checked_depth(
+    name: str, depth_m: NDArray[np.floating], *, shape: tuple[int, ...] | None = None
+) -> Image:
+    """Return depth [m] as float32, NaN without a surface (0, NaN and infinity), or refuse it.
 
-
-def checked_depth(name: str, depth_m: NDArray[np.floating]) -> Image:
-    """Return depth [m] as float32, NaN without a surface (0, NaN and infinity), or refuse it."""
+    Args:
+        name: name of the image in the user's words.
+        depth_m: (h, w) image [m].
+        shape: size that it must have; None for any.
+    """
     depth = np.asarray(depth_m)
     if depth.ndim != 2 or depth.dtype.kind not in "fiu":
         raise errors.refuse(
             name, "must be (h, w) numbers", f"{depth.shape} {depth.dtype}", "Give one image."
         )
+    if shape is not None and depth.shape != shape:
+        raise errors.refuse(name, f"must be {shape}, as depth_m", depth.shape, "Render it anew.")
     out = depth.astype(np.float32)
     if (out < 0).any():
         raise errors.refuse(

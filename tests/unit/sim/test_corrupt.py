@@ -114,6 +114,8 @@ def test_resampling_keeps_a_tilted_plane() -> None:
         ({"depth_m": WALL * np.nan}, "depth_m must hold a surface"),
         ({"depth_m": WALL[0]}, r"depth_m must be \(h, w\) numbers"),
         ({"right_depth_m": WALL * 1000}, "right_depth_m must be in metres"),
+        ({"right_depth_m": WALL[:5]}, r"right_depth_m must be \(120, 160\), as depth_m"),
+        ({"projector_depth_m": WALL[:5]}, r"projector_depth_m must be \(120, 160\)"),
         ({"reflectance": 200.0}, r"reflectance must be in \[0, 1\]"),
         ({"reflectance": WALL[:5]}, "reflectance must be .*, as the depth"),
         ({"ambient_lux": -1.0}, "ambient_lux must be in"),
