@@ -18,6 +18,8 @@ from starling.sim.render import backend
 
 ROOT = Path(__file__).parents[2]
 Capsys = pytest.CaptureFixture[str]
+# A test run in the background of a shell ignores interrupts, and so do its children.
+INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
 
 
 def test_warnings_are_one_line(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -36,7 +38,7 @@ def test_warnings_are_one_line(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.parametrize(("number", "exit_code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_signal_leaves_nothing(tmp_path: Path, number: int, exit_code: int) -> None:
     """A process stopped while it writes removes partial output, however often it is told to."""
-    code = (
+    code = INTERRUPTIBLE + (
         "import os, shutil, sys, time; from starling.command_line import main\n"
         "from starling.sim.console.output import OutputFolder\n"
         "from starling.sim.render import backend\n"
@@ -71,7 +73,7 @@ def test_signal_during_an_import_that_catches_everything_is_not_lost(
     (tmp_path / "signalled_import.py").write_text(
         f"try:\n    {signals.format(int(number))}\nexcept BaseException:\n    pass\n"
     )
-    code = (
+    code = INTERRUPTIBLE + (
         f"import sys, time; sys.path.insert(0, {str(tmp_path)!r})\n"
         "from starling.command_line import main\n"
         "from starling.sim.render import backend\n"
