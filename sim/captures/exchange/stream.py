@@ -22,10 +22,11 @@ from starling.sim.captures.capture import CapturedScene, Frame
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.stereo.depth import from_code
+from starling.sim.stereo.depth import from_code, to_code
 
 NEAR_S = 0.02  # Times within this difference count as equal [s].
 _DIGITS = 6  # Decimals of a time [s] in file names.
+_LARGEST_CODE = 2**16 - 1  # Of depth in 16 bits.
 _STEP_S = 1 / 30  # Interval of frames without time stamps [s].
 _FARTHEST_M = 1000.0  # Largest distance of a pose from the origin [m].
 _JUMP_M = 1.0  # Jump accepted at any time [m]: views need not form a continuous film.
@@ -138,8 +139,10 @@ class TimedFrame:
     scene: CapturedScene
     number: int
 
-    def read(self) -> tuple[Frame, NDArray[np.float32]]:
-        """Read the frame and its depth (h, w) [m].
+    def read(self, unit_m: float) -> tuple[Frame, NDArray[np.uint16]]:
+        """Read the frame and its depth (h, w) in steps of `unit_m`, 0 = none.
+
+        Depth beyond the largest code becomes none, with a warning.
 
         Raises:
             InputError: as `CapturedScene.frame`, or if it has no depth.
@@ -148,14 +151,20 @@ class TimedFrame:
         if frame.depth_m is None:
             name = f"frame {self.number} of {self.scene.name}"
             raise refuse(name, "must have depth", "none", "The layout needs depth.")
-        return frame, frame.depth_m
+        code = to_code(frame.depth_m, unit_m)
+        if (np.isfinite(frame.depth_m) & (code == 0)).any():
+            farthest_m = _LARGEST_CODE * unit_m
+            message = f"depth beyond {farthest_m:.4g} m is exported as missing."
+            warnings.warn(message, stacklevel=2)  # The text is constant, so it is printed once.
+        return frame, code
 
 
 def in_time_order(scenes: Sequence[CapturedScene]) -> list[TimedFrame]:
     """Return all frames in order of time.
 
     The times are the `timestamp` [s] of `frame.json`, if all frames have distinct ones. Otherwise
-    the scenes follow each other at 30 frames per second, from 0.
+    the scenes follow each other at 30 frames per second, from 0, with a warning if any frame has a
+    time stamp. Another warning tells of the poses of several rooms in one trajectory.
 
     Raises:
         InputError: if the scenes are not of one camera.
@@ -170,12 +179,25 @@ def in_time_order(scenes: Sequence[CapturedScene]) -> list[TimedFrame]:
     stamps = [scene.record(number).get("timestamp") for scene, number in numbered]
     times = [float(stamp) for stamp in stamps if stamp is not None]
     if len({round(time, _DIGITS) for time in times}) < len(numbered):
+        if times:
+            place = f"{scenes[0].path.parent}, {len(numbered)} frames"
+            message = f"{place}: time stamps are missing or equal; none is used."
+            warnings.warn(message, stacklevel=2)
         times = [count * _STEP_S for count in range(len(numbered))]
+    _warn_of_rooms(scenes)
     ordered = sorted(zip(times, range(len(numbered)), strict=True))
     return [
         TimedFrame(time_s=time, scene=numbered[index][0], number=numbered[index][1])
         for time, index in ordered
     ]
+
+
+def _warn_of_rooms(scenes: Sequence[CapturedScene]) -> None:
+    """Warn of poses in several rooms, whose origins usually differ."""
+    posed = {s.room for s in scenes if left_from_world(s, s.record(s.frames[0])) is not None}
+    if len(posed) > 1:
+        message = f"poses of {len(posed)} rooms form one trajectory; is their origin the same?"
+        warnings.warn(f"{scenes[0].path.parent}: {message}", stacklevel=2)
 
 
 def left_from_world(scene: CapturedScene, record: Mapping[str, Any]) -> Pose | None:

@@ -31,7 +31,6 @@ from starling.sim.captures.exchange.stream import (
 from starling.sim.console.output import Folder, is_inside
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.stereo.depth import to_code
 
 UNIT_M = 1 / 5000
 _CAMERA = "camera.txt"  # fx fy cx cy width height; TUM's own sets have none.
@@ -54,9 +53,9 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
     lists: dict[str, list[str]] = {"rgb": [], "depth": [], "groundtruth": []}
     ordered = in_time_order(scenes)
     for timed in ordered:
-        frame, depth_m = timed.read()
+        frame, code = timed.read(UNIT_M)
         time = f"{timed.time_s:.6f}"
-        folder.write(f"depth/{time}.png", png.encode(to_code(depth_m, UNIT_M)))
+        folder.write(f"depth/{time}.png", png.encode(code))
         lists["depth"].append(f"{time} depth/{time}.png")
         if frame.ir_left is not None:
             folder.write(f"rgb/{time}.png", png.encode(frame.ir_left))

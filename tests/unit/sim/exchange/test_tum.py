@@ -147,3 +147,17 @@ def test_scenes_of_two_cameras_are_not_exported(small_set: Path, tmp_path: Path)
     (scenes[1].path / "camera.toml").write_text(info)
     with pytest.raises(InputError, match="scenes must be of one camera"):
         tum.export(capture.open_set(small_set).scenes[1:] + scenes[:1], MemoryFolder(tmp_path))
+
+
+def test_depth_beyond_the_largest_code_is_reported(small_set: Path, tmp_path: Path):
+    path = small_set / "a" / "0" / "depth.png"
+    cv2.imwrite(str(path), np.full_like(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), 14_000))
+    with pytest.warns(UserWarning, match=r"depth beyond 13\.11 m is exported as missing"):
+        written(small_set, tmp_path / "tum")
+
+
+def test_poses_of_several_rooms_are_reported(small_set: Path, tmp_path: Path):
+    posed(small_set)
+    (small_set / "b" / "room").write_text("cellar")
+    with pytest.warns(UserWarning, match=r"poses of 2 rooms form one trajectory; is their origin"):
+        written(small_set, tmp_path / "tum")
