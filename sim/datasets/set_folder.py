@@ -300,4 +300,6 @@ def _refuse_other(before: str, now: str, path: Path) -> None:
     lines = difflib.unified_diff(before.splitlines(), now.splitlines(), n=0, lineterm="")
     changed = [line for line in lines if line[:1] in "+-" and line[:3] not in ("+++", "---")]
     advice = "Choose another folder, or the plan that started the set."
-    raise errors.refuse("plan", f"must be that of {path}", "; ".join(changed), advice)
+    raise errors.refuse(
+        "plan", f"must be that of {path}", "; ".join(changed) or "other line ends", advice
+    )

@@ -6,6 +6,7 @@ A `Stream` is read from files. The frames of a capture set in time order are wri
 from __future__ import annotations
 
 import bisect
+import itertools
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ _DIGITS = 6  # Decimals of a time [s] in file names.
 _LARGEST_CODE = 2**16 - 1  # Of depth in 16 bits.
 _STEP_S = 1 / 30  # Interval of frames without time stamps [s].
 _FARTHEST_M = 1000.0  # Largest distance of a pose from the origin [m].
+_ROUNDING = 0.01  # Deviation of a quaternion's length from 1 that is accepted.
 _JUMP_M = 1.0  # Jump accepted at any time [m]: views need not form a continuous film.
 _FASTEST_M_S = 10.0  # Largest speed beyond that jump [m/s].
 
@@ -73,7 +75,8 @@ def poses_by_time(rows: Iterable[tuple[int, list[str]]], path: Path) -> list[tup
         path: file, for messages.
 
     Raises:
-        InputError: if a row has other content, an implausible time, or a quaternion of length 0.
+        InputError: if a row has other content, an implausible time, or a quaternion whose length is
+            not 1. Also if two poses have one time.
     """
     poses: list[tuple[float, Pose]] = []
     lost = 0
@@ -90,14 +93,19 @@ def poses_by_time(rows: Iterable[tuple[int, list[str]]], path: Path) -> list[tup
         quantities.check(f"time in line {line} of {path.name}", float(numbers[0]), "time_s")
         if not np.isfinite(numbers).all():
             lost += 1
-        elif not numbers[4:].any():
-            rule, advice = "must have quaternions of nonzero length", "Is it a trajectory?"
-            raise refuse(path.name, rule, f"0 0 0 0 in line {line}", advice)
+        elif abs(np.linalg.norm(numbers[4:]) - 1) > _ROUNDING:
+            rule, value = "must have quaternions of length 1", " ".join(words[4:])[:80]
+            raise refuse(path.name, rule, f"{value} in line {line}", "Is it a trajectory?")
         else:
             poses.append((float(numbers[0]), frames.from_quaternion(numbers[1:4], numbers[4:])))
     if lost:
         warnings.warn(f"{path}: {lost} poses are not finite; these frames have none.", stacklevel=2)
-    return sorted(poses, key=lambda timed: timed[0])
+    poses.sort(key=lambda timed: timed[0])
+    for (before_s, before), (time_s, pose) in itertools.pairwise(poses):
+        if time_s == before_s and not np.array_equal(pose, before):
+            rule, advice = "must have one pose at a time", "Is it one trajectory?"
+            raise refuse(path.name, rule, f"two at {time_s:.6f} s", advice)
+    return poses
 
 
 def parse_camera(text: str, name: str = "camera") -> Pinhole:
@@ -113,6 +121,8 @@ def parse_camera(text: str, name: str = "camera") -> Pinhole:
     try:
         fx, fy, cx, cy, width, height = map(float, text.split())
         size = {"width": int(width), "height": int(height)}
+        if (width, height) != (size["width"], size["height"]):
+            raise ValueError("width and height are whole numbers")
     except (ValueError, OverflowError) as error:
         rule, example = "must be fx fy cx cy width height", "As '525 525 319.5 239.5 640 480'."
         raise refuse(name, rule, repr(text[:80]), example) from error

@@ -10,6 +10,7 @@ page on file formats.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -102,7 +103,7 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
 
 
 def _files(path: Path) -> list[tuple[float, str]]:
-    """Read the times and file names of a list; names must stay in the sequence's folder."""
+    """Read a list of files at different times; names must stay in the sequence's folder."""
     listed = []
     for line, words in _lines(path):
         time = _number(words[0])
@@ -112,6 +113,10 @@ def _files(path: Path) -> list[tuple[float, str]]:
             raise refuse(path.name, rule, value, "Is it TUM's layout?")
         quantities.check(f"time in line {line} of {path.name}", time, "time_s")
         listed.append((time, words[1]))
+    for before_s, time_s in itertools.pairwise(sorted(time for time, _ in listed)):
+        if time_s == before_s:
+            rule, advice = "must have one file at a time", "Is it one sequence?"
+            raise refuse(path.name, rule, f"two at {time_s:.6f} s", advice)
     return listed
 
 
