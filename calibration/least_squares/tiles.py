@@ -74,7 +74,7 @@ def _inverse_root(matrix: Array) -> tuple[Array, NDArray[np.bool_]]:
     """
     scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    undetermined = values <= _UNDETERMINED * max(float(values.max()), 1e-300)
+    undetermined = values <= _UNDETERMINED * values.max(initial=1e-300)
     inverse = np.where(undetermined, 0, 1 / np.sqrt(np.where(undetermined, 1, values)))
     is_open = (vectors[:, undetermined] ** 2).sum(axis=1) > _PART
     return (inverse * vectors).T / scale, is_open
