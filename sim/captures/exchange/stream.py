@@ -174,7 +174,7 @@ def in_time_order(scenes: Sequence[CapturedScene]) -> list[TimedFrame]:
 
     The times are the `timestamp` [s] of `frame.json`, if all frames have distinct ones. Otherwise
     the scenes follow each other at 30 frames per second, from 0, with a warning if any frame has a
-    time stamp. Another warning tells of the poses of several rooms in one trajectory.
+    time stamp. Poses of several rooms in one trajectory give another warning.
 
     Raises:
         InputError: if the scenes are not of one camera.
