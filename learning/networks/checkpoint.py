@@ -103,13 +103,13 @@ def restore(network: nn.Module, weights: Mapping[str, torch.Tensor]) -> None:
 
 def _describe(value: object, wanted: torch.Tensor | None) -> tuple[int, ...] | str:
     """Return the shape of a weight, or what makes it unfit."""
-    plain = (
-        isinstance(value, torch.Tensor)
-        and value.layout == torch.strided
-        and value.device.type != "meta"
-        and not (value.is_quantized or value.is_complex())
-    )
-    if not plain:
+    if (
+        not isinstance(value, torch.Tensor)
+        or value.layout != torch.strided
+        or value.device.type == "meta"
+        or value.is_quantized
+        or value.is_complex()
+    ):
         return "no plain tensor"
     if wanted is None:
         return tuple(value.shape)
