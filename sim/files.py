@@ -62,16 +62,27 @@ def parse_json(data: bytes, path: Path) -> Any:
     """Parse JSON; a byte order mark is skipped.
 
     Raises:
-        InputError: if the data are no UTF-8 or no JSON, or a text cannot be written as UTF-8.
+        InputError: if the data are no UTF-8 or no JSON, or a text cannot be written as UTF-8. Also
+            if an object has a key twice.
     """
     text = decode(data, path)
     try:
-        value = json.loads(text)
+        value = json.loads(text, object_pairs_hook=_unique)
         if "\\ud" in text.lower():  # An escape can be half of a character.
             json.dumps(value, ensure_ascii=False).encode()
         return value
     except (ValueError, RecursionError) as error:
         raise errors.refuse(path.name, "must be JSON", path, f"{error}.") from error
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Build an object; readers disagree on which of two equal keys counts."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in table if names.count(name) > 1)
+        raise ValueError(f"the key {twice!r} is there twice")
+    return table
 
 
 def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
@@ -91,8 +102,11 @@ def parse_toml(data: bytes, path: Path, build: Callable[[dict[str, Any]], T]) ->
     """Parse TOML and build an object; raises as `read_toml`. A byte order mark is skipped."""
     try:
         table = tomllib.loads(data.decode("utf-8-sig"))
+        with errors.naming(path):
+            structure.refuse_long_integers(table, "")
+    except errors.InputError:
+        raise
     except (ValueError, RecursionError) as error:  # No TOML, no UTF-8, or nested too deep.
         raise errors.refuse(path.name, "must be TOML", path, f"{error}.") from error
     with errors.naming(path):
-        structure.refuse_long_integers(table, "")
         return build(table)

@@ -32,6 +32,7 @@ def check(observations: Sequence[Observation], sensor: Sensor) -> tuple[str, ...
     The checks, in order, with the module that documents their thresholds:
 
     - Scenes have the same geometry.
+    - Images without the projector are darker than those with it.
     - Left and right image are not swapped or equal (`reference_scale`).
     - Reference depth is of the same scene and unit (`reference_scale`).
     - Enough dots are visible if the projector is on.
@@ -54,6 +55,8 @@ def check(observations: Sequence[Observation], sensor: Sensor) -> tuple[str, ...
     """
     for item in observations:
         _refuse_other_camera(item, observations[0])
+        if sensor.projector.power_w > 0:
+            _refuse_bright_off(item)
     correspondences = [_find(item) for item in observations]
     references = [_reference_px(item) for item in observations]
     scales = [
@@ -77,6 +80,19 @@ def _refuse_other_camera(item: Observation, first: Observation) -> None:
             f"size, focal lengths, centre [px] and baseline [mm] {geometry}, not {expected}",
             "Calibrate one camera at a time.",
         )
+
+
+def _refuse_bright_off(item: Observation) -> None:
+    """Refuse images without the projector that are as bright as those with it."""
+    pairs = {"left": (item.left, item.left_off), "right": (item.right, item.right_off)}
+    for side, (image, off) in pairs.items():
+        if image is not None and off is not None and off.mean() >= image.mean():
+            raise refuse(
+                f"scene {item.name}",
+                f"must be darker in ir_{side}_off.png than in ir_{side}.png",
+                f"means of {off.mean():.4g} and {image.mean():.4g} DN",
+                "Capture both with one exposure, and ir_off with the emitter off.",
+            )
 
 
 def _geometry(info: CaptureInfo) -> tuple[float, ...]:

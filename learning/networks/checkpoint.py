@@ -92,27 +92,32 @@ def restore(network: nn.Module, weights: Mapping[str, torch.Tensor]) -> None:
     Raises:
         InputError: if a name or a shape differs, or a weight is no plain tensor of finite numbers.
     """
-    wanted = {name: tuple(value.shape) for name, value in network.state_dict().items()}
-    present = {
-        str(name): tuple(value.shape) if _is_plain(value) else None
-        for name, value in weights.items()
-    }
-    for name in sorted(wanted.keys() | present.keys()):
-        if wanted.get(name) != present.get(name):
-            rule = f"must have {name} of shape {wanted.get(name)}"
-            raise refuse("checkpoint", rule, present.get(name), _RETRAIN)
+    wanted = network.state_dict()
+    for name in sorted(wanted.keys() | weights.keys(), key=str):
+        shape = tuple(wanted[name].shape) if name in wanted else None
+        present = _describe(weights[name], wanted.get(name)) if name in weights else None
+        if shape != present:
+            raise refuse("checkpoint", f"must have {name} of shape {shape}", present, _RETRAIN)
     network.load_state_dict(dict(weights))
 
 
-def _is_plain(value: object) -> bool:
-    """Return whether a value is a tensor of finite real numbers, not sparse or without data."""
-    return (
-        isinstance(value, torch.Tensor)
-        and value.layout == torch.strided
-        and value.device.type != "meta"
-        and not (value.is_quantized or value.is_complex())
-        and bool(torch.isfinite(value).all())
-    )
+def _describe(value: object, wanted: torch.Tensor | None) -> tuple[int, ...] | str:
+    """Return the shape of a weight, or what makes it unfit."""
+    if (
+        not isinstance(value, torch.Tensor)
+        or value.layout != torch.strided
+        or value.device.type == "meta"
+        or value.is_quantized
+        or value.is_complex()
+    ):
+        return "no plain tensor"
+    if wanted is None:
+        return tuple(value.shape)
+    if value.is_floating_point() != wanted.is_floating_point():
+        return f"numbers of type {value.dtype}"  # Conversion to whole numbers loses all weights.
+    if not torch.isfinite(value.to(wanted.dtype)).all():
+        return "numbers that are not finite"
+    return tuple(value.shape)
 
 
 def restore_optimizer(optimizer: torch.optim.Optimizer, state: dict[str, Any]) -> None:

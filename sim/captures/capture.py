@@ -27,6 +27,7 @@ _SCENE_FILES = frozenset(
     ("camera.toml", "depth.png", "ir_left.png", "label.png", "room", "scene.toml", "truth.png")
 )
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,8}")
+_NUMBER_LIKE = re.compile(r"[+-]?\d+")  # Folders that the user takes for frames.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -252,7 +253,13 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _scene(path: Path, info: CaptureInfo) -> CapturedScene:
-    frames = sorted(int(p.name) for p in _list(path) if _NUMBER.fullmatch(p.name) and p.is_dir())
+    _refuse_not_utf8(path)
+    folders = [p.name for p in _list(path) if _NUMBER_LIKE.fullmatch(p.name) and p.is_dir()]
+    frames = sorted(int(name) for name in folders if _NUMBER.fullmatch(name))
+    if frames and len(frames) < len(folders):
+        listed = ", ".join(sorted(name for name in folders if not _NUMBER.fullmatch(name)))
+        message = f"{path}: no frame numbers, and left out: {listed}. Name frames 0, 1 and so on."
+        warnings.warn(message, stacklevel=2)
     if not frames:
         raise errors.refuse(
             "scene", "must hold a frame folder", path, "Name it 0: SCENE/0/ir_left.png and so on."
@@ -264,6 +271,15 @@ def _scene(path: Path, info: CaptureInfo) -> CapturedScene:
     return CapturedScene(
         name=path.name, room=name or path.name, path=path, info=info, frames=tuple(frames)
     )
+
+
+def _refuse_not_utf8(path: Path) -> None:
+    """Refuse names that no text file can hold."""
+    try:
+        path.name.encode()
+    except UnicodeEncodeError as error:
+        name = os.fsencode(path.name)
+        raise errors.refuse("scene", "must have a UTF-8 name", name, "Rename it.") from error
 
 
 def _read_info(path: Path) -> CaptureInfo:

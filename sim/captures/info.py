@@ -78,13 +78,13 @@ class CaptureInfo:
         """Convert depth [m] in the left view to disparity [px], any shape; NaN where unknown."""
         return disparity_from_depth(depth_m, focal_px=self.fx_px, baseline_m=self.baseline_m)
 
-    def are_of(self, sensor: Sensor) -> bool:
-        """Return whether a sensor can be this camera: equal size and nearly equal geometry."""
-        centre = max(abs(self.cx_px - sensor.cx_px), abs(self.cy_px - sensor.cy_px))
+    def are_of(self, camera: Sensor | CaptureInfo) -> bool:
+        """Return whether a camera can be this one: equal size and nearly equal geometry."""
+        centre = max(abs(self.cx_px - camera.cx_px), abs(self.cy_px - camera.cy_px))
         lengths = ("fx_px", "fy_px", "baseline_m")
-        ratios = [getattr(sensor, name) / getattr(self, name) for name in lengths]
+        ratios = [getattr(camera, name) / getattr(self, name) for name in lengths]
         return (
-            (sensor.width, sensor.height) == (self.width, self.height)
+            (camera.width, camera.height) == (self.width, self.height)
             and centre <= _SAME_CENTRE * self.width
             and all(abs(ratio - 1) <= _SAME_LENGTH for ratio in ratios)
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -112,6 +113,9 @@ def _compare_scene(real: CapturedScene, sim: CapturedScene) -> dict[str, dict[st
             f"{real.info.shape} and {sim.info.shape}",
             "Simulate with the geometry of the captures.",
         )
+    if not real.info.are_of(sim.info):
+        message = f"{real.name}: focal length, centre or baseline of real and simulated differ."
+        warnings.warn(message, stacklevel=2)
     a, b = (
         _Reading(scene=scene, frame=scene.frame(scene.frames[0]), truth_m=scene.truth_m())
         for scene in (real, sim)

@@ -55,8 +55,9 @@ def generate(
         measures it.
 
     Raises:
-        InputError: if plan or folder are invalid, the disk is full, or a worker died. Also if a
-            file of a scene is missing and the plan says `missing = "stop"`. Complete tasks remain.
+        InputError: if plan or folder are invalid, the disk is full, or a worker died. Also if the
+            record of a complete task is damaged, or a file of a scene is missing and the plan says
+            `missing = "stop"`. Complete tasks remain.
     """
     errors.in_interval("workers", workers, 0, 4096)
     errors.in_interval("shard_frames", shard_frames, 1, 10**6)
@@ -73,7 +74,7 @@ def generate(
     with set_folder.opened(out, text(plan, parsed, layout, shard_frames), layout) as folder:
         if not folder.finished:
             folder.describe(info)
-            done = folder.done()
+            done = folder.done(all_tasks, parsed.frames)
             remaining = [task for task in all_tasks if task.number not in done]
             results = (
                 run_on_ray(parsed, info, out, remaining, ray)

@@ -6,7 +6,7 @@ import difflib
 import fcntl
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
@@ -19,7 +19,7 @@ from starling.sim.captures import info as capture_info
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.console import output, record
 from starling.sim.datasets import index, shard
-from starling.sim.datasets.workers import TaskResult
+from starling.sim.datasets.workers import Task, TaskResult
 from starling.sim.sensor import structure
 
 Layout = Literal["folders", "shards"]
@@ -75,9 +75,35 @@ class SetFolder:
         """Use a folder that `opened` has prepared."""
         self.path, self._layout = path, layout
 
-    def done(self) -> set[int]:
-        """Return the numbers of the complete tasks."""
-        return {int(part.stem) for part in self._parts()}
+    def done(self, tasks: Sequence[Task], frames: int) -> set[int]:
+        """Return the numbers of the complete tasks.
+
+        Args:
+            tasks: all tasks of the plan.
+            frames: frames of each view.
+
+        Raises:
+            InputError: if the part of a task is damaged or of another task, or its file is missing.
+        """
+        names = {f"{task.number:06d}.json": task for task in tasks}
+        parts = self._parts()
+        for part in parts:
+            self._check_part(part, names.get(part.name), frames)
+        return {names[part.name].number for part in parts}
+
+    def _check_part(self, path: Path, task: Task | None, frames: int) -> None:
+        """Refuse a part that does not describe its task's frames, each with its files."""
+        part = _read_part(path)
+        rows = [(row["view"], row["repeat"], row["frame"]) for row in part["rows"]]
+        skipped = {view["view"] for view in part["skipped"]}
+        rendered = [view for view in (task.views if task else ()) if view not in skipped]
+        wanted = [(view, n, view * frames + n) for view in rendered for n in range(frames)]
+        if task is None or not skipped <= set(task.views) or sorted(rows) != wanted:
+            raise _damaged(path, "it describes another task")
+        listed = {row["shard"] or name for row in part["rows"] for name in row["files"]}
+        for name in sorted(listed):
+            if not (self.path / name).is_file():
+                raise _damaged(path, f"{name} is missing")
 
     def _parts(self) -> list[Path]:
         folder = self.path / _PARTS
@@ -168,11 +194,13 @@ def _read_part(path: Path) -> dict[str, Any]:
         for view in part["skipped"]:
             structure.from_table(SkippedView, view)
     except (errors.InputError, TypeError, AttributeError) as error:
-        advice = "Delete it: its task is then repeated."
-        raise errors.refuse(
-            "part of the set", "must be whole", f"{path}: {error}", advice
-        ) from None
+        raise _damaged(path, str(error)) from None
     return part
+
+
+def _damaged(path: Path, defect: str) -> errors.InputError:
+    advice = "Delete it: its task is then repeated."
+    return errors.refuse("part of the set", "must be whole", f"{path}: {defect}", advice)
 
 
 def figures(path: Path) -> SetFigures:
@@ -272,4 +300,6 @@ def _refuse_other(before: str, now: str, path: Path) -> None:
     lines = difflib.unified_diff(before.splitlines(), now.splitlines(), n=0, lineterm="")
     changed = [line for line in lines if line[:1] in "+-" and line[:3] not in ("+++", "---")]
     advice = "Choose another folder, or the plan that started the set."
-    raise errors.refuse("plan", f"must be that of {path}", "; ".join(changed), advice)
+    raise errors.refuse(
+        "plan", f"must be that of {path}", "; ".join(changed) or "other line ends", advice
+    )

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _GAP_IN = 0.25  # Gap between columns [inch].
+_TALLEST = 4.0  # Height of a panel over its width; higher images are drawn narrower.
 _HEADING_IN = 0.36  # Height of a panel's heading [inch].
 
 _JPEG_QUALITY = 62  # Small files at adequate quality.
@@ -43,7 +44,7 @@ def draw(
         kind: Type of the picture file.
     """
     columns = max(map(len, rows))
-    high_in = panel_in * shape[0] / shape[1]
+    high_in = panel_in * min(shape[0] / shape[1], _TALLEST)
     below_in = [max(panel.below_in for panel in row) for row in rows]
     width = columns * (panel_in + _GAP_IN) + _GAP_IN
     height = len(rows) * (_HEADING_IN + high_in) + sum(below_in) + 0.1

@@ -28,7 +28,6 @@ from starling.sim.captures.exchange.stream import in_time_order, pose_of_left
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
-from starling.sim.stereo.depth import to_code
 
 if TYPE_CHECKING:
     from rosbags.rosbag2 import Writer
@@ -70,14 +69,14 @@ def export(scenes: Sequence[CapturedScene], path: Path) -> int:
         static = messages.transforms(_fixed(info), shift_s + first_s)
         publish("/tf_static", "tf2_msgs/msg/TFMessage", static, shift_s + first_s)
         for timed in ordered:
-            frame, depth_m = timed.read()
+            frame, code = timed.read(_MM)
             time_s = shift_s + timed.time_s
             world_from_left = pose_of_left(timed.scene, frame.record)
             if world_from_left is not None:
                 link = world_from_left @ np.linalg.inv(_BODY_FROM_OPTICAL)
                 moved = messages.transforms([(_WORLD, _LINK, link)], time_s)
                 publish("/tf", "tf2_msgs/msg/TFMessage", moved, time_s)
-            images: dict[str, NDArray[Any]] = {"depth": to_code(depth_m, _MM)}
+            images: dict[str, NDArray[Any]] = {"depth": code}
             for name, stream in _STREAMS.items():
                 image = getattr(frame, name)
                 if image is not None:

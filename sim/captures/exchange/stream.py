@@ -6,6 +6,7 @@ A `Stream` is read from files. The frames of a capture set in time order are wri
 from __future__ import annotations
 
 import bisect
+import itertools
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,12 +23,14 @@ from starling.sim.captures.capture import CapturedScene, Frame
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.stereo.depth import from_code
+from starling.sim.stereo.depth import from_code, to_code
 
 NEAR_S = 0.02  # Times within this difference count as equal [s].
 _DIGITS = 6  # Decimals of a time [s] in file names.
+_LARGEST_CODE = 2**16 - 1  # Of depth in 16 bits.
 _STEP_S = 1 / 30  # Interval of frames without time stamps [s].
 _FARTHEST_M = 1000.0  # Largest distance of a pose from the origin [m].
+_ROUNDING = 0.01  # Deviation of a quaternion's length from 1 that is accepted.
 _JUMP_M = 1.0  # Jump accepted at any time [m]: views need not form a continuous film.
 _FASTEST_M_S = 10.0  # Largest speed beyond that jump [m/s].
 
@@ -72,7 +75,8 @@ def poses_by_time(rows: Iterable[tuple[int, list[str]]], path: Path) -> list[tup
         path: file, for messages.
 
     Raises:
-        InputError: if a row has other content, an implausible time, or a quaternion of length 0.
+        InputError: if a row has other content, an implausible time, or a quaternion whose length is
+            not 1. Also if two poses have one time.
     """
     poses: list[tuple[float, Pose]] = []
     lost = 0
@@ -89,14 +93,19 @@ def poses_by_time(rows: Iterable[tuple[int, list[str]]], path: Path) -> list[tup
         quantities.check(f"time in line {line} of {path.name}", float(numbers[0]), "time_s")
         if not np.isfinite(numbers).all():
             lost += 1
-        elif not numbers[4:].any():
-            rule, advice = "must have quaternions of nonzero length", "Is it a trajectory?"
-            raise refuse(path.name, rule, f"0 0 0 0 in line {line}", advice)
+        elif abs(np.linalg.norm(numbers[4:]) - 1) > _ROUNDING:
+            rule, value = "must have quaternions of length 1", " ".join(words[4:])[:80]
+            raise refuse(path.name, rule, f"{value} in line {line}", "Is it a trajectory?")
         else:
             poses.append((float(numbers[0]), frames.from_quaternion(numbers[1:4], numbers[4:])))
     if lost:
         warnings.warn(f"{path}: {lost} poses are not finite; these frames have none.", stacklevel=2)
-    return sorted(poses, key=lambda timed: timed[0])
+    poses.sort(key=lambda timed: timed[0])
+    for (before_s, before), (time_s, pose) in itertools.pairwise(poses):
+        if time_s == before_s and not np.array_equal(pose, before):
+            rule, advice = "must have one pose at a time", "Is it one trajectory?"
+            raise refuse(path.name, rule, f"two at {time_s:.6f} s", advice)
+    return poses
 
 
 def parse_camera(text: str, name: str = "camera") -> Pinhole:
@@ -112,6 +121,8 @@ def parse_camera(text: str, name: str = "camera") -> Pinhole:
     try:
         fx, fy, cx, cy, width, height = map(float, text.split())
         size = {"width": int(width), "height": int(height)}
+        if (width, height) != (size["width"], size["height"]):
+            raise ValueError("width and height are whole numbers")
     except (ValueError, OverflowError) as error:
         rule, example = "must be fx fy cx cy width height", "As '525 525 319.5 239.5 640 480'."
         raise refuse(name, rule, repr(text[:80]), example) from error
@@ -138,8 +149,10 @@ class TimedFrame:
     scene: CapturedScene
     number: int
 
-    def read(self) -> tuple[Frame, NDArray[np.float32]]:
-        """Read the frame and its depth (h, w) [m].
+    def read(self, unit_m: float) -> tuple[Frame, NDArray[np.uint16]]:
+        """Read the frame and its depth (h, w) in steps of `unit_m`, 0 = none.
+
+        Depth beyond the largest code becomes none, with a warning.
 
         Raises:
             InputError: as `CapturedScene.frame`, or if it has no depth.
@@ -148,14 +161,20 @@ class TimedFrame:
         if frame.depth_m is None:
             name = f"frame {self.number} of {self.scene.name}"
             raise refuse(name, "must have depth", "none", "The layout needs depth.")
-        return frame, frame.depth_m
+        code = to_code(frame.depth_m, unit_m)
+        if (np.isfinite(frame.depth_m) & (code == 0)).any():
+            farthest_m = _LARGEST_CODE * unit_m
+            message = f"depth beyond {farthest_m:.4g} m is exported as missing."
+            warnings.warn(message, stacklevel=2)  # The text is constant, so it is printed once.
+        return frame, code
 
 
 def in_time_order(scenes: Sequence[CapturedScene]) -> list[TimedFrame]:
     """Return all frames in order of time.
 
     The times are the `timestamp` [s] of `frame.json`, if all frames have distinct ones. Otherwise
-    the scenes follow each other at 30 frames per second, from 0.
+    the scenes follow each other at 30 frames per second, from 0, with a warning if any frame has a
+    time stamp. Poses of several rooms in one trajectory give another warning.
 
     Raises:
         InputError: if the scenes are not of one camera.
@@ -170,12 +189,25 @@ def in_time_order(scenes: Sequence[CapturedScene]) -> list[TimedFrame]:
     stamps = [scene.record(number).get("timestamp") for scene, number in numbered]
     times = [float(stamp) for stamp in stamps if stamp is not None]
     if len({round(time, _DIGITS) for time in times}) < len(numbered):
+        if times:
+            place = f"{scenes[0].path.parent}, {len(numbered)} frames"
+            message = f"{place}: time stamps are missing or equal; none is used."
+            warnings.warn(message, stacklevel=2)
         times = [count * _STEP_S for count in range(len(numbered))]
+    _warn_of_rooms(scenes)
     ordered = sorted(zip(times, range(len(numbered)), strict=True))
     return [
         TimedFrame(time_s=time, scene=numbered[index][0], number=numbered[index][1])
         for time, index in ordered
     ]
+
+
+def _warn_of_rooms(scenes: Sequence[CapturedScene]) -> None:
+    """Warn of poses in several rooms, whose origins usually differ."""
+    posed = {s.room for s in scenes if left_from_world(s, s.record(s.frames[0])) is not None}
+    if len(posed) > 1:
+        message = f"poses of {len(posed)} rooms form one trajectory; is their origin the same?"
+        warnings.warn(f"{scenes[0].path.parent}: {message}", stacklevel=2)
 
 
 def left_from_world(scene: CapturedScene, record: Mapping[str, Any]) -> Pose | None:

@@ -10,6 +10,7 @@ page on file formats.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -31,7 +32,6 @@ from starling.sim.captures.exchange.stream import (
 from starling.sim.console.output import Folder, is_inside
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.stereo.depth import to_code
 
 UNIT_M = 1 / 5000
 _CAMERA = "camera.txt"  # fx fy cx cy width height; TUM's own sets have none.
@@ -54,9 +54,9 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
     lists: dict[str, list[str]] = {"rgb": [], "depth": [], "groundtruth": []}
     ordered = in_time_order(scenes)
     for timed in ordered:
-        frame, depth_m = timed.read()
+        frame, code = timed.read(UNIT_M)
         time = f"{timed.time_s:.6f}"
-        folder.write(f"depth/{time}.png", png.encode(to_code(depth_m, UNIT_M)))
+        folder.write(f"depth/{time}.png", png.encode(code))
         lists["depth"].append(f"{time} depth/{time}.png")
         if frame.ir_left is not None:
             folder.write(f"rgb/{time}.png", png.encode(frame.ir_left))
@@ -103,7 +103,7 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
 
 
 def _files(path: Path) -> list[tuple[float, str]]:
-    """Read the times and file names of a list; names must stay in the sequence's folder."""
+    """Read a list of files at different times; names must stay in the sequence's folder."""
     listed = []
     for line, words in _lines(path):
         time = _number(words[0])
@@ -113,6 +113,10 @@ def _files(path: Path) -> list[tuple[float, str]]:
             raise refuse(path.name, rule, value, "Is it TUM's layout?")
         quantities.check(f"time in line {line} of {path.name}", time, "time_s")
         listed.append((time, words[1]))
+    for before_s, time_s in itertools.pairwise(sorted(time for time, _ in listed)):
+        if time_s == before_s:
+            rule, advice = "must have one file at a time", "Is it one sequence?"
+            raise refuse(path.name, rule, f"two at {time_s:.6f} s", advice)
     return listed
 
 

@@ -215,6 +215,21 @@ def test_another_camera_is_refused() -> None:
     )
 
 
+@pytest.mark.parametrize("factor", [1.0, 3.0])
+def test_images_without_the_projector_are_darker(factor: float) -> None:
+    """They are copies of the others, or overexposed."""
+    left, right = _pair(A)
+    off = {"left_off": 0.8 * left, "right_off": factor * right}
+    message = _refusal(dataclasses.replace(A, **off))
+    assert message.startswith(
+        "scene a must be darker in ir_right_off.png than in ir_right.png; got"
+    )
+    dark = dataclasses.replace(A, left_off=0.8 * left, right_off=0.8 * right)
+    assert checks.check([dark, B], D435) == ()
+    without = dataclasses.replace(D435, projector=dataclasses.replace(D435.projector, power_w=0.0))
+    checks.check([dataclasses.replace(A, **off), B], without)
+
+
 def test_too_few_places_give_no_warning() -> None:
     few = np.arange(1, reference_scale.FEWEST, dtype=np.float64)
     assert reference_scale.compare("a", few, few, 640.0) is None

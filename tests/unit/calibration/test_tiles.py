@@ -69,6 +69,15 @@ def test_an_undetermined_parameter_has_no_finite_deviation() -> None:
     assert equations.step()[2] == 0
 
 
+def test_no_free_parameter_needs_no_step() -> None:
+    """Noise alone is fitted with all levels fixed."""
+    equations = tiles.ClusterEquations(
+        matrices=np.zeros((3, 0, 0)), scores=np.zeros((3, 0)), cost=1.0
+    )
+    assert equations.step().shape == (0,)
+    assert equations.covariance().shape == (0, 0)
+
+
 def test_deviations_allow_for_errors_common_to_clusters() -> None:
     """Errors are common to each cluster, so clusters, not pixels, set the deviation."""
     steps, deviations = [], []

@@ -115,6 +115,13 @@ def test_weights_that_are_no_tensors_are_refused(weights: dict) -> None:
         checkpoint.restore(nn.Linear(3, 2), weights)
 
 
+@pytest.mark.parametrize("surplus", [{"more": torch.zeros(2)}, {"more": None}, {3: torch.zeros(2)}])
+def test_surplus_weights_are_refused(surplus: dict) -> None:
+    network = nn.Linear(3, 2)
+    with pytest.raises(InputError, match=r"must have (more|3) of shape None; got"):
+        checkpoint.restore(network, {**network.state_dict(), **surplus})
+
+
 @pytest.mark.parametrize("state", [{}, {"state": {}, "param_groups": [{}]}, {"state": 3}])
 def test_the_state_of_another_optimizer_is_refused(state: dict) -> None:
     optimizer = torch.optim.Adam(nn.Linear(3, 2).parameters())
@@ -148,17 +155,19 @@ def test_a_tensor_in_place_of_a_number_is_refused(path: Path, name: str) -> None
 
 
 @pytest.mark.parametrize(
-    "weights",
+    ("weights", "actual"),
     [
-        torch.ones(4, 3).to_sparse(),
-        torch.ones(4, 3, device="meta"),
-        torch.ones(4, 3, dtype=torch.complex64),
-        torch.full((4, 3), float("nan")),
-        [1.0],
+        (torch.ones(4, 3).to_sparse(), "no plain tensor"),
+        (torch.ones(4, 3, device="meta"), "no plain tensor"),
+        (torch.ones(4, 3, dtype=torch.complex64), "no plain tensor"),
+        ([1.0], "no plain tensor"),
+        (torch.full((4, 3), float("nan")), "numbers that are not finite"),
+        (torch.full((4, 3), 1e300, dtype=torch.float64), "numbers that are not finite"),
+        (torch.ones(4, 3, dtype=torch.int32), r"numbers of type torch\.int32"),
     ],
-    ids=["sparse", "meta", "complex", "nan", "list"],
+    ids=["sparse", "meta", "complex", "list", "nan", "large", "whole"],
 )
-def test_weights_that_are_no_plain_tensors_are_refused(weights: object) -> None:
+def test_weights_that_do_not_fit_are_refused(weights: object, actual: str) -> None:
     network = nn.Linear(3, 4)
-    with pytest.raises(InputError, match=r"must have weight of shape \(4, 3\); got None"):
+    with pytest.raises(InputError, match=rf"must have weight of shape \(4, 3\); got {actual}"):
         checkpoint.restore(network, {**network.state_dict(), "weight": weights})  # type: ignore[dict-item]

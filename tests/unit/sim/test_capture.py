@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import shutil
 import tomllib
 from collections.abc import Callable
@@ -66,7 +67,7 @@ def test_reads_depth_alone_and_infrared_alone(small_set: Path) -> None:
 
 
 def test_frames_are_numbers_in_order(small_set: Path) -> None:
-    for name in ("10", "2", "007", "old"):
+    for name in ("10", "2", "old"):
         (small_set / "a" / name).mkdir()
     assert capture.open_set(small_set).scenes[0].frames == (0, 2, 10)
 
@@ -163,6 +164,20 @@ def test_folders_that_are_no_scenes_are_left_out_with_a_word(small_set: Path) ->
     with pytest.warns(UserWarning, match=r"no scenes, and left out: figures\.$"):
         captures = capture.open_set(small_set)
     assert [scene.name for scene in captures.scenes] == ["a", "b"]
+
+
+@pytest.mark.parametrize("name", ["01", "-1", "1000000000", "\u0661"])
+def test_folders_that_are_no_frames_are_left_out_with_a_word(small_set: Path, name: str) -> None:
+    (small_set / "a" / name).mkdir()
+    with pytest.warns(UserWarning, match=rf"a: no frame numbers, and left out: {name}\. Name"):
+        captures = capture.open_set(small_set)
+    assert captures.scenes[0].frames == (0,)
+
+
+def test_scene_names_that_are_not_utf8_are_refused(small_set: Path) -> None:
+    os.rename(small_set / "a", os.fsencode(small_set) + b"/\xff")
+    with pytest.raises(InputError, match=r"scene must have a UTF-8 name; got b'\\xff'\. Rename"):
+        capture.open_set(small_set)
 
 
 @pytest.mark.parametrize(

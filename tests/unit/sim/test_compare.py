@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -85,6 +86,18 @@ def test_sets_that_cannot_be_compared(small_set: Path, write_set: Callable, tmp_
     info.write_text(info.read_text().replace("width = 160", "width = 152"))
     with pytest.raises(InputError, match="must have one image size"):
         compare(capture.open_set(small_set / "a"), capture.open_set(second / "c"))
+
+
+@pytest.mark.parametrize("key", ["fx_px", "cx_px", "baseline_m"])
+def test_another_camera_is_reported(
+    small_set: Path, write_set: Callable, tmp_path: Path, key: str
+) -> None:
+    second = write_set(tmp_path / "sim", scenes=("a",))
+    info = capture.open_set(second).info
+    changed = dataclasses.replace(info, **{key: 1.5 * getattr(info, key)})
+    (second / "capture.toml").write_text(capture.capture_info.dumps(changed))
+    with pytest.warns(UserWarning, match="a: focal length, centre or baseline of real and"):
+        compare(capture.open_set(small_set), capture.open_set(second))
 
 
 def test_dot_contrast_of_a_checkerboard() -> None:

@@ -75,6 +75,22 @@ def test_draws_depth_that_is_all_holes(small_set: Path) -> None:
     assert _decode(show_captures.draw_picture(scene)).size
 
 
+def test_pictures_of_narrow_images_have_a_limited_height(small_set: Path) -> None:
+    """At the width of a panel, images of 1x3000 would need gigabytes."""
+    text = (small_set / "capture.toml").read_text()
+    for line in ("width = 160", "height = 48", "cx_px = 79.5", "cy_px = 23.5"):
+        assert line in text
+        value = {"width": 1, "height": 3000, "cx_px": 0, "cy_px": 1499.5}[line.split()[0]]
+        text = text.replace(line, f"{line.split()[0]} = {float(value) if 'px' in line else value}")
+    (small_set / "capture.toml").write_text(text)
+    for path in small_set.rglob("*.png"):
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        assert image is not None
+        cv2.imwrite(str(path), np.full((3000, 1), image[0, 0], image.dtype))
+    picture = _decode(show_captures.draw_picture(capture.open_set(small_set).scenes[0]))
+    assert picture.shape[0] < 10 * picture.shape[1]
+
+
 def test_sizes_must_agree(small_set: Path, write_set: Callable, tmp_path: Path) -> None:
     _add_reasons(small_set / "a" / "0", shape=(48, 152))
     scene = capture.open_set(small_set).scenes[0]

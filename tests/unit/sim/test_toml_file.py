@@ -30,6 +30,7 @@ def test_file_is_built_from_its_table(tmp_path: Path) -> None:
         (b"width", r"^box.toml must be TOML; got .*box.toml. "),
         (b"width = '\xff'", r"^box.toml must be TOML; got .*box.toml. "),
         (b"a = " + b"[" * 10_000, r"^box.toml must be TOML; got .*box.toml. "),
+        (b"[" + b".".join([b"a"] * 3000) + b"]", r"^box.toml must be TOML; .* recursion depth"),
         (b"", r"^\S*box.toml: width must be given; got nothing. Give it."),
     ],
 )
@@ -53,3 +54,8 @@ def test_half_characters_in_json_are_refused() -> None:
     with pytest.raises(InputError, match=r"a.json must be JSON; got a.json\. .*surrogates"):
         files.parse_json(rb'{"a": "\ud800"}', Path("a.json"))
     assert files.parse_json(rb'["\ud83d\ude00"]', Path("a.json")) == ["\U0001f600"]
+
+
+def test_keys_that_are_there_twice_in_json_are_refused() -> None:
+    with pytest.raises(InputError, match=r"a.json must be JSON; .*the key 'gain' is there twice"):
+        files.parse_json(b'{"a": {"gain": 1, "b": 2, "gain": 16}}', Path("a.json"))

@@ -97,7 +97,7 @@ def test_a_log_without_pictures_is_read(log: Path):
         ("images/0000000002_utime.txt", None, "0000000002_utime.txt must be readable"),
         ("posegraph.posegraph", None, "log must hold posegraph.posegraph"),
         ("posegraph.posegraph", "1 2 3", "must have lines TIME tx ty tz qx qy qz qw; got '1 2 3'"),
-        ("posegraph.posegraph", "1 2 3 4 0 0 0 0", "must have quaternions of nonzero length"),
+        ("posegraph.posegraph", "1 2 3 4 0 0 0 0", "must have quaternions of length 1"),
         ("posegraph.posegraph", "nan 2 3 4 0 0 0 1", "time in line 1 of posegraph.posegraph must"),
         ("posegraph.posegraph", "a b c d e f g h", "must have lines TIME"),
         ("camera.cfg", "528 528", "camera.cfg must hold fx fy cx cy"),

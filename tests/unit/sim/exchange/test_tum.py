@@ -123,8 +123,16 @@ def test_pictures_and_poses_are_the_nearest_in_time(tmp_path: Path):
         ("depth.txt", "1e18 a.png\n", r"time in line 1 of depth\.txt must be in"),
         ("groundtruth.txt", "1 0 0 0 0 0 x 1\n", r"groundtruth\.txt must have lines TIME"),
         ("groundtruth.txt", "nan 0 0 0 0 0 0 1\n", r"time in line 1 of groundtruth\.txt must"),
-        ("groundtruth.txt", "1 0 0 0 0 0 0 0\n", r"groundtruth\.txt must have quaternions"),
+        ("groundtruth.txt", "1 0 0 0 0 0 0 0\n", r"quaternions of length 1; got 0 0 0 0 in line 1"),
+        ("groundtruth.txt", "1 0 0 0 0 0 0 5\n", r"quaternions of length 1; got 0 0 0 5 in line 1"),
+        (
+            "groundtruth.txt",
+            "1 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n",
+            r"must have one pose at a time; got two at 1\.0",
+        ),
+        ("depth.txt", "1 a.png\n1.0 b.png\n", r"depth\.txt must have one file at a time; got two"),
         ("camera.txt", "1 2 3", r"camera\.txt must be fx fy cx cy width height"),
+        ("camera.txt", "80 80 79.5 47.5 160.9 96", r"camera\.txt must be fx fy cx cy width height"),
         ("camera.txt", None, r"camera\.txt must be readable; .* Give the camera"),
     ],
 )
@@ -147,3 +155,17 @@ def test_scenes_of_two_cameras_are_not_exported(small_set: Path, tmp_path: Path)
     (scenes[1].path / "camera.toml").write_text(info)
     with pytest.raises(InputError, match="scenes must be of one camera"):
         tum.export(capture.open_set(small_set).scenes[1:] + scenes[:1], MemoryFolder(tmp_path))
+
+
+def test_depth_beyond_the_largest_code_is_reported(small_set: Path, tmp_path: Path):
+    path = small_set / "a" / "0" / "depth.png"
+    cv2.imwrite(str(path), np.full_like(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), 14_000))
+    with pytest.warns(UserWarning, match=r"depth beyond 13\.11 m is exported as missing"):
+        written(small_set, tmp_path / "tum")
+
+
+def test_poses_of_several_rooms_are_reported(small_set: Path, tmp_path: Path):
+    posed(small_set)
+    (small_set / "b" / "room").write_text("cellar")
+    with pytest.warns(UserWarning, match=r"poses of 2 rooms form one trajectory; is their origin"):
+        written(small_set, tmp_path / "tum")
