@@ -47,8 +47,7 @@ class WorkerPool:
         self._held = partition(names, other_names, min(cores(), _MOST))
         self._submitted = [0] * len(self._held)  # Number of jobs given to each worker.
         self._pools = [
-            Workers(1, _begin, (captures, sensor, scenes, against, fitted))
-            for scenes in self._held
+            Workers(1, _begin, (captures, sensor, scenes, against, fitted)) for scenes in self._held
         ]
 
     def submit(self, scene: str, work: Any, *arguments: Any) -> Future[Any]:

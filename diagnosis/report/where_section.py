@@ -170,9 +170,7 @@ def _remainder_maps(diagnosis: Diagnosis) -> str:
     )
 
 
-def _drawn(
-    maps: Sequence[GapMap], diagnosis: Diagnosis, names: tuple[str, str], more: str
-) -> str:
+def _drawn(maps: Sequence[GapMap], diagnosis: Diagnosis, names: tuple[str, str], more: str) -> str:
     """Draw the maps of each quantity in both frames.
 
     Args:

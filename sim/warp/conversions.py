@@ -36,9 +36,7 @@ def depth_from_zbuffer(zbuffer: NDArray[np.floating], near_m: float, far_m: floa
     return np.where(buffer < 1, depth, np.nan).astype(np.float32)
 
 
-def depth_from_range(
-    range_m: NDArray[np.floating], camera_matrix: NDArray[np.floating]
-) -> Image:
+def depth_from_range(range_m: NDArray[np.floating], camera_matrix: NDArray[np.floating]) -> Image:
     """Depth along the optical axis [m] (h, w) from distances along each pixel's ray.
 
     Args:
