@@ -100,6 +100,8 @@ def fit(
         InputError: if the captures contradict their metadata, a group or room is unknown, or no
             room remains to fit.
     """
+    from starling.calibration.depth import depth_only
+
     seconds: dict[str, float] = {}
     _check_groups(free)
     outside = _held_out(scenes, heldout)
@@ -114,10 +116,8 @@ def fit(
             for item, scene in zip(read_observations, track(inside, "surfaces"), strict=True)
         )
     if all(item.left is None for item in observations):
-        from starling.calibration.depth.depth_only import fit_depth
-
         with _timed(seconds, "depth"):
-            solution = fit_depth(observations, sensor, free=free, track=track)
+            solution = depth_only.fit_depth(observations, sensor, free=free, track=track)
         return Calibration(
             sensor=solution.sensor,
             solutions={"depth": solution},
@@ -126,7 +126,10 @@ def fit(
             seconds=seconds,
         )
     for group in free:
-        errors.one_of("free", group, GROUPS)
+        if group in depth_only.GROUPS and group not in GROUPS:
+            rule = "must be fitted with infrared images"
+            advice = f"Captures of depth alone can be fitted by {group}. Leave it out."
+            raise errors.refuse("free", rule, group, advice)
     fitted, recovered, solutions = sensor, None, {}
     if PATTERN in free:
         with _timed(seconds, PATTERN):

@@ -142,7 +142,13 @@ class CapturedScene:
         path = folder / f"{name}.png"
         if not os.path.lexists(path):
             return None
-        return png.read(path, name, shape=self.info.shape)
+        image = png.read(path, name, shape=self.info.shape)
+        level, largest = self.info.black_level_dn, np.iinfo(image.dtype).max
+        if name.startswith("ir") and level is not None and level >= largest:
+            rule = f"in capture.toml must be below {largest}, the largest code of {path}"
+            advice = "Give the pedestal in codes of these images."
+            raise errors.refuse("black_level_dn", rule, f"{level:g}", advice)
+        return image
 
     def _depth(self, folder: Path, name: str) -> NDArray[np.float32] | None:
         code = self._image(folder, name)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Generator, Sequence
+import warnings
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -90,7 +91,9 @@ def generate(
         figures = set_folder.figures(out)
     seconds = time.perf_counter() - started
     wanted = parsed.count - parsed.frames * len(figures.skipped)
-    frames, missing, duplicate = index.count_frames(index.read(out), wanted)
+    rows = index.read(out)
+    _warn_of_empty(rows)
+    frames, missing, duplicate = index.count_frames(rows, wanted)
     return {
         "out": str(out),
         "frames": frames,
@@ -109,6 +112,16 @@ def _refuse_changed(now: str, out: Path) -> None:
     if files.read_text(out / set_folder.PLAN) != now:
         rule, advice = "must stay the same during the run", "Generate the set again."
         raise errors.refuse("files of the plan", rule, out, advice)
+
+
+def _warn_of_empty(rows: Sequence[Mapping[str, Any]]) -> None:
+    empty = [row["name"] for row in rows if row["ndp_rate"] == 1]
+    if empty:
+        warnings.warn(
+            f"{len(empty)} of {len(rows)} frames have no depth, {empty[0]} first. "
+            "Do their poses look at surfaces within range?",
+            stacklevel=3,
+        )
 
 
 def _tracked(

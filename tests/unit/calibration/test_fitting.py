@@ -154,7 +154,10 @@ def test_a_group_of_depth_alone_is_refused_with_infrared(
     captures: Path, small: Sensor, tmp_path: Path
 ) -> None:
     message = _refused(captures, small, tmp_path, free=["thresholds"])
-    assert message.startswith("free must be a known name; got 'thresholds'.")
+    assert message == (
+        "free must be fitted with infrared images; got thresholds. "
+        "Captures of depth alone can be fitted by thresholds. Leave it out."
+    )
 
 
 @pytest.mark.parametrize(

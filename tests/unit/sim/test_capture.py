@@ -125,6 +125,21 @@ def test_wrong_info_is_refused(small_set: Path, old: str, new: str, message: str
         capture.open_set(small_set)
 
 
+@pytest.mark.parametrize(("level", "refused"), [(254, False), (255, True)])
+def test_a_black_level_above_all_codes_is_refused(
+    small_set: Path, level: int, refused: bool
+) -> None:
+    _change(small_set / "capture.toml", "black_level_dn = 4", f"black_level_dn = {level}")
+    scene = capture.open_set(small_set).scenes[0]
+    if not refused:
+        assert scene.ir_left(0) is not None
+        return
+    rule = r"black_level_dn in capture.toml must be below 255, the largest code of .*ir_left.png"
+    with pytest.raises(InputError, match=rule):
+        scene.ir_left(0)
+    assert scene.truth_m() is not None
+
+
 def test_info_must_be_text(small_set: Path) -> None:
     (small_set / "capture.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(InputError, match=r"capture.toml must be TOML"):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from starling.patterns.errors import InputError
-from starling.sim.datasets import index
+from starling.sim.datasets import generate, index
 
 ROW: dict[str, Any] = {
     **{
@@ -23,6 +24,16 @@ ROW: dict[str, Any] = {
     **{"seed": 1, "ndp_rate": 0.1, "mean_dn": 20, "shard": "", "files": ["0/0/a.png"], "bytes": 3},
     "sha256": "0",
 }
+
+
+def test_frames_without_depth_are_reported() -> None:
+    rows = [{**ROW, "name": f"0/{number}", "ndp_rate": rate} for number, rate in enumerate((1, 1))]
+    message = "2 of 3 frames have no depth, 0/0 first"
+    with pytest.warns(UserWarning, match=message):
+        generate._warn_of_empty([*rows, {**ROW, "ndp_rate": 0.999}])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        generate._warn_of_empty([{**ROW, "ndp_rate": 0.999}])
 
 
 def test_a_checked_row_can_be_written(tmp_path: Path) -> None:
