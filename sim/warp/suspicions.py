@@ -80,7 +80,7 @@ def warn_of_cameras(camera: DepthCamera, sensor: Sensor) -> None:
         )
 
 
-def _inside(tangents: NDArray[np.float64], row: NDArray[np.float64], count: int) -> float:
+def _inside(tangents: NDArray[np.floating], row: NDArray[np.float64], count: int) -> float:
     """Share of tangents whose pixel lies in an image of `count` columns or rows."""
     focal, centre = row[row != 0][0], row[2]
     pixel = focal * tangents + centre
@@ -92,7 +92,7 @@ def _is_flatter_as_range(depth_m: Image, camera: DepthCamera) -> bool:
 
     The inverse depth of a plane is linear in the image.
     """
-    nearness = 1 / depth_m
+    nearness = np.float32(1) / depth_m
     as_range = nearness * ray_length(camera.shape, camera.matrix)
     bent, straight = (_curvature(image, nearness) for image in (nearness, as_range))
     return straight < _FLATTER * bent and straight < _ROUGH
