@@ -12,11 +12,20 @@ def read(path: Path) -> bytes:
     Raises:
         OSError: if it cannot be read, is a pipe or device, or has a null byte in its name.
     """
+    refuse_others(path)
+    return path.read_bytes()
+
+
+def refuse_others(path: Path) -> None:
+    """Refuse a pipe or device, and a name with a null byte.
+
+    Raises:
+        OSError: as said.
+    """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "Its name has a null byte")
     if is_pipe_or_device(path):
         raise OSError(errno.EINVAL, "It is a pipe or a device", str(path))
-    return path.read_bytes()
 
 
 def is_pipe_or_device(path: Path) -> bool:

@@ -19,7 +19,7 @@ from starling.sim.imaging.imager import Infrared
 from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Scene
 from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
-from starling.sim.simulate import expose, refuse_impossible
+from starling.sim.simulate import Shot, expose, refuse_impossible
 from starling.sim.stereo.depth import to_code
 from starling.sim.stereo.post.temporal import History
 from starling.sim.warp import depth_input, suspicions
@@ -119,6 +119,44 @@ class Corruptor:
 
         The first image of each size is looked at for usual mistakes, with a warning for each.
         """
+        shot = self.shoot(
+            depth_m,
+            reflectance=reflectance,
+            ambient_lux=ambient_lux,
+            right_depth_m=right_depth_m,
+            projector_depth_m=projector_depth_m,
+            seed=seed,
+            frame=frame,
+            past=past,
+        )
+        truth = shot.layers.truth
+        return Reading(
+            ir_left=shot.ir_left,
+            ir_right=shot.ir_right,
+            depth_m=shot.depth.depth_m,
+            depth_u16=to_code(shot.depth.depth_m, self.sensor.post.depth_unit_m),
+            reason=shot.depth.reason,
+            lit=truth.lit,
+            right_sees=truth.right_sees,
+            true_depth_m=truth.depth_m,
+            exposure_s=shot.exposure_s,
+            gain=shot.gain,
+            history=shot.depth.history,
+        )
+
+    def shoot(
+        self,
+        depth_m: NDArray[np.floating],
+        *,
+        reflectance: float | NDArray[Any] | None = None,
+        ambient_lux: float | None = None,
+        right_depth_m: NDArray[np.floating] | None = None,
+        projector_depth_m: NDArray[np.floating] | None = None,
+        seed: int = 0,
+        frame: int = 0,
+        past: History | None = None,
+    ) -> Shot:
+        """Corrupt one depth image, as `starling.simulate` returns a reading: with all layers."""
         errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
         sensor, clean = self.sensor, depth_input.checked_depth("depth_m", depth_m)
         camera = depth_input.DepthCamera(self.camera_matrix, clean.shape)
@@ -151,20 +189,7 @@ class Corruptor:
             sensor,
         )
         device = _searching(sensor, depth)
-        shot = expose(rendered, scene, device, seed=seed, frame=frame, past=past)
-        return Reading(
-            ir_left=shot.ir_left,
-            ir_right=shot.ir_right,
-            depth_m=shot.depth.depth_m,
-            depth_u16=to_code(shot.depth.depth_m, sensor.post.depth_unit_m),
-            reason=shot.depth.reason,
-            lit=rendered.truth.lit,
-            right_sees=rendered.truth.right_sees,
-            true_depth_m=depth,
-            exposure_s=shot.exposure_s,
-            gain=shot.gain,
-            history=shot.depth.history,
-        )
+        return expose(rendered, scene, device, seed=seed, frame=frame, past=past)
 
 
 # The layers hold the surfaces; the body gives them a name.

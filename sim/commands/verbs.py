@@ -12,7 +12,14 @@ from tyro.conf import Positional
 
 from starling.patterns.errors import refuse
 from starling.sim.console import shell
-from starling.sim.console.flags import Common, DevicePreset, Edits, Effects, Shared
+from starling.sim.console.flags import (
+    CameraMatrix,
+    Common,
+    DevicePreset,
+    Edits,
+    Effects,
+    Shared,
+)
 
 
 def doctor(*, common: Shared = Common()) -> None:
@@ -89,17 +96,24 @@ def simulate(
     emitter: Literal["on", "off"] | None = None,
     effect: Effects = (),
     edits: Edits = (),
+    camera_matrix: CameraMatrix = None,
+    depth_unit: str = "",
+    rgb: Path | None = None,
+    own_camera: bool = False,
     empty: bool = False,
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
     """Simulate infrared images and depth of a scene, and write them as a capture set.
 
+    With --camera-matrix the scene is a clean depth image, or a folder of them.
+
     Example: starling simulate clutter --sensor d435 --out out/clutter --set projector.power_w=0.2
 
     Args:
         scene: Builtin scene (wall, staircase, tabletop, clutter, room), or a path:
-            mesh (PLY, OBJ, GLB), Mitsuba XML, capture set, or one scene of a capture set.
+            mesh (PLY, OBJ, GLB), Mitsuba XML, capture set, one scene of a capture set, or
+            depth images (.npy, .png, .exr).
         sensor: Preset (see `starling sensors`) or sensor file (.toml).
         out: Folder to create.
         frames: Frames per scene. Each frame has independent noise.
@@ -107,6 +121,10 @@ def simulate(
         samples: Paths per coarse pixel for indirect light.
             0 uses 16 if the scene or an effect has interreflection, and none otherwise.
         emitter: Switch the projector on or off. By default it is as in the sensor.
+        depth_unit: Unit of depth images: m, mm, or the step of their values [m].
+            By default floating-point numbers are metres and whole numbers millimetres.
+        rgb: Colour picture of a depth image, or folder of them, as a hint of its reflectance.
+        own_camera: Keep the camera of the depth images in place of the sensor's.
         empty: Allow a scene without a surface in view.
         force: Replace a folder that starling wrote earlier.
     """
@@ -124,6 +142,46 @@ def simulate(
         note=progress.note_on_stderr,
     )
 
+    options = {
+        "sensor": sensor,
+        "device_preset": device_preset,
+        "emitter": emitter,
+        "set": edits,
+    }
+    if camera_matrix is not None:
+        if samples or empty:
+            rule = "must not be given with depth images"
+            got = f"samples {samples}, empty {empty}"
+            raise refuse("samples and empty", rule, got, "They are for scenes. Leave them out.")
+        from starling.sim.commands import corrupt_captures
+
+        with progress.on_stderr() as track:
+            result = corrupt_captures.corrupt_captures(
+                Path(scene),
+                camera,
+                out,
+                camera_matrix=camera_matrix,
+                unit=depth_unit,
+                rgb=rgb,
+                own_camera=own_camera,
+                frames=frames,
+                seed=seed,
+                effects=setting.parse(effect),
+                force=force,
+                options={
+                    **options,
+                    "camera_matrix": camera_matrix,
+                    "depth_unit": depth_unit,
+                    "rgb": None if rgb is None else str(rgb),
+                    "own_camera": own_camera,
+                },
+                track=track,
+            )
+        shell.say(result, json=common.json)
+        return
+    if depth_unit or rgb or own_camera or Path(scene).suffix.lower() in (".npy", ".png", ".exr"):
+        rule = "must be given with depth images"
+        raise refuse("camera-matrix", rule, "nothing", "Give FX FY CX CY in pixels.")
     with progress.on_stderr() as track:
         result = simulate_captures.simulate_captures(
             scene,
@@ -135,12 +193,7 @@ def simulate(
             effects=setting.parse(effect),
             empty=empty,
             force=force,
-            options={
-                "sensor": sensor,
-                "device_preset": device_preset,
-                "emitter": emitter,
-                "set": edits,
-            },
+            options=options,
             track=track,
         )
     shell.say(result, json=common.json)

@@ -44,3 +44,10 @@ Effects = Annotated[
         help="Set one effect (see `starling effects`), e.g. lens_blur=0.8. May be repeated.",
     ),
 ]
+CameraMatrix = Annotated[
+    tuple[float, float, float, float] | None,
+    arg(
+        metavar="FX FY CX CY",
+        help="Camera of depth images [px]; pixel centres have whole coordinates.",
+    ),
+]

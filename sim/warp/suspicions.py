@@ -20,7 +20,7 @@ _STRIDES = 24  # Image widths over which planes are tested.
 _FLATTER = 0.25  # Ratio of curvatures below which an image holds ranges.
 _ROUGH = 1e-3  # A larger relative curvature is no plane.
 _CENTRE = (0.25, 0.75)  # Usual places of the principal point [image sides].
-_LEVEL = 3  # Of `warnings.warn`: the caller of `Corruptor`.
+_LEVEL = 4  # Of `warnings.warn`: the caller of `Corruptor`.
 
 
 def warn_of_depth(depth_m: Image, camera: DepthCamera) -> None:

@@ -1,0 +1,200 @@
+"""Depth images from files, and `starling simulate` of them."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+
+from starling import command_line
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture, depth_file
+from starling.sim.commands.corrupt_captures import corrupt_captures
+from starling.sim.console.output import RECORD
+from starling.sim.sensor import edits, presets
+
+SHAPE = (96, 128)
+CAMERA = (120.0, 120.0, 63.5, 47.5)
+MATRIX = np.array([[120.0, 0, 63.5], [0, 120.0, 47.5], [0, 0, 1]])
+SENSOR = edits.with_camera(presets.load("d435"), MATRIX, (128, 96))
+FLAGS = ("--sensor", "d435", "--camera-matrix", *map(str, CAMERA))
+
+
+def depth() -> np.ndarray[Any, Any]:
+    image = np.full(SHAPE, 1.25, np.float32)
+    image[30:60, 50:90] = 0.75
+    return image
+
+
+def write_exr(path: Path, channels: dict[str, np.ndarray[Any, Any]]) -> None:
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, channels).write(str(path))
+
+
+def written(folder: Path, name: str) -> Path:
+    path = folder / name
+    if path.suffix == ".npy":
+        np.save(path, depth())
+    elif path.suffix == ".png":
+        cv2.imwrite(str(path), np.rint(depth() * 1000).astype(np.uint16))
+    else:
+        write_exr(path, {"Z": depth()})
+    return path
+
+
+@pytest.mark.parametrize("name", ["d.npy", "d.png", "d.exr", "D.NPY"])
+def test_all_formats_hold_the_same_depth(tmp_path: Path, name: str) -> None:
+    path = written(tmp_path, name.lower()).rename(tmp_path / name)
+    np.testing.assert_allclose(depth_file.read(path), depth(), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "expected"),
+    [(1250.0, "mm", 1.25), (1250, "", 1.25), (1250, "0.002", 2.5), (1.25, "m", 1.25)],
+)
+def test_units(tmp_path: Path, values: float, unit: str, expected: float) -> None:
+    np.save(tmp_path / "d.npy", np.full((4, 5), values))
+    assert depth_file.read(tmp_path / "d.npy", unit)[0, 0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("layout", ["F", "C", ">f4", "<f2", "<f8"])
+def test_layouts_of_arrays(tmp_path: Path, layout: str) -> None:
+    image = np.arange(1, 13).reshape(3, 4) / 8
+    array = np.asarray(image, order=layout) if len(layout) == 1 else image.astype(layout)
+    np.save(tmp_path / "d.npy", array)
+    assert np.array_equal(depth_file.read(tmp_path / "d.npy"), image)
+
+
+def test_numbers_in_names_are_in_order(tmp_path: Path) -> None:
+    for number in (10, 9, 1):
+        written(tmp_path, f"d{number}.npy")
+    (tmp_path / ".hidden").write_text("")
+    assert [path.stem for path in depth_file.files(tmp_path)] == ["d1", "d9", "d10"]
+    (tmp_path / "notes.txt").write_text("")
+    assert depth_file.files(tmp_path) == []
+    assert depth_file.files(tmp_path / "nowhere") == []
+
+
+def _zipped(path: Path) -> None:
+    buffer = io.BytesIO()
+    np.savez(buffer, a=1)
+    path.write_bytes(buffer.getvalue())
+
+
+def _objects(path: Path) -> None:
+    np.save(path, np.array([{}], object), allow_pickle=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "message"),
+    [
+        ("a.npy", lambda path: None, "must be a whole NumPy array"),
+        ("a.npy", lambda path: path.write_bytes(b"\x93NUMPY"), "must be a whole NumPy array"),
+        ("a.npy", _objects, "must be a whole NumPy array"),
+        ("a.npy", _zipped, "must be one array"),
+        ("a.npy", lambda path: np.save(path, np.zeros((2, 2, 3))), r"must hold \(h, w\) numbers"),
+        ("a.npy", lambda path: np.save(path, np.zeros((2, 0))), "width must be in"),
+        ("a.npy", lambda path: np.save(path, np.zeros((1, 20000))), r"width must be in \[1, 16384"),
+        ("a.npy", lambda path: np.save(path, np.zeros((2, 2), "c8")), "must hold"),
+        ("a.exr", lambda path: path.write_bytes(b"\x76\x2f\x31\x01"), "must be a whole OpenEXR"),
+        (
+            "a.exr",
+            lambda path: write_exr(path, {"A": depth(), "B": depth()}),
+            "must have one channel, or one of Z",
+        ),
+        ("a.png", lambda path: path.write_bytes(b"x"), "depth must be"),
+        ("a.tif", lambda path: path.write_bytes(b"x"), "must be a known name"),
+    ],
+)
+def test_refused_files(tmp_path: Path, name: str, make: Any, message: str) -> None:
+    make(tmp_path / name)
+    with pytest.raises(InputError, match=message):
+        depth_file.read(tmp_path / name)
+
+
+@pytest.mark.parametrize("unit", ["cm", "0", "nan", "1"])
+def test_refused_units(tmp_path: Path, unit: str) -> None:
+    with pytest.raises(InputError, match="depth-unit must be m, mm or a step"):
+        depth_file.read(written(tmp_path, "d.npy"), unit)
+
+
+def test_a_depth_image_becomes_a_capture_set(tmp_path: Path) -> None:
+    picture = np.full((*SHAPE, 3), 255, np.uint8)
+    cv2.imwrite(str(tmp_path / "rgb.png"), picture)
+    path, out = written(tmp_path, "table.npy"), tmp_path / "out"
+    arguments = [str(path), *FLAGS, "--out", str(out), "--own-camera", "--frames", "2"]
+    assert command_line.main(["simulate", *arguments, "--rgb", str(tmp_path / "rgb.png")]) == 0
+    captures = capture.open_set(out)
+    (scene,) = captures.scenes
+    assert (scene.name, scene.frames) == ("table", (0, 1))
+    assert captures.info.fx_px == 120 and captures.info.shape == SHAPE
+    truth_m = scene.truth_m()
+    assert truth_m is not None
+    np.testing.assert_allclose(truth_m, depth(), atol=1e-3)
+    first, second = (scene.frame(number) for number in scene.frames)
+    assert first.ir_left is not None and second.ir_left is not None
+    assert not np.array_equal(first.ir_left, second.ir_left)
+    assert json.loads((out / RECORD).read_text())["arguments"]["own_camera"] is True
+
+
+def test_a_folder_is_one_moving_scene_and_filters_go_on(tmp_path: Path) -> None:
+    folder = tmp_path / "drive"
+    folder.mkdir()
+    for number in range(3):
+        written(folder, f"{number}.npy")
+    filtered = edits.with_values(SENSOR, [("post.temporal_alpha", 0.1)])
+    spread = {}
+    for name, sensor in (("plain", SENSOR), ("filtered", filtered)):
+        corrupt_captures(folder, sensor, tmp_path / name, camera_matrix=CAMERA)
+        (scene,) = capture.open_set(tmp_path / name).scenes
+        assert (scene.name, scene.truth_m()) == ("drive", None)
+        assert scene.record(1)["counts"] == "views"
+        depths = [scene.frame(number).depth_m for number in (0, 2)]
+        assert depths[0] is not None and depths[1] is not None
+        spread[name] = float(np.nanmean(np.abs(depths[1] - depths[0])))
+    assert spread["filtered"] < 0.7 * spread["plain"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"frames": 2}, "frames must be 1 for a folder of depth images; got 2"),
+        ({"rgb": "pictures"}, "rgb must hold 2 pictures, as many as depth images; got 1 in"),
+        ({"path": "nowhere.txt"}, r"scene must hold depth images \(.npy, .png, .exr\)"),
+        ({"seed": -1}, "seed must be in"),
+        ({"out": "drive/out"}, "out must"),
+    ],
+)
+def test_refused_runs(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    for folder, names in (("drive", ("0.npy", "1.npy")), ("pictures", ("0.png",))):
+        (tmp_path / folder).mkdir()
+        for name in names:
+            written(tmp_path / folder, name)
+    options = {"path": "drive", "out": "out", **change}
+    paths = {key: tmp_path / options.pop(key) for key in ("path", "out", "rgb") if key in options}
+    with pytest.raises(InputError, match=message):
+        corrupt_captures(sensor=SENSOR, camera_matrix=CAMERA, **paths, **options)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (("--sensor", "d435"), "camera-matrix must be given with depth images"),
+        ((*FLAGS, "--samples", "4"), "samples and empty must not be given with depth images"),
+        ((*FLAGS, "--empty"), "samples and empty must not be given with depth images"),
+    ],
+)
+def test_refused_flags(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: tuple[str, ...], message: str
+) -> None:
+    path = written(tmp_path, "d.npy")
+    arguments = ["simulate", str(path), "--out", str(tmp_path / "out"), *flags]
+    assert command_line.main(arguments) == 1
+    assert message in capsys.readouterr().err
