@@ -241,8 +241,8 @@ def corrupt(
         depth_m: (h, w) depth along the optical axis [m]; 0, NaN or infinity without a surface.
         camera_matrix: (3, 3) intrinsics of the depth image [px].
         sensor: depth camera to imitate, or its name as for `load_sensor`.
-        reflectance: of the surfaces in the near infrared: a number, an image (h, w) from 0 to 1,
-            or an image (h, w, 3) of RGB bytes as a hint, 0.25 + 0.6 max(R, G, B). 0.5 if None.
+        reflectance: of the surfaces in the near infrared, a number or image (h, w) from 0 to 1.
+            RGB bytes (h, w, 3) are a hint: 0.25 + 0.6 max(R, G, B). 0.5 if None.
         ambient_lux: daylight on the surfaces [lux]; an indoor level if None.
         right_depth_m: (h, w) depth seen from `Corruptor.left_from_right`; warped if None.
         projector_depth_m: (h, w) depth seen from `Corruptor.left_from_projector`; warped if None.

@@ -112,8 +112,8 @@ def simulate(
 
     Args:
         scene: Builtin scene (wall, staircase, tabletop, clutter, room), or a path:
-            mesh (PLY, OBJ, GLB), Mitsuba XML, capture set, one scene of a capture set, or
-            depth images (.npy, .png, .exr).
+            mesh (PLY, OBJ, GLB), Mitsuba XML, capture set, or one scene of a capture set.
+            With --camera-matrix: a depth image (.npy, .png, .exr) or a folder of them.
         sensor: Preset (see `starling sensors`) or sensor file (.toml).
         out: Folder to create.
         frames: Frames per scene. Each frame has independent noise.
