@@ -32,7 +32,8 @@ def note_lists(diagnosis: Diagnosis) -> dict[str, list[Item]]:
     reported = [effect for effect in effects if not diagnosis.evidence[effect.fit.name].reasons]
     surrogates = [effect for effect in effects if diagnosis.evidence[effect.fit.name].reasons]
     lists = {
-        "Check first": [*_levels(diagnosis), *_stages(diagnosis)],
+        "Check first": list(_levels(diagnosis)),
+        "Pixels without depth": list(_stages(diagnosis)),
         "Effects": [_effect(diagnosis, effect) for effect in reported],
         "Surrogates": [_surrogate(diagnosis, effect) for effect in surrogates],
         "Too weak to name": [item for each in diagnosis.segments for item in _weak(each)],
@@ -65,10 +66,10 @@ def _stages(diagnosis: Diagnosis) -> Iterator[Item]:
     part = diagnosis.where.parts["ndp_rate"]
     if part.image_share is None or part.image is None or part.matcher is None:
         return
-    images, matcher = (f"{100 * change[0]:+.1f} points" for change in (part.image, part.matcher))
+    images, matcher = (100 * change[0] for change in (part.image, part.matcher))
     yield [
-        f"Images change the share of pixels without depth by {images}, matcher and filters by "
-        f"{matcher}."
+        f"The share of pixels without depth differs by {images + matcher:+.1f} points: "
+        f"{images:+.1f} from images, {matcher:+.1f} from matcher and filters."
     ]
 
 
@@ -129,22 +130,22 @@ def _remainders(diagnosis: Diagnosis) -> Iterator[Item]:
         place = diagnosis.places.get(name)
         size = f"Unexplained in {where}: {100 * left.share:.0f} %{ends} of the gap."
         if not diagnosis.settings.keys() & segment.settings.keys():
-            size = f"No effect is reported in {where}, so all of the gap stays unexplained."
+            size = f"No effect is reported in {where}, so all of its gap counts as unexplained."
         if not left.notable:
             yield [size]
             continue
         yield [
             size,
-            *_shows_in(segment.lead, ""),
-            *_shows_in(segment.varying, ", different in each scene"),
+            *_shows_in("", segment.lead),
+            *_shows_in(" differently in each scene", segment.varying),
             *(_place(place) if place is not None else ()),
         ]
 
 
-def _shows_in(groups: Sequence[str], clause: str) -> Iterator[str]:
+def _shows_in(clause: str, groups: Sequence[str]) -> Iterator[str]:
     if groups:
         names = sentences.shortened([sentences.describe_group(group) for group in groups])
-        yield f"It shows in {names}{clause}."
+        yield f"Features that show it{clause}: {names}."
 
 
 def _place(place: RemainderPlace) -> Iterator[str]:

@@ -33,8 +33,8 @@ _VERDICTS = {
 _TITLES = {
     "Effects": "Settings of the sensor file, or of the scene, that make the simulation look like "
     "these captures.",
-    "Surrogates": "These settings reduce the gap, but in the place of its cause. Do not use their "
-    "values.",
+    "Surrogates": "These settings reduce the gap by imitating its cause, which is something else. "
+    "Do not use their values.",
     "Too weak to name": "The best candidates. The gain measures the evidence on rooms that did not "
     "fit them.",
     "Unexplained remainder": "What stays of the gap once the effects are simulated. Maps of it "
@@ -46,6 +46,8 @@ _QUESTIONS = ("Where", "Which", "How far")
 def page(diagnosis: Diagnosis) -> str:
     """Write a diagnosis as an HTML page: inline style, embedded pictures, no scripts."""
     verdict = _VERDICTS[diagnosis.kind]
+    if diagnosis.kind == "effects" and sentences.without_effect(diagnosis):
+        verdict = "Partly consistent with known effects"
     return elements.page(
         f"Diagnosis: {verdict}",
         f'<p class="verdict">Diagnosis</p><h1>{escape(verdict)}</h1>{_answer(diagnosis)}',
@@ -62,10 +64,13 @@ def page(diagnosis: Diagnosis) -> str:
 
 def _answer(diagnosis: Diagnosis) -> str:
     items = "".join(
-        f"<li><b>{question}</b>{escape(sentence)}</li>"
-        for question, sentence in zip(_QUESTIONS, sentences.answer(diagnosis), strict=True)
+        f"<li><b>{question}</b>{escape(sentence).replace(' %', '&nbsp;%')}</li>"
+        for question, sentence in zip(
+            (*_QUESTIONS, "Next"),
+            (*sentences.answer(diagnosis), sentences.next_step(diagnosis)),
+            strict=True,
+        )
     )
-    items += f"<li><b>Next</b>{escape(sentences.next_step(diagnosis))}</li>"
     return f'<ul class="answer">{items}</ul>{_compared(diagnosis)}'
 
 
@@ -76,6 +81,7 @@ def _pictures(diagnosis: Diagnosis) -> str:
         applied=sentences.applied(diagnosis),
         held_out=diagnosis.example.scene in diagnosis.held_out,
         tried=bool(diagnosis.segments),
+        estimated="pattern_scale" in diagnosis.fitted.get(diagnosis.example.scene, {}),
     )
 
 

@@ -60,7 +60,13 @@ def scene_images(scene_model: SceneModel, settings: Mapping[str, Value]) -> Scen
 
 
 def section(
-    images: SceneImages, sides: SideNames, *, applied: str, held_out: bool, tried: bool
+    images: SceneImages,
+    sides: SideNames,
+    *,
+    applied: str,
+    held_out: bool,
+    tried: bool,
+    estimated: bool,
 ) -> str:
     """Draw a scene's infrared images and disparity errors as HTML.
 
@@ -70,15 +76,20 @@ def section(
         applied: the effects of `images.after` in words.
         held_out: whether the scene was not used to select effects.
         tried: whether any effect was tried.
+        estimated: whether reflectance was estimated from the captured images.
     """
     titled = [(sides.title, images.real), (sides.reference_title, images.before)]
     if images.after is not None:
         titled.append((f"Simulated, {applied}", images.after))
     texts = []
     if tried:
-        texts.append(f"This scene was {'not ' if held_out else ''}used to select the effects.")
+        select = "used to select the effects."
+        held = f"This scene is held out: it was not {select}"
+        texts.append(held if held_out else f"This scene was {select}")
     if images.after is None and not sides.gap:
         texts.append("No effect is applied, so there is no picture with effects.")
+    if estimated:
+        texts.append("Its reflectance is estimated from its images, so simulated surfaces blur.")
     return (prose(*texts) if texts else "") + _infrared(titled) + _errors(titled, images.strata)
 
 

@@ -26,13 +26,13 @@ REASONS: dict[SurrogateReason, str] = {
     "rival": "another effect explains more",
     "range": "its value lies at the end of its range",
     "held out": "it does not help on held-out rooms",
-    "misfit": "much of the gap stays in the features that it changes",
+    "misfit": "its best value leaves much of the gap that it should close",
     "worse": "it makes other figures worse",
 }
 SCALES: dict[Scale, str] = {
     "pixels": "from pixel to pixel",
     "dots": "over up to 16 px, the size of dots",
-    "image": "over more than 16 px",
+    "image": "smoothly, over more than 16 px",
 }
 FIGURES = {
     "features of the image": "image features",
@@ -54,7 +54,7 @@ SEGMENTS = {
     "depth": "the device's matcher and filters",
     "whole": "depth",
 }
-_SHORT = {"image": "images", "depth": "matcher and filters", "whole": "depth"}
+_SHORT = {"image": "images", "depth": "matcher and filters", "whole": "depth images"}
 
 _ALL = frozenset(f"features of the {name}" for name in SEGMENTS)
 _RIGHT = "right "
@@ -113,10 +113,12 @@ def _which(diagnosis: Diagnosis) -> str:
     if reported:
         segment, effect = reported[0]
         name = segment.table.segment.value
-        text = f"The gap in {_SHORT[name]} is consistent with {strength(effect)}"
+        text = f"{_SHORT[name].capitalize()} are consistent with {strength(effect)}"
         text += f" and {len(reported) - 1} more" if len(reported) > 1 else ""
         share = diagnosis.remainders[name].share
-        return f"{text}." if share is None else f"{text}; {100 * share:.0f} % stays unexplained."
+        text += "" if share is None else f", {100 * share:.0f} % unexplained"
+        nothing = [_SHORT[name] for name in without_effect(diagnosis)]
+        return f"{text}; {nothing[0]} with no known effect." if nothing else f"{text}."
     if accepted:
         name = accepted[0][1].fit.name
         reason = REASONS[diagnosis.evidence[name].reasons[0]]
@@ -154,6 +156,16 @@ def _howfar(diagnosis: Diagnosis) -> str:
     return f"How far the gap closes was not measured: {why}."
 
 
+def without_effect(diagnosis: Diagnosis) -> list[str]:
+    """Name the segments with an evident gap in which no effect is reported."""
+    return [
+        segment.table.segment.value
+        for segment in diagnosis.segments
+        if diagnosis.remainders[segment.table.segment.value].share is not None
+        and not diagnosis.settings.keys() & segment.settings.keys()
+    ]
+
+
 def next_step(diagnosis: Diagnosis) -> str:
     """Return one sentence that says what to do next."""
     if diagnosis.kind == "cannot tell":
@@ -167,7 +179,7 @@ def next_step(diagnosis: Diagnosis) -> str:
     if diagnosis.settings and diagnosis.compatible:
         if all(map(setting.acts_on_scene_only, diagnosis.settings)):
             return f"Set {shortened(list(diagnosis.settings))} in scene.toml, and diagnose again."
-        return "Diagnose again with the sensor file that --fix writes."
+        return "Run this diagnosis with --fix, then again with the sensor.toml that it writes."
     if exposure_ratio(diagnosis) is not None:
         return "Check the exposure of the captures and of the sensor file, and diagnose again."
     weak = [fit for segment in diagnosis.segments for fit in segment.weak]
@@ -281,7 +293,9 @@ def unit(name: str) -> str:
 
 def number(value: Value) -> str:
     """Write a parameter's value."""
-    return value if isinstance(value, str) else f"{value:.3g}"
+    if isinstance(value, str):
+        return value
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
 def _percent(share: float) -> str:

@@ -151,7 +151,7 @@ def _maps(diagnosis: Diagnosis) -> str:
     text = (
         "Means over rooms. Effects of imager and lens are fixed in the camera image; effects of "
         "the projector are fixed in the projector field. Grey: fewer than two rooms have enough "
-        "pixels. Both frames share one colour scale."
+        "pixels. Both frames share one colour scale, at whose ends the colours stop."
     )
     sides = side_names(diagnosis.against)
     return prose(text) + _drawn(diagnosis.where.maps, diagnosis, sides.pair, sides.more)

@@ -23,7 +23,7 @@ class SideNames:
 
 SIMULATION = SideNames(
     title="Real",
-    reference_title="Simulated, your sensor",
+    reference_title="Simulated, your sensor file",
     pair=("real", "simulated"),
     more="the real",
     have=("real captures", "simulated captures"),

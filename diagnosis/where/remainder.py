@@ -24,7 +24,8 @@ _EDGES_PX = (2.0, 16.0)  # Standard deviations of the filters that separate the 
 _ROWS = ("top", "", "bottom")
 _COLUMNS = ("left", "", "right")
 _LEAST_RATIO = 1.5  # Least ratio of a zone's mean square to that of the whole image.
-_QUANTITIES = {"image": "infrared", "depth": "holes", "whole": "holes"}
+# Quantities of the maps of each segment; the first one has the zone.
+_QUANTITIES = {"image": ("infrared",), "depth": ("holes", "error"), "whole": ("holes", "error")}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -34,7 +35,8 @@ class RemainderPlace:
     frame: FixedFrame | None  # Frame in which it is fixed; None if it is fixed in none.
     zone: str | None  # Part of the camera image where it is strongest: `top left`.
     scale: Scale | None  # Largest share of its variance beyond noise; None below noise.
-    # Maps of levels or holes, captured minus simulated with the effects; none for one room.
+    # Of levels, or of holes and disparity: captured minus simulated with the effects. Empty for one
+    # room.
     maps: tuple[GapMap, ...] = field(default=(), compare=False)
 
 
@@ -59,7 +61,7 @@ def remainder_places(
     return {
         segment: RemainderPlace(
             frame=frames.segment_frame(gap_maps, segment),
-            zone=strongest_zone(gap_maps, _QUANTITIES[segment]),
+            zone=strongest_zone(gap_maps, _QUANTITIES[segment][0]),
             scale=dominant_scale(
                 [
                     (difference(second, first, segment), difference(third, first, segment))
@@ -67,7 +69,7 @@ def remainder_places(
                 ],
                 [each.counted for each in strata],
             ),
-            maps=tuple(each for each in gap_maps if each.quantity == _QUANTITIES[segment]),
+            maps=tuple(each for each in gap_maps if each.quantity in _QUANTITIES[segment]),
         )
         for segment in segments
     }

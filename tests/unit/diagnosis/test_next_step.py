@@ -56,7 +56,7 @@ def separated(deviations: float) -> tuple[Discrimination, ...]:
         ),
         (
             diagnosis(discriminations=separated(SEPARATED - 0.01)),
-            "Diagnose again with the sensor file that --fix writes.",
+            "Run this diagnosis with --fix, then again with the sensor.toml that it writes.",
         ),
         (
             dataclasses.replace(NONE, where=levels(1.8)),
@@ -81,22 +81,35 @@ def test_effects_of_the_scene_belong_to_its_file():
     text = "Set motion in scene.toml, and diagnose again."
     assert sentences.next_step(diagnosis(settings={"motion": 1.0})) == text
     both = diagnosis(settings={"motion": 1.0, "pitch": 1.0})
-    assert sentences.next_step(both) == "Diagnose again with the sensor file that --fix writes."
+    assert (
+        sentences.next_step(both)
+        == "Run this diagnosis with --fix, then again with the sensor.toml that it writes."
+    )
 
 
 def test_the_page_says_the_next_step():
-    assert "Diagnose again with the sensor file that --fix writes." in Reader(page(FULL)).text
+    assert (
+        "Run this diagnosis with --fix, then again with the sensor.toml that it writes."
+        in Reader(page(FULL)).text
+    )
 
 
 def test_captions_name_the_effects_of_the_simulation():
     (name,) = NAMED.settings
     text = Reader(page(FULL)).text
-    assert "Simulated, your sensor: left infrared" in text
+    assert "Simulated, your sensor file: left infrared" in text
     assert f"Simulated, with {name} {sentences.with_unit(name, NAMED.settings[name])}: left" in text
     many = dict.fromkeys(("pitch", "gamma", "veil", "roll"), 0.9)
     assert sentences.applied(diagnosis(settings=many)) == (
         f"with pitch {sentences.with_unit('pitch', 0.9)}, gamma 0.9, veil 0.9 and 1 more"
     )
+
+
+@pytest.mark.parametrize("fitted", [{"pattern_scale": 1.01}, {"ambient": 0.1}, {}])
+def test_pictures_say_that_reflectance_is_estimated(fitted: dict[str, float]):
+    each = diagnosis(fitted={FULL.example.scene: fitted})
+    said = "Its reflectance is estimated from its images" in Reader(page(each)).text
+    assert said == ("pattern_scale" in fitted)
 
 
 def remainder_map() -> GapMap:
@@ -127,4 +140,4 @@ def test_a_tiny_remainder_is_not_located(share: float, located: bool):
     each = diagnosis(segments=(segment,), remainders=left)
     (item,) = notes.note_lists(each)["Unexplained remainder"]
     assert left["image"].notable == located
-    assert ("It shows in brightness." in item) == located
+    assert ("Features that show it: brightness." in item) == located

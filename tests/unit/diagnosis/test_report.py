@@ -208,7 +208,7 @@ def test_no_gap_is_a_verdict():
     text = Reader(page(no_gap)).text
     assert "No gap found" in text and "No effect is accepted here." in text
     assert "No effect has a positive gain." in text
-    assert "This scene was not used to select the effects." in text
+    assert "This scene is held out: it was not used to select the effects." in text
     assert "There is no gap to close." in text
     assert "is not separable" not in text.split("How this report was made")[1]
     assert "the remaining gap. It" not in text
