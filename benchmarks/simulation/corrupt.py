@@ -1,0 +1,119 @@
+r"""Compare corrupted depth images with the full simulation, and measure their CPU time.
+
+The full simulation renders a scene; `corrupt` gets its true depth and reflectance. Another seed of
+the full simulation is the ceiling of each overlap.
+
+Usage:
+    python benchmarks/simulation/corrupt.py [--scenes tabletop clutter:1 staircase]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+import starling
+from starling import Corruptor, Scene, Shot
+
+WIDTH, HEIGHT, FOV_DEG = 640, 480, 58.2
+FOCAL = HEIGHT / 2 / np.tan(np.deg2rad(FOV_DEG) / 2)
+MATRIX = np.array([[FOCAL, 0, WIDTH / 2 - 0.5], [0, FOCAL, HEIGHT / 2 - 0.5], [0, 0, 1]])
+BAND_PX = 100  # Columns at the left, most of them outside the overlap of both views.
+REPEATS = 5
+DISPARITIES = 128
+MATT_TILT = 2 / 3  # Irradiance of a tilted matt surface below a sky with a gradient.
+Mask = NDArray[np.bool_]
+
+
+def main() -> None:
+    """Print a row for each scene."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--scenes", nargs="+", default=["tabletop", "clutter:1", "staircase"])
+    options = parser.parse_args()
+    sensor = starling.load_sensor("d435", camera_matrix=MATRIX, size=(WIDTH, HEIGHT))
+    print(
+        "| scene | holes, full | holes, corrupt | IoU | other seed | IoU, x >= 100 | other seed "
+        "| NMAD, corrupt [px] | full [px] | light, correlation | CPU [ms] | over SGBM |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
+    for name in options.scenes:
+        scene = starling.load_scene(name, sensor)
+        full, again = (starling.simulate(scene, sensor, seed=seed) for seed in (1, 2))
+        truth_m = full.layers.truth.depth_m
+        ambient = max(scene.ambient.irradiance_w_m2, 0.01)
+        corruptor = Corruptor(sensor, MATRIX, effects={"ambient": ambient})
+        reflected = reflectance(full, scene)
+        shot = corruptor.shoot(truth_m, reflectance=reflected, seed=3)
+        known = np.isfinite(truth_m)
+        holes = [~each.depth.valid & known for each in (full, shot, again)]
+        inside = np.zeros(known.shape, bool)
+        inside[:, BAND_PX:] = True
+        numbers = (np.arange(REPEATS)).tolist()
+        corrupt_ms = cpu_ms(
+            lambda n, c=corruptor, t=truth_m, r=reflected: c(t, reflectance=r, frame=n), numbers
+        )
+        engine = cv2.StereoSGBM.create(
+            0, DISPARITIES, 7, 8 * 49, 32 * 49, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY
+        )
+        left, right = shot.ir_left, shot.ir_right
+        sgbm_ms = cpu_ms(lambda _, e=engine, a=left, b=right: e.compute(a, b), numbers)
+        cells = [
+            name,
+            *(f"{each.mean():.3f}" for each in holes[:2]),
+            *(f"{iou(each, holes[0]):.3f}" for each in holes[1:]),
+            *(f"{iou(each & inside, holes[0] & inside):.3f}" for each in holes[1:]),
+            *(f"{nmad_px(each, truth_m, sensor.focal_baseline_px_m):.3f}" for each in (shot, full)),
+            f"{correlation(shot, full):.3f}",
+            f"{corrupt_ms:.0f}",
+            f"{corrupt_ms / sgbm_ms:.1f}",
+        ]
+        print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def reflectance(shot: Shot, scene: Scene) -> NDArray[np.float32]:
+    """Return the reflectance (h, w) of a rendered scene, from its ambient light."""
+    up = scene.world_from_left[:3, :3].T @ np.asarray(scene.ambient.up)
+    tilt = shot.layers.truth.normal @ up.astype(np.float32)
+    light = 1 + np.float32(scene.ambient.gradient * MATT_TILT) * tilt
+    share = np.nan_to_num(shot.layers.left.ambient * np.float32(np.pi) / light, nan=0.5)
+    return np.clip(share, 0, 1)
+
+
+def cpu_ms(run: Callable[[int], object], numbers: list[int]) -> float:
+    """Return the median CPU time of runs [ms]."""
+    times = []
+    for number in numbers:
+        started = time.process_time()
+        run(number)
+        times.append(1e3 * (time.process_time() - started))
+    return float(np.median(times))
+
+
+def iou(first: Mask, second: Mask) -> float:
+    """Return intersection over union."""
+    return float((first & second).sum() / max((first | second).sum(), 1))
+
+
+def nmad_px(shot: Shot, truth_m: NDArray[np.float32], focal_baseline: float) -> float:
+    """Return the spread of disparity errors [px]."""
+    error = (focal_baseline / shot.depth.depth_m - focal_baseline / truth_m)[shot.depth.valid]
+    error = error[np.isfinite(error)]
+    return float(1.4826 * np.median(np.abs(error - np.median(error))))
+
+
+def correlation(shot: Shot, full: Shot) -> float:
+    """Return the correlation of the dots' light in both left images, blurred by the lens."""
+    light = [
+        cv2.GaussianBlur(each.layers.left.projector_direct, (0, 0), 0.6).ravel()
+        for each in (shot, full)
+    ]
+    return float(np.corrcoef(*light)[0, 1])
+
+
+if __name__ == "__main__":
+    main()
