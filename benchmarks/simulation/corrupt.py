@@ -60,7 +60,7 @@ def main() -> None:
         engine = cv2.StereoSGBM.create(
             0, DISPARITIES, 7, 8 * 49, 32 * 49, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY
         )
-        left, right = shot.ir_left, shot.ir_right
+        left, right = (np.asarray(image, np.uint8) for image in (shot.ir_left, shot.ir_right))
         sgbm_ms = cpu_ms(lambda _, e=engine, a=left, b=right: e.compute(a, b), numbers)
         cells = [
             name,
@@ -81,7 +81,7 @@ def reflectance(shot: Shot, scene: Scene) -> NDArray[np.float32]:
     tilt = shot.layers.truth.normal @ up.astype(np.float32)
     light = 1 + np.float32(scene.ambient.gradient * MATT_TILT) * tilt
     share = np.nan_to_num(shot.layers.left.ambient * np.float32(np.pi) / light, nan=0.5)
-    return np.clip(share, 0, 1)
+    return np.clip(share, 0, 1).astype(np.float32)
 
 
 def cpu_ms(run: Callable[[int], object], numbers: list[int]) -> float:
@@ -108,11 +108,11 @@ def nmad_px(shot: Shot, truth_m: NDArray[np.float32], focal_baseline: float) -> 
 
 def correlation(shot: Shot, full: Shot) -> float:
     """Return the correlation of the dots' light in both left images, blurred by the lens."""
-    light = [
+    first, second = (
         cv2.GaussianBlur(each.layers.left.projector_direct, (0, 0), 0.6).ravel()
         for each in (shot, full)
-    ]
-    return float(np.corrcoef(*light)[0, 1])
+    )
+    return float(np.corrcoef(first, second)[0, 1])
 
 
 if __name__ == "__main__":
