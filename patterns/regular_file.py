@@ -10,13 +10,17 @@ def read(path: Path) -> bytes:
     """Read a file that is no pipe or device.
 
     Raises:
-        OSError: if it cannot be read, is a pipe or device, or has a null byte in its name.
+        OSError: if it cannot be read, does not fit into memory, is a pipe or device, or has a
+            null byte in its name.
     """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "Its name has a null byte")
     if is_pipe_or_device(path):
         raise OSError(errno.EINVAL, "It is a pipe or a device", str(path))
-    return path.read_bytes()
+    try:
+        return path.read_bytes()
+    except MemoryError as error:
+        raise OSError(errno.ENOMEM, "It does not fit into memory", str(path)) from error
 
 
 def is_pipe_or_device(path: Path) -> bool:

@@ -381,6 +381,8 @@ def test_other_errors_are_one_line_too(capsys: Capsys, monkeypatch: pytest.Monke
     assert "an error of starling itself, KeyError" in message and "--debug" in message
     with pytest.raises(KeyError):
         command_line.main(["doctor", "--debug"])
+    monkeypatch.setattr(backend, "report", raising(MemoryError()))
+    assert "memory must suffice; got too little" in _refused("doctor", capsys=capsys)
     monkeypatch.setattr(backend, "report", raising(KeyboardInterrupt()))
     assert _run("doctor", capsys=capsys)[0] == 130
     monkeypatch.setattr(backend, "report", raising(SystemExit("stop")))

@@ -52,6 +52,17 @@ def test_pipes_and_devices_are_refused(small_set: Path, name: str, device: bool)
         scene.frame(0)
 
 
+def test_files_larger_than_memory_are_refused(
+    small_set: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(path: Path) -> bytes:
+        raise MemoryError
+
+    monkeypatch.setattr(Path, "read_bytes", fail)
+    with pytest.raises(InputError, match=r"capture.toml must be readable; .*fit into memory"):
+        capture.open_set(small_set)
+
+
 def test_a_pattern_that_is_a_device_is_refused() -> None:
     with pytest.raises(InputError, match="pattern file must be readable; got /dev/zero"):
         image.load("/dev/zero", fov_x_deg=60, fov_y_deg=40)
