@@ -367,6 +367,15 @@ def test_full_disk_is_one_line_and_leaves_nothing(
     assert not out.parent.exists()
 
 
+def test_a_deleted_working_directory_is_refused(
+    capsys: Capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert "working directory must exist" in _refused("sensors", capsys=capsys)
+
+
 def test_other_errors_are_one_line_too(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     def raising(error: BaseException) -> Callable[[], None]:
         def report() -> None:
