@@ -97,8 +97,8 @@ def fit(
         track: progress callback around long loops.
 
     Raises:
-        InputError: if the captures contradict their metadata, a group or room is unknown, or no
-            room remains to fit.
+        InputError: if the captures contradict their metadata, a pair is to be of structured
+            light, a group or room is unknown, or no room remains to fit.
     """
     from starling.calibration.depth import depth_only
 
@@ -109,6 +109,7 @@ def fit(
     rooms = tuple(dict.fromkeys(scene.room for scene in inside))
     with _timed(seconds, "load"):
         read_observations = observation.read_all(track(inside, "read"))
+        _check_kind(read_observations, sensor)
         # Checked first, because loading surfaces takes longer.
         warnings = checks.check(read_observations, sensor)
         observations = tuple(
@@ -185,6 +186,14 @@ def _check_groups(free: Sequence[str]) -> None:
     for group in free:
         if group not in depth_only.GROUPS:
             errors.one_of("free", group, GROUPS)
+
+
+def _check_kind(observations: Sequence[Observation], sensor: Sensor) -> None:
+    """Refuse structured light, which has one imager, for a scene with an infrared pair."""
+    pairs = [item.name for item in observations if item.right is not None]
+    if pairs and sensor.kind != "stereo":
+        advice = f"Scene {pairs[0]} holds an infrared pair."
+        raise errors.refuse("sensor", "must be a stereo camera's", sensor.kind, advice)
 
 
 def _recovered(

@@ -10,10 +10,14 @@ def read(path: Path) -> bytes:
     """Read a file that is no pipe or device.
 
     Raises:
-        OSError: if it cannot be read, is a pipe or device, or has a null byte in its name.
+        OSError: if it cannot be read, does not fit into memory, is a pipe or device, or has a
+            null byte in its name.
     """
     refuse_others(path)
-    return path.read_bytes()
+    try:
+        return path.read_bytes()
+    except MemoryError as error:
+        raise OSError(errno.ENOMEM, "It does not fit into memory", str(path)) from error
 
 
 def refuse_others(path: Path) -> None:

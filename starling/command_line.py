@@ -114,6 +114,7 @@ def _run(arguments: list[str]) -> int:
     if name not in VERBS:
         print(_unknown(name), file=sys.stderr)
         return _BAD_FLAGS
+    _refuse_lost_folder()
     tyro.cli(
         _function(name),
         prog=f"starling {name}",
@@ -121,6 +122,17 @@ def _run(arguments: list[str]) -> int:
         config=(FlagCreatePairsOff, PositionalMetavarFromFieldName),
     )
     return 0
+
+
+def _refuse_lost_folder() -> None:
+    """Refuse to run in a folder that was deleted; paths are relative to it."""
+    from starling.patterns.errors import refuse
+
+    try:
+        os.getcwd()
+    except OSError as error:
+        advice = "Change to another folder."
+        raise refuse("working directory", "must exist", error.strerror, advice) from error
 
 
 def _function(name: str) -> Callable[..., None]:

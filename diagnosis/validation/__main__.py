@@ -21,9 +21,11 @@ from starling.diagnosis.validation.protocol import score_table, seal
 from starling.diagnosis.validation.protocol.check import Check
 from starling.diagnosis.validation.protocol.tier import TIERS
 
+INTERRUPTED = 130  # Exit code after SIGINT: 128 and its number.
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. The exit code is 1 if an input is invalid."""
+    """Run the command line. The exit code is 1 if an input is invalid, 130 after an interrupt."""
     parser = argparse.ArgumentParser(
         prog="python -m starling.diagnosis.validation", description=__doc__
     )
@@ -62,6 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print((check.folder / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)
         check.diagnose(sealed)
         scores = check.score(sealed)
+    except KeyboardInterrupt:
+        return INTERRUPTED
     except Exception as error:
         if options.debug:
             raise

@@ -315,7 +315,7 @@ def _record(folder: Path) -> dict[str, Any]:
 
 
 def _check_pair(folder: Path, left: GreyImage | None, right: GreyImage | None, name: str) -> None:
-    """Refuse a pair without left image or with unequal bit depths; sizes are checked on reading."""
+    """Refuse a pair without left image or of two bit depths; report two equal images."""
     if right is not None and left is None:
         raise errors.refuse(
             f"{name} pair", "must have its left image", folder, "Is the folder complete?"
@@ -327,3 +327,6 @@ def _check_pair(folder: Path, left: GreyImage | None, right: GreyImage | None, n
             f"{folder}, left {left.dtype}, right {right.dtype}",
             "Save both alike.",
         )
+    if right is not None and np.ptp(right) and np.array_equal(left, right):
+        message = f"{folder}: {name} pair has two equal images. Is the left one stored twice?"
+        warnings.warn(message, stacklevel=3)

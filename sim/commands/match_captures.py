@@ -17,6 +17,7 @@ from starling.sim.captures import capture, writer
 from starling.sim.captures.capture import CapturedScene
 from starling.sim.console import progress
 from starling.sim.console.output import OutputFolder, refuse_own_input
+from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.reason import Reason
 from starling.sim.sensor.post import refuse_single_frame
 from starling.sim.sensor.sensor import Sensor
@@ -56,8 +57,8 @@ def match_captures(
         `ndp_iou`. Figures without reference or device depth are None.
 
     Raises:
-        InputError: captures that cannot be read or have no infrared pair, or a folder that
-            cannot be written or is the captures' own.
+        InputError: captures that cannot be read or have no infrared pair, structured light for
+            an infrared pair, or a folder that cannot be written or is the captures' own.
     """
     refuse_single_frame(sensor.post, 1)  # Only the first frame of each scene is matched.
     opened = capture.open_set(captures)
@@ -76,7 +77,12 @@ def match_captures(
         result = {"scenes": figures, "median": _medians(figures)}
         writer.write_set(
             folder,
-            dataclasses.replace(scenes[0].info, notes=f"depth by starling match {captures}"),
+            dataclasses.replace(
+                scenes[0].info,
+                **dataclasses.asdict(Pinhole.from_camera(sensor)),
+                baseline_m=sensor.baseline_m,  # The depth was computed with it.
+                notes=f"depth by starling match {captures}",
+            ),
             sensor,
             verb="match",
             arguments={"captures": captures, **(options or {})},
@@ -93,6 +99,13 @@ def _match(scene: CapturedScene, sensor: Sensor) -> depth.DepthMap:
             "must hold ir_left.png and ir_right.png",
             scene.path,
             "Matching needs an infrared pair.",
+        )
+    if frame.ir_right is not None and sensor.kind != "stereo":
+        raise errors.refuse(
+            "sensor",
+            "must be a stereo camera's",
+            sensor.kind,
+            f"Scene {scene.name} holds an infrared pair.",
         )
     depth_map = measurement.measure(frame.ir_left, frame.ir_right, sensor, causes={})
     if frame.ir_right is not None and depth_map.valid.mean() < _LITTLE:

@@ -73,6 +73,9 @@ def format_error(error: Exception) -> str:
     message = " ".join(str(error).split())
     if isinstance(error, (InputError, BackendError)):
         return f"starling: {message}"
+    if isinstance(error, MemoryError):
+        missing = message or "too little"
+        return f"starling: memory must suffice; got {missing}. Use smaller images or fewer frames."
     return (
         f"starling: an error of starling itself, {type(error).__name__}: {message}. "
         "Run again with --debug and report what it prints."

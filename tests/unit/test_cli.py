@@ -367,6 +367,15 @@ def test_full_disk_is_one_line_and_leaves_nothing(
     assert not out.parent.exists()
 
 
+def test_a_deleted_working_directory_is_refused(
+    capsys: Capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert "working directory must exist" in _refused("sensors", capsys=capsys)
+
+
 def test_other_errors_are_one_line_too(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     def raising(error: BaseException) -> Callable[[], None]:
         def report() -> None:
@@ -381,6 +390,8 @@ def test_other_errors_are_one_line_too(capsys: Capsys, monkeypatch: pytest.Monke
     assert "an error of starling itself, KeyError" in message and "--debug" in message
     with pytest.raises(KeyError):
         command_line.main(["doctor", "--debug"])
+    monkeypatch.setattr(backend, "report", raising(MemoryError()))
+    assert "memory must suffice; got too little" in _refused("doctor", capsys=capsys)
     monkeypatch.setattr(backend, "report", raising(KeyboardInterrupt()))
     assert _run("doctor", capsys=capsys)[0] == 130
     monkeypatch.setattr(backend, "report", raising(SystemExit("stop")))

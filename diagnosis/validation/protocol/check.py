@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,6 +20,7 @@ from starling.diagnosis.validation.protocol.scene_set import EffectTable, SceneS
 from starling.diagnosis.validation.protocol.score_statistic import statistic
 from starling.diagnosis.validation.protocol.tier import Tier
 from starling.diagnosis.validation.protocol.verdict import CaseResult
+from starling.sim.console.threads import Workers
 
 POWER_TIER = 1  # Tier of the power curves: images and depth, without the second matcher.
 
@@ -262,7 +261,6 @@ class Check:
             for call in calls:
                 call()
             return
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(self.jobs, mp_context=context) as pool:
+        with Workers(self.jobs) as pool:
             for future in [pool.submit(call) for call in calls]:
                 future.result()

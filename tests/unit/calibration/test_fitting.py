@@ -102,6 +102,12 @@ def test_a_warp_of_one_room_is_refused(captures: Path, small: Sensor, tmp_path: 
     assert message.startswith("captures must hold infrared pairs of 2 rooms for the warp; got 1.")
 
 
+def test_structured_light_is_refused_for_pairs(captures: Path, tmp_path: Path) -> None:
+    sensor = resolve.load("kinect-v1", captures=str(captures))
+    message = _refused(captures, sensor, tmp_path, free=["noise"])
+    assert message.startswith("sensor must be a stereo camera's; got structured_light.")
+
+
 def test_haze_is_not_biased_by_the_initial_ambient_map(tmp_path: Path) -> None:
     """A haze of 0.3 is recovered from an initial haze of 0, because the light map is dropped.
 

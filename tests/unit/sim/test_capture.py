@@ -287,6 +287,13 @@ def test_wrong_frames_are_refused(small_set: Path) -> None:
         scene.frame(0)
 
 
+def test_a_pair_of_equal_images_is_reported(small_set: Path) -> None:
+    folder = small_set / "a" / "0"
+    shutil.copyfile(folder / "ir_left.png", folder / "ir_right.png")
+    with pytest.warns(UserWarning, match="ir pair has two equal images"):
+        capture.open_set(small_set).scenes[0].frame(0)
+
+
 def test_sensor_takes_the_captures_geometry(small_set: Path) -> None:
     from starling.sim.sensor import presets
 

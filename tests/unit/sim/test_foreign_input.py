@@ -15,7 +15,7 @@ import trimesh
 
 from starling.patterns import image
 from starling.patterns.errors import InputError
-from starling.sim.captures import capture
+from starling.sim.captures import capture, info
 from starling.sim.captures.exchange import bop, tum
 from starling.sim.captures.exchange.export import export
 from starling.sim.captures.exchange.stream import posed_frames
@@ -50,6 +50,17 @@ def test_pipes_and_devices_are_refused(small_set: Path, name: str, device: bool)
         (scene,) = capture.open_set(small_set).scenes[:1]
         scene.truth_m()
         scene.frame(0)
+
+
+def test_files_larger_than_memory_are_refused(
+    small_set: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(path: Path) -> bytes:
+        raise MemoryError
+
+    monkeypatch.setattr(Path, "read_bytes", fail)
+    with pytest.raises(InputError, match=r"capture.toml must be readable; .*fit into memory"):
+        capture.open_set(small_set)
 
 
 def test_a_pattern_that_is_a_device_is_refused() -> None:
@@ -137,6 +148,19 @@ def test_a_swapped_pair_is_reported(small_set: Path) -> None:
         (small_set / "x.png").rename(right)
     with pytest.warns(UserWarning, match=r"if swapped. Are left and right swapped\?"):
         assert matched(small_set)["fill"] < 0.3
+
+
+def test_structured_light_is_refused_for_an_infrared_pair(small_set: Path) -> None:
+    sensor = resolve.load("kinect-v1", captures=str(small_set), edits=["imager.bit_depth=8"])
+    with pytest.raises(InputError, match="sensor must be a stereo camera's; got structured_light"):
+        match_captures(str(small_set), sensor)
+
+
+def test_match_writes_the_geometry_of_its_depth(tmp_path: Path, small_set: Path) -> None:
+    edits = ["matcher.search_px=32", "baseline_m=0.1"]
+    sensor = resolve.load("d435", captures=str(small_set), edits=edits)
+    match_captures(str(small_set), sensor, out=tmp_path / "out")
+    assert info.read(tmp_path / "out" / "capture.toml").baseline_m == 0.1
 
 
 # --- simulate ---------------------------------------------------------------------------------

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 
 from starling import command_line
@@ -36,6 +39,32 @@ def test_invalid_options_are_refused(tmp_path, capsys):
     assert not (tmp_path / "run").exists()
     assert adapters.main(["captured_camera", str(tmp_path / "camera"), *options]) == 1
     assert "captures must be a folder" in capsys.readouterr().err
+
+
+def test_workers_end_with_a_killed_program(tmp_path):
+    code = f"""
+import functools, pathlib, time
+from starling.diagnosis.validation.protocol import check, tier
+run = check.Check(
+    out=pathlib.Path({str(tmp_path / "run")!r}), tier=tier.TIERS[1], blender=pathlib.Path(), jobs=2
+)
+run._call([functools.partial(print, "begun", flush=True), functools.partial(time.sleep, 600)])
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
+    ) as running:
+        assert running.stdout is not None and running.stdout.readline() == "begun\n"
+        running.kill()
+        running.communicate(timeout=60)  # Returns when no worker holds the pipe any more.
+
+
+def test_an_interrupt_is_no_error(tmp_path, capsys, monkeypatch):
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Check, "prepare", interrupted)
+    assert program.main([str(tmp_path / "run")]) == program.INTERRUPTED
+    assert capsys.readouterr().err == ""
 
 
 def test_unexpected_errors_are_one_line(tmp_path, capsys, monkeypatch):
