@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from starling.calibration.plausibility import correspondence
+from starling.calibration.plausibility.reference_scale import refuse_swapped
 from starling.diagnosis.scenes import rooms
 from starling.diagnosis.scenes.observation import DepthObservation, StereoObservation
 from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model
@@ -58,13 +60,15 @@ def load_scenes(
         track: wraps the loop over scenes to report progress.
 
     Raises:
-        InputError: as `pair_scenes` and `load_scene_model`.
+        InputError: as `pair_scenes` and `load_scene_model`. Also if left and right are swapped or
+            equal.
     """
     paired = pair_scenes(captures, against)
     loaded = [
         load_scene_model(scene, sensor, against=reference)
         for scene, reference in track(paired.pairs, "scenes")
     ]
+    refuse_swapped_pairs(loaded)
     complete, incomplete = split_complete(loaded)
     training, held_out = split_test_rooms(complete)
     return SceneSelection(
@@ -74,6 +78,18 @@ def load_scenes(
         held_out=held_out,
         unpaired=paired.unpaired,
     )
+
+
+def refuse_swapped_pairs(scenes: Sequence[SceneModel]) -> None:
+    """Refuse scenes whose left and right images are swapped or equal.
+
+    Raises:
+        InputError: as said, or if images are smaller than 64 x 64.
+    """
+    for scene in scenes:
+        if isinstance(scene.real, StereoObservation):
+            left, right = scene.real.left[0], scene.real.right[0]
+            refuse_swapped(scene.name, correspondence.find(left, right))
 
 
 def pair_scenes(captures: CaptureSet, against: CaptureSet | None) -> ScenePairs:

@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from starling.diagnosis.scenes.observation import DepthObservation, StereoObservation
-from starling.diagnosis.scenes.selection import split_complete, split_test_rooms
+from starling.diagnosis.scenes.selection import (
+    refuse_swapped_pairs,
+    split_complete,
+    split_test_rooms,
+)
+from starling.patterns.errors import InputError
 
 BOTH, PAIRS, DEPTH = (1, 1), (1, 0), (0, 1)
 
@@ -48,3 +53,19 @@ def test_three_of_eight_rooms_are_held_out_and_none_of_three():
     sizes = {3: 0, 4: 1, 7: 1, 8: 3, 12: 3, 16: 4}
     assert {count: split(count)[1] for count in sizes} == sizes
     assert all(sum(split(count)) == count for count in sizes)
+
+
+def test_swapped_pairs_are_refused():
+    image = np.random.default_rng(1).integers(0, 255, (1, 120, 160)).astype(np.uint8)
+    moved = np.roll(image, -9, axis=2)
+    maps = np.zeros(image.shape, np.float32)
+
+    def captured(left: Any, right: Any) -> Any:
+        real = StereoObservation(left=left, right=right, ours_px=maps)
+        return SimpleNamespace(name="attic", real=real)
+
+    refuse_swapped_pairs([captured(image, moved), scene(DEPTH)])
+    with pytest.raises(InputError, match="images of scene attic must not be swapped"):
+        refuse_swapped_pairs([captured(moved, image)])
+    with pytest.raises(InputError, match="images of scene attic must be two views"):
+        refuse_swapped_pairs([captured(image, image)])
