@@ -244,7 +244,7 @@ def _check_truth(truth_m: NDArray[np.float32], name: str, sensor: Sensor, *, emp
     if beyond.any():
         share = beyond.sum() / seen.sum()
         warnings.warn(
-            f"{name}: {100 * share:.2g} % of the surface lies beyond {farthest_m:g} m, the end of "
+            f"{name}: {100 * share:.3g} % of the surface lies beyond {farthest_m:g} m, the end of "
             f"the depth image. truth.png is 0 there.",
             stacklevel=2,
         )
