@@ -97,8 +97,8 @@ def fit(
         track: progress callback around long loops.
 
     Raises:
-        InputError: if the captures contradict their metadata, a pair is to be of structured
-            light, a group or room is unknown, or no room remains to fit.
+        InputError: if the captures contradict their metadata, a group or room is unknown, or no
+            room remains to fit. Also structured light for a pair.
     """
     from starling.calibration.depth import depth_only
 

@@ -327,6 +327,6 @@ def _check_pair(folder: Path, left: GreyImage | None, right: GreyImage | None, n
             f"{folder}, left {left.dtype}, right {right.dtype}",
             "Save both alike.",
         )
-    if right is not None and np.ptp(right) and np.array_equal(left, right):
+    if left is not None and right is not None and np.ptp(right) and np.array_equal(left, right):
         message = f"{folder}: {name} pair has two equal images. Is the left one stored twice?"
         warnings.warn(message, stacklevel=3)

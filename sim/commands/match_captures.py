@@ -57,8 +57,8 @@ def match_captures(
         `ndp_iou`. Figures without reference or device depth are None.
 
     Raises:
-        InputError: captures that cannot be read or have no infrared pair, structured light for
-            an infrared pair, or a folder that cannot be written or is the captures' own.
+        InputError: captures that cannot be read or have no infrared pair, or a folder that
+            cannot be written or is the captures' own. Also structured light for a pair.
     """
     refuse_single_frame(sensor.post, 1)  # Only the first frame of each scene is matched.
     opened = capture.open_set(captures)

@@ -52,7 +52,7 @@ def _shot(shape: tuple[int, int]) -> Any:
     return types.SimpleNamespace(
         layers=Layers(left=view, right=view, truth=truth),
         ir_left=image,
-        ir_right=image,
+        ir_right=image.copy(),
         depth=DepthMap(disparity_px=zeros + 45, depth_m=zeros + 1, valid=ones, reason=codes),
         registered_m=None,
         exposure_s=8e-3,
