@@ -64,7 +64,7 @@ def main() -> None:
     ]
     for case, verdict in zip(cases, verdicts, strict=True):
         print(line(case, verdict))
-    for rule, reported in (("present", reported_effects), ("first", reported_by_first_rule)):
+    for rule, reported in (("present", reported_effects), ("earlier", reported_by_earlier_rule)):
         result = scores(cases, [reported(verdict) for verdict in verdicts], believed)
         print(f"By the {rule} rule: {json.dumps(result, indent=1)}")
 
@@ -179,7 +179,7 @@ def reported_effects(verdict: Mapping[str, Any]) -> Effects:
     return {each["name"].partition(".")[0]: each for each in accepted if not each["stand_in"]}
 
 
-def reported_by_first_rule(verdict: Mapping[str, Any]) -> Effects:
+def reported_by_earlier_rule(verdict: Mapping[str, Any]) -> Effects:
     """Return all accepted effects, or none if a gap stays unexplained in any segment."""
     if any(part["beyond"] > part["below"] for part in verdict["left"].values()):
         return {}
