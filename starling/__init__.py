@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from starling.sim.reason import Reason as Reason
     from starling.sim.scene.scene import Scene as Scene
     from starling.sim.sensor.sensor import Sensor as Sensor
+    from starling.sim.simulate import Quality
     from starling.sim.simulate import Shot as Shot
     from starling.sim.stereo.depth import DepthMap as DepthMap
     from starling.sim.stereo.post.temporal import History
@@ -192,7 +193,13 @@ def apply_effects(
 
 
 def simulate(
-    scene: Scene | str, sensor: Sensor | str, *, seed: int = 0, frame: int = 0, samples: int = 16
+    scene: Scene | str,
+    sensor: Sensor | str,
+    *,
+    seed: int = 0,
+    frame: int = 0,
+    samples: int = 16,
+    quality: Quality = "full",
 ) -> Shot:
     """Simulate one reading of a depth camera: infrared pair, depth, and why depth is missing.
 
@@ -202,6 +209,7 @@ def simulate(
         seed: seed of all noise; equal seeds give equal bits on one machine.
         frame: number of the frame; each frame has noise of its own.
         samples: paths a coarse pixel of indirect light, where the scene has interreflection.
+        quality: `draft` renders one position a pixel in place of four.
 
     Raises:
         InputError: unknown scene or sensor, or a sensor that one frame cannot serve.
@@ -217,7 +225,7 @@ def simulate(
 
     camera = load_sensor(sensor) if isinstance(sensor, str) else sensor
     stage = load_scene(scene, camera) if isinstance(scene, str) else scene
-    return simulate(stage, camera, seed=seed, frame=frame, samples=samples)
+    return simulate(stage, camera, seed=seed, frame=frame, samples=samples, quality=quality)
 
 
 def corrupt(

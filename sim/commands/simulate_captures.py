@@ -32,7 +32,7 @@ if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
     from starling.sim.geometry.frames import Pose
     from starling.sim.scene.scene import Scene
     from starling.sim.scene.scene_file import SceneFile
-    from starling.sim.simulate import Shot
+    from starling.sim.simulate import Quality, Shot
 
     _Reading = tuple[Shot, Scene, NDArray[np.uint8] | None, int]
 
@@ -55,6 +55,7 @@ def simulate_captures(
     frames: int = 1,
     seed: int = 0,
     samples: int = 0,
+    quality: Quality = "full",
     effects: Mapping[str, Value] | None = None,
     empty: bool = False,
     force: bool = False,
@@ -79,6 +80,7 @@ def simulate_captures(
         seed: seed of the whole set; each scene's seed is derived from it (see `scene_seed`).
         samples: paths per coarse pixel for indirect light; a value above 0 switches interreflection
             on. 0 uses 16 for scenes that have interreflection.
+        quality: `draft` renders one position a pixel in place of four.
         effects: effects to set on the sensor and on every scene (see
             `starling.sim.effects.setting.apply`).
         empty: allow scenes without a visible surface.
@@ -105,7 +107,13 @@ def simulate_captures(
     tasks, licence, notes = _tasks(scene)
     _refuse_own_input(out, scene)
     info = writer.info_of(camera, source=f"starling simulate {scene}", licence=licence, notes=notes)
-    arguments = {"scene": scene, "frames": frames, "seed": seed, "samples": samples}
+    arguments = {
+        "scene": scene,
+        "frames": frames,
+        "seed": seed,
+        "samples": samples,
+        "quality": quality,
+    }
     with OutputFolder(out, force=force) as folder:
         figures = _write_scenes(
             folder,
@@ -115,6 +123,7 @@ def simulate_captures(
             frames=frames,
             seed=seed,
             samples=samples,
+            quality=quality,
             empty=empty,
             track=track,
         )
@@ -186,6 +195,7 @@ def _write_scenes(
     frames: int,
     seed: int,
     samples: int,
+    quality: Quality,
     empty: bool,
     track: progress.Progress,
 ) -> dict[str, Any]:
@@ -197,7 +207,7 @@ def _write_scenes(
     for task, number in track(list(product(tasks, range(frames))), "simulate"):
         task_seed = scene_seed(seed, task.name)
         if number == 0:
-            readings = _readings(task.text, sensor, effects, frames, task_seed, samples)
+            readings = _readings(task.text, sensor, effects, frames, task_seed, samples, quality)
         shot, scene, picture, paths = next(readings)
         if number == 0:
             _check_truth(shot.layers.truth.depth_m, task.name, sensor, empty=empty)
@@ -251,7 +261,13 @@ def _check_truth(truth_m: NDArray[np.float32], name: str, sensor: Sensor, *, emp
 
 
 def _readings(
-    text: str, sensor: Sensor, effects: Mapping[str, Value], frames: int, seed: int, samples: int
+    text: str,
+    sensor: Sensor,
+    effects: Mapping[str, Value],
+    frames: int,
+    seed: int,
+    samples: int,
+    quality: Quality,
 ) -> Iterator[_Reading]:
     """Render a scene once; yield each frame with the scene, its colour picture and paths."""
     from starling.sim.scene import sources
@@ -261,7 +277,10 @@ def _readings(
     scene = indirectly_lit(scene, samples)
     paths = (samples or _SAMPLES) if scene.interreflection else 0
     picture = rgb(scene, sensor)
-    for shot in sequence(scene, sensor, frames=frames, seed=seed, samples=paths or _SAMPLES):
+    shots = sequence(
+        scene, sensor, frames=frames, seed=seed, samples=paths or _SAMPLES, quality=quality
+    )
+    for shot in shots:
         yield shot, scene, picture, paths
 
 

@@ -92,6 +92,7 @@ def simulate(
     frames: int = 1,
     seed: int = 0,
     samples: int = 0,
+    quality: Literal["full", "draft"] = "full",
     device_preset: DevicePreset = None,
     emitter: Literal["on", "off"] | None = None,
     effect: Effects = (),
@@ -120,6 +121,7 @@ def simulate(
         seed: Seed of the noise. Equal seeds give bit-identical output on one machine.
         samples: Paths per coarse pixel for indirect light.
             0 uses 16 if the scene or an effect has interreflection, and none otherwise.
+        quality: `draft` renders one position a pixel in place of four.
         emitter: Switch the projector on or off. By default it is as in the sensor.
         depth_unit: Unit of depth images: m, mm, or the step of their values [m].
             By default floating-point numbers are metres and whole numbers millimetres.
@@ -149,10 +151,12 @@ def simulate(
         "set": edits,
     }
     if camera_matrix is not None:
-        if samples or empty:
+        if samples or empty or quality != "full":
             rule = "must not be given with depth images"
-            got = f"samples {samples}, empty {empty}"
-            raise refuse("samples and empty", rule, got, "They are for scenes. Leave them out.")
+            got = f"samples {samples}, empty {empty}, quality {quality}"
+            raise refuse(
+                "samples, empty, quality", rule, got, "They are for scenes: leave them out."
+            )
         from starling.sim.commands import corrupt_captures
 
         with progress.on_stderr() as track:
@@ -190,6 +194,7 @@ def simulate(
             frames=frames,
             seed=seed,
             samples=samples,
+            quality=quality,
             effects=setting.parse(effect),
             empty=empty,
             force=force,

@@ -188,8 +188,9 @@ def test_refused_runs(tmp_path: Path, change: dict[str, Any], message: str) -> N
     ("flags", "message"),
     [
         (("--sensor", "d435"), "camera-matrix must be given with depth images"),
-        ((*FLAGS, "--samples", "4"), "samples and empty must not be given with depth images"),
-        ((*FLAGS, "--empty"), "samples and empty must not be given with depth images"),
+        ((*FLAGS, "--samples", "4"), "samples, empty, quality must not be given with depth"),
+        ((*FLAGS, "--empty"), "samples, empty, quality must not be given with depth images"),
+        ((*FLAGS, "--quality", "draft"), "samples, empty, quality must not be given with depth"),
     ],
 )
 def test_refused_flags(

@@ -288,6 +288,15 @@ def test_indirect_light_is_rendered_if_the_scene_has_it(renders: Renders, sensor
     ]
 
 
+def test_a_draft_has_one_position_a_pixel(renders: Renders, sensor: Sensor) -> None:
+    simulate.simulate(SCENE, sensor, quality="draft")
+    list(simulate.sequence(SCENE, sensor, frames=1, quality="draft"))
+    simulate.simulate(SCENE, sensor)
+    assert [call["subpixels"] for call in renders.calls] == [1, 1, 2]
+    with pytest.raises(InputError, match="quality must be a known name; got 'fast'"):
+        simulate.simulate(SCENE, sensor, quality="fast")  # pyright: ignore[reportArgumentType]
+
+
 @pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize("automatic", [False, True])
 def test_motion_lasts_as_long_as_the_exposure(
@@ -300,9 +309,9 @@ def test_motion_lasts_as_long_as_the_exposure(
     scene = dataclasses.replace(SCENE, motion=motion)
     simulate.render_layers(Loaded(scene), device, seed=2)  # pyright: ignore[reportArgumentType]
     *metered, last = renders.calls
-    assert metered == ([{}] if moves and automatic else [])
+    assert metered == ([{"subpixels": 2}] if moves and automatic else [])
     exposure_s = simulate.infrared(renders.layers, scene, device, seed=2).exposure.exposure_s
     expected_s = exposure_s if moves and automatic else sensor.left.exposure_s
-    assert last == {"exposure_s": expected_s, "step_px": STEP_PX}
+    assert last == {"subpixels": 2, "exposure_s": expected_s, "step_px": STEP_PX}
     simulate.render_layers(Loaded(scene), device, step_px=0.7)  # pyright: ignore
     assert renders.calls[-1]["step_px"] == 0.7
