@@ -17,6 +17,7 @@ from starling.sim.sensor import matcher, structure
 from starling.sim.sensor.imager import EXPOSURE
 from starling.sim.sensor.sensor import Sensor
 
+OF_CAMERA = ("width", "height", "fx_px", "fy_px", "cx_px", "cy_px")  # Replaced by `with_camera`.
 _AXES = "xyz"
 _BARE_WORD = re.compile(r"[A-Za-z_][\w./-]*")
 
