@@ -165,7 +165,8 @@ def test_masked_pixels_have_no_surface() -> None:
 
 
 def test_whole_numbers_of_numpy_are_seeds() -> None:
-    plain, numpy = (Corruptor(SENSOR, MATRIX)(WALL, seed=seed) for seed in (3, np.int64(3)))
+    seeds: tuple[Any, Any] = (3, np.int64(3))
+    plain, numpy = (Corruptor(SENSOR, MATRIX)(WALL, seed=seed) for seed in seeds)
     assert np.array_equal(plain.ir_left, numpy.ir_left)
 
 
