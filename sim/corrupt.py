@@ -157,7 +157,6 @@ class Corruptor:
         past: History | None = None,
     ) -> Shot:
         """Corrupt one depth image, as `starling.simulate` returns a reading: with all layers."""
-        errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
         sensor, clean = self.sensor, depth_input.checked_depth("depth_m", depth_m)
         camera = depth_input.DepthCamera(self.camera_matrix, clean.shape)
         if clean.shape != self._warned:

@@ -173,6 +173,8 @@ def expose(
         frame: Frame number in the capture.
         past: `depth.history` of the previous frame, the state of a temporal filter.
     """
+    seed = errors.whole_number("seed", seed, 0, 2**63 - 1)
+    frame = errors.whole_number("frame", frame, 0, 2**63 - 1)
     pair = infrared(layers, scene, sensor, seed=seed, frame=frame)
     causes = geometric_causes(layers.truth, sensor) | photometric_causes(
         sensor.left, pair.electrons, pair.left, exposure_s=pair.exposure.exposure_s
@@ -256,7 +258,7 @@ def render_layers(
     point moves by more than `step_px`.
     """
     errors.in_interval("samples", samples, 1, 4096, "16 are enough for most scenes.")
-    errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
+    seed = errors.whole_number("seed", seed, 0, 2**63 - 1)
     errors.one_of("quality", quality, _SUBPIXELS)
     render = partial(direct.layers, mi_scene, sensor, subpixels=_SUBPIXELS[quality])
     exposure_s = sensor.left.exposure_s

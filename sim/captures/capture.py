@@ -259,7 +259,7 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _scene(path: Path, info: CaptureInfo) -> CapturedScene:
-    _refuse_not_utf8(path)
+    refuse_not_utf8(path)
     folders = [p.name for p in _list(path) if _NUMBER_LIKE.fullmatch(p.name) and p.is_dir()]
     frames = sorted(int(name) for name in folders if _NUMBER.fullmatch(name))
     if frames and len(frames) < len(folders):
@@ -279,7 +279,7 @@ def _scene(path: Path, info: CaptureInfo) -> CapturedScene:
     )
 
 
-def _refuse_not_utf8(path: Path) -> None:
+def refuse_not_utf8(path: Path) -> None:
     """Refuse names that no text file can hold."""
     try:
         path.name.encode()

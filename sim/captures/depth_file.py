@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ from starling.sim.captures import png
 
 SUFFIXES = (".npy", ".png", ".exr")
 UNITS = {"m": 1.0, "mm": 1e-3}
-_CHANNELS = ("Z", "depth", "V", "Y", "R")  # Usual names of the channel of depth.
+_CHANNELS = ("Z", "depth", "V")  # Usual names of the channel of depth.
+_GREY = {"R", "G", "B"}  # Depth written as a grey picture.
 
 
 def files(path: Path) -> list[Path]:
@@ -35,10 +37,11 @@ def files(path: Path) -> list[Path]:
     return sorted(listed, key=order)
 
 
-def order(path: Path) -> list[tuple[int, str]]:
-    """Return a sort key of a file's name, in which numbers count as such."""
+def order(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Return a sort key of a file's name, in which numbers count as such; equal ones by name."""
     parts = re.split(r"([0-9]+)", path.stem)
-    return [(int(part[:18]), "") if part.isdigit() else (-1, part) for part in parts]
+    key = [(int(part), "") if odd else (-1, part) for part, odd in zip(parts, cycle((0, 1)))]
+    return key, path.name
 
 
 def read(path: Path, unit: str = "") -> Image:
@@ -91,25 +94,51 @@ def _npy(path: Path) -> NDArray[Any]:
 
 
 def _exr(path: Path) -> NDArray[Any]:
-    """Read the channel of depth of the first part."""
+    """Read the channel of depth, from whichever part has it."""
     import OpenEXR
 
     try:
         regular_file.refuse_others(path)
         with OpenEXR.File(str(path), header_only=True) as file:
-            low, high = file.parts[0].header["dataWindow"]
-        _refuse_size(path, (int(high[1]) - int(low[1]) + 1, int(high[0]) - int(low[0]) + 1))
+            windows = [_windows(part.header) for part in file.parts]
+        for (left, top, right, bottom), _ in windows:
+            _refuse_size(path, (bottom - top + 1, right - left + 1))
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = {name: each.pixels for name, each in file.parts[0].channels.items()}
+            parts = [
+                {name: each.pixels for name, each in part.channels.items()} for part in file.parts
+            ]
     except (OSError, RuntimeError, ValueError, TypeError, KeyError, IndexError) as error:
         rule = "must be a whole OpenEXR file"
         raise errors.refuse("depth image", rule, path, f"{error}.") from error
-    known = [name for name in _CHANNELS if name in channels]
-    names = known[:1] if known else list(channels)
-    if len(names) != 1:
-        rule = f"must have one channel, or one of {', '.join(_CHANNELS)}"
-        raise errors.refuse("depth image", rule, f"{path} with {names}", "Save depth alone.")
-    return np.asarray(channels[names[0]])
+    number, name = _depth_channel(path, parts)
+    data, display = windows[number]
+    if data != display:
+        rule = "must not be cropped: its data window must be its display window"
+        raise errors.refuse("depth image", rule, f"{path} with {data} of {display}", "Save all.")
+    return np.asarray(parts[number][name])
+
+
+def _windows(header: Any) -> list[tuple[int, ...]]:
+    """Return the data window and the display window, each left, top, right, bottom."""
+    names = ("dataWindow", "displayWindow")
+    return [tuple(int(side) for corner in header[name] for side in corner) for name in names]
+
+
+def _depth_channel(path: Path, parts: list[dict[str, Any]]) -> tuple[int, str]:
+    """Return the number of the part with depth, and the name of its channel."""
+    for name in _CHANNELS:
+        for number, channels in enumerate(parts):
+            if name in channels:
+                return number, name
+    names = [name for channels in parts for name in channels]
+    if len(names) == 1:
+        return 0, names[0]
+    if len(parts) == 1 and _GREY <= parts[0].keys() <= _GREY | {"A"}:
+        red, *others = (parts[0][name] for name in "RGB")
+        if all(np.array_equal(red, other, equal_nan=True) for other in others):
+            return 0, "R"
+    rule = f"must have one channel, or one of {', '.join(_CHANNELS)}"
+    raise errors.refuse("depth image", rule, f"{path} with {names}", "Save depth alone.")
 
 
 def _refuse_size(path: Path, shape: tuple[int, ...]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
-from starling.sim.captures import depth_file, png, writer
+from starling.sim.captures import capture, depth_file, png, writer
 from starling.sim.commands.simulate_captures import facts, scene_seed
 from starling.sim.console import progress
 from starling.sim.console.output import OutputFolder, refuse_own_input
@@ -68,6 +68,7 @@ def corrupt_captures(
     errors.in_interval("frames", frames, 1, 100_000, "Give a count inside.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     images = _images(path, frames)
+    capture.refuse_not_utf8(Path(_scene_name(images)))
     pictures = _pictures(rgb, len(images))
     fx, fy, cx, cy = camera_matrix
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
@@ -122,11 +123,17 @@ def _pictures(rgb: Path | None, count: int) -> Sequence[Path | None]:
         return [None] * count
     if not rgb.is_dir():
         return [rgb] * count
-    pictures = sorted((each for each in rgb.iterdir() if each.is_file()), key=depth_file.order)
+    visible = (each for each in rgb.iterdir() if each.is_file() and each.name[0] != ".")
+    pictures = sorted(visible, key=depth_file.order)
     if len(pictures) != count:
         rule = f"must hold {count} pictures, as many as depth images"
         raise errors.refuse("rgb", rule, f"{len(pictures)} in {rgb}", "Check the folder.")
     return pictures
+
+
+def _scene_name(images: Sequence[Path]) -> str:
+    still = len(set(images)) == 1
+    return images[0].stem if still else images[0].absolute().parent.name
 
 
 def _write_scene(
@@ -139,16 +146,22 @@ def _write_scene(
     track: progress.Progress,
 ) -> dict[str, Any]:
     still = len(set(images)) == 1
-    name = images[0].stem if still else images[0].absolute().parent.name
+    name = _scene_name(images)
     unit_m, past = corruptor.sensor.post.depth_unit_m, None
     scene_number = scene_seed(seed, name)
-    rates, levels, shot = [], [], None
+    rates, levels, shot, shape = [], [], None, None
     for number, image in enumerate(track(list(images), "simulate")):
         hint = _hint(pictures[number])
         depth_m = depth_file.read(image, unit)
-        shot = corruptor.shoot(
-            depth_m, reflectance=hint, seed=scene_number, frame=number, past=past
-        )
+        shape = shape or depth_m.shape
+        if depth_m.shape != shape:
+            rule = f"must be {shape}, as {images[0].name}"
+            remedy = "A camera matrix belongs to one size."
+            raise errors.refuse(str(image), rule, depth_m.shape, remedy)
+        with errors.naming(image):
+            shot = corruptor.shoot(
+                depth_m, reflectance=hint, seed=scene_number, frame=number, past=past
+            )
         past = shot.depth.history
         if number == 0:
             truth_m = shot.layers.truth.depth_m if still else None

@@ -158,6 +158,12 @@ def simulate(
                 "samples, empty, quality", rule, got, "They are for scenes: leave them out."
             )
         from starling.sim.commands import corrupt_captures
+        from starling.sim.sensor.edits import OF_CAMERA
+
+        replaced = [each for each in edits if each.partition("=")[0].strip() in OF_CAMERA]
+        if own_camera and replaced:
+            rule = "must not change the camera that --own-camera replaces"
+            raise refuse("set", rule, replaced[0], "Leave one of the two out.")
 
         with progress.on_stderr() as track:
             result = corrupt_captures.corrupt_captures(

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim import arrays
 from starling.sim.sensor import matcher, structure
 from starling.sim.sensor.imager import EXPOSURE
 from starling.sim.sensor.sensor import Sensor
 
+OF_CAMERA = ("width", "height", "fx_px", "fy_px", "cx_px", "cy_px")  # Replaced by `with_camera`.
 _AXES = "xyz"
 _BARE_WORD = re.compile(r"[A-Za-z_][\w./-]*")
 
@@ -81,7 +83,12 @@ def with_camera(sensor: Sensor, camera_matrix: Any, size: tuple[int, int]) -> Se
         InputError: for no camera matrix, or intrinsics that the sensor cannot have.
     """
     k = checked_matrix(camera_matrix)
-    values: list[tuple[str, Any]] = [("width", int(size[0])), ("height", int(size[1]))]
+    if np.shape(size) != (2,):
+        raise errors.refuse("size", "must be (width, height)", size, "Give pixels.")
+    values: list[tuple[str, Any]] = [
+        (name, errors.whole_number(name, side, 1, 2**31))
+        for name, side in zip(("width", "height"), size, strict=True)
+    ]
     places = {"fx_px": (0, 0), "fy_px": (1, 1), "cx_px": (0, 2), "cy_px": (1, 2)}
     values += [(name, float(k[place])) for name, place in places.items()]
     for side, imager in (("left", sensor.left), ("right", sensor.right)):
@@ -92,8 +99,8 @@ def with_camera(sensor: Sensor, camera_matrix: Any, size: tuple[int, int]) -> Se
 
 def checked_matrix(matrix: Any) -> NDArray[np.float64]:
     """Return a camera matrix (3, 3) [px], or refuse it."""
-    k = np.asarray(matrix, np.float64)
     name, form = "camera_matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+    k = arrays.numbers(name, matrix).astype(np.float64)
     if k.shape != (3, 3) or not np.isfinite(k).all():
         raise errors.refuse(name, f"must be {form}, finite", k.tolist(), "Give pixels.")
     if k[2, 0] or k[2, 1]:

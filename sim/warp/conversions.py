@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim import arrays
 from starling.sim.arrays import Image
 from starling.sim.sensor import edits
 
@@ -17,14 +18,15 @@ def depth_from_zbuffer(zbuffer: NDArray[np.floating], near_m: float, far_m: floa
         zbuffer: (h, w) window depth, 0 at the near and 1 at the far plane. Of a reversed buffer
             give `1 - zbuffer`.
         near_m: distance of the near plane [m].
-        far_m: distance of the far plane [m].
+        far_m: distance of the far plane [m]; infinity is allowed.
 
     Raises:
         InputError: values outside [0, 1], or planes in the wrong order.
 
     Source: inverse of the projection matrix of glFrustum.
     """
-    buffer = np.asarray(zbuffer, np.float64)
+    buffer = arrays.numbers("zbuffer", zbuffer).astype(np.float64)
+    near_m, far_m = arrays.numbers("near_m, far_m", (near_m, far_m)).astype(np.float64)
     if not (0 < near_m < far_m):
         rule = "must be 0 < near_m < far_m"
         raise errors.refuse("near_m, far_m", rule, f"{near_m:g}, {far_m:g}", "Exchange them?")
@@ -32,7 +34,8 @@ def depth_from_zbuffer(zbuffer: NDArray[np.floating], near_m: float, far_m: floa
         low, high = (float(end(buffer, initial=0.0)) for end in (np.min, np.max))
         got = f"{buffer.shape}, {low:g} to {high:g}"
         raise errors.refuse("zbuffer", "must be (h, w), in [0, 1]", got, "Is it depth already?")
-    depth = near_m * far_m / (far_m - buffer * (far_m - near_m))
+    with np.errstate(divide="ignore"):
+        depth = near_m / (1 - buffer * (1 - near_m / far_m))
     return np.where(buffer < 1, depth, np.nan).astype(np.float32)
 
 
@@ -46,7 +49,7 @@ def depth_from_range(range_m: NDArray[np.floating], camera_matrix: NDArray[np.fl
     Raises:
         InputError: an image of another shape, or no camera matrix.
     """
-    distance = np.asarray(range_m, np.float32)
+    distance = arrays.numbers("range_m", range_m).astype(np.float32)
     if distance.ndim != 2:
         raise errors.refuse("range_m", "must be (h, w)", distance.shape, "Give one image.")
     return distance / ray_length(distance.shape, edits.checked_matrix(camera_matrix))

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim import arrays
 from starling.sim.arrays import Image
 from starling.sim.sensor.sensor import Sensor
 
+_NEAREST_M = 1e-3  # Nearer surfaces are errors of the renderer.
 _METRES = 50.0  # A larger median is in millimetres [m].
 _JUMP = 0.02  # A larger relative depth difference of neighbours separates surfaces.
 REFLECTANCE = 0.5  # Of unknown surfaces.
@@ -37,14 +39,15 @@ def checked_depth(
         depth_m: (h, w) image [m].
         shape: size that it must have; None for any.
     """
-    depth = np.asarray(depth_m)
-    if depth.ndim != 2 or depth.dtype.kind not in "fiu":
+    depth = arrays.numbers(name, depth_m)
+    if depth.ndim != 2:
         raise errors.refuse(
             name, "must be (h, w) numbers", f"{depth.shape} {depth.dtype}", "Give one image."
         )
     if shape is not None and depth.shape != shape:
         raise errors.refuse(name, f"must be {shape}, as depth_m", depth.shape, "Render it anew.")
-    out = depth.astype(np.float32)
+    with np.errstate(over="ignore"):  # As infinity.
+        out = depth.astype(np.float32)
     if (out < 0).any():
         raise errors.refuse(
             name, "must be >= 0", f"{out.min():g}", "Give distances along the optical axis."
@@ -53,6 +56,10 @@ def checked_depth(
     known = out[np.isfinite(out)]
     if not known.size:
         raise errors.refuse(name, "must hold a surface", "none", "Is the camera in a wall?")
+    nearest = float(known.min())
+    if nearest < np.float32(_NEAREST_M):
+        rule = f"must be 0 or >= {_NEAREST_M:g} m"
+        raise errors.refuse(name, rule, f"{nearest:g}", "Write 0 where there is no surface.")
     middle = float(np.median(known))
     if middle > _METRES:
         raise errors.refuse(
@@ -74,9 +81,14 @@ def reflectance(values: float | NDArray[Any] | None, camera: DepthCamera, sensor
     shape = (sensor.height, sensor.width)
     if values is None:
         return np.full(shape, REFLECTANCE, np.float32)
-    image = np.asarray(values)
+    image = arrays.numbers("reflectance", values)
     if image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8:
         image = _linear(image).max(-1) * np.float32(0.6) + np.float32(0.25)
+    if image.ndim and image.shape != camera.shape:
+        remedy = "Resize it; give RGB as (h, w, 3) uint8."
+        raise errors.refuse(
+            "reflectance", f"must be {camera.shape}, as the depth", image.shape, remedy
+        )
     low, high = float(np.min(image)), float(np.max(image))
     if not (low >= 0 and high <= 1):
         raise errors.refuse(
@@ -87,10 +99,6 @@ def reflectance(values: float | NDArray[Any] | None, camera: DepthCamera, sensor
         )
     if image.ndim == 0:
         return np.full(shape, float(image), np.float32)
-    if image.shape != camera.shape:
-        raise errors.refuse(
-            "reflectance", f"must be {camera.shape}, as the depth", image.shape, "Resize it."
-        )
     image = np.ascontiguousarray(image, np.float32)
     if matches(camera, sensor):
         return image

@@ -76,6 +76,9 @@ def smooth(
     new = np.ascontiguousarray(disparity_px, np.float32)
     if past is None:
         return disparity_px, History(disparity_px=new, seen=np.isfinite(new).astype(np.uint8))
+    if not isinstance(past, History):
+        rule = "must be a history or None"
+        raise errors.refuse("past", rule, type(past).__name__, "Pass `history` of the last frame.")
     if past.disparity_px.shape != new.shape:
         raise errors.refuse(
             "past",

@@ -119,7 +119,15 @@ def test_resampling_keeps_a_tilted_plane() -> None:
         ({"reflectance": 200.0}, r"reflectance must be in \[0, 1\]"),
         ({"reflectance": WALL[:5]}, "reflectance must be .*, as the depth"),
         ({"ambient_lux": -1.0}, "ambient_lux must be in"),
-        ({"seed": -1}, "seed must be in"),
+        ({"reflectance": np.zeros((0, 0))}, "reflectance must be .*, as the depth"),
+        ({"reflectance": "bright"}, "reflectance must be an array of real numbers"),
+        ({"depth_m": [[1, 2], [1]]}, "depth_m must be an array of real numbers; got list"),
+        ({"depth_m": WALL > 0}, "depth_m must be an array of real numbers; got .* bool"),
+        ({"depth_m": WALL * 1e-30}, "depth_m must be 0 or >= 0.001 m; got 1e-30"),
+        ({"right_depth_m": WALL * 1e-30}, "right_depth_m must be 0 or >= 0.001 m"),
+        ({"seed": -1}, "seed must be an integer"),
+        ({"seed": 1.5}, "seed must be an integer"),
+        ({"frame": -1}, "frame must be an integer"),
     ],
 )
 def test_refused_images(change: dict[str, Any], message: str) -> None:
@@ -134,6 +142,7 @@ def test_refused_images(change: dict[str, Any], message: str) -> None:
         (MATRIX.T, "Is it transposed"),
         (np.linalg.inv(MATRIX), "must have focal lengths > 1 px"),
         (MATRIX[:2], "must be .*, finite"),
+        ("K", "camera_matrix must be an array of real numbers"),
         (MATRIX + np.array([[0, 5, 0], [0, 0, 0], [0, 0, 0]]), "Rectify the image first"),
     ],
 )
@@ -145,6 +154,20 @@ def test_refused_matrices(matrix: np.ndarray[Any, Any], message: str) -> None:
 def test_effects_on_surfaces_are_refused_by_name() -> None:
     with pytest.raises(InputError, match="effect specular must not need surfaces"):
         Corruptor(SENSOR, MATRIX, effects={"specular": 0.5})
+
+
+def test_masked_pixels_have_no_surface() -> None:
+    hidden = np.zeros(WALL.shape, bool)
+    hidden[:, :80] = True
+    masked = np.ma.masked_array(np.where(hidden, -1, WALL), hidden)
+    seen = depth_input.checked_depth("depth_m", masked)
+    assert np.array_equal(np.isnan(seen), hidden)
+
+
+def test_whole_numbers_of_numpy_are_seeds() -> None:
+    seeds: tuple[Any, Any] = (3, np.int64(3))
+    plain, numpy = (Corruptor(SENSOR, MATRIX)(WALL, seed=seed) for seed in seeds)
+    assert np.array_equal(plain.ir_left, numpy.ir_left)
 
 
 def test_rgb_is_a_hint_of_reflectance() -> None:

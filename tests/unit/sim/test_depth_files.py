@@ -77,9 +77,43 @@ def test_numbers_in_names_are_in_order(tmp_path: Path) -> None:
         written(tmp_path, f"d{number}.npy")
     (tmp_path / ".hidden").write_text("")
     assert [path.stem for path in depth_file.files(tmp_path)] == ["d1", "d9", "d10"]
+    for name in ("d01.npy", "d²1.npy", "²d1.npy", "²1.npy"):
+        written(tmp_path, name)
+    assert [path.name for path in depth_file.files(tmp_path)][:2] == ["d01.npy", "d1.npy"]
     (tmp_path / "notes.txt").write_text("")
     assert depth_file.files(tmp_path) == []
     assert depth_file.files(tmp_path / "nowhere") == []
+
+
+def test_nanoseconds_in_names_are_in_order(tmp_path: Path) -> None:
+    stamps = [1403636579763555584, 1403636579763555585, 1403636579763555586]
+    paths = [tmp_path / f"{stamp}.npy" for stamp in stamps]
+    assert sorted(reversed(paths), key=depth_file.order) == paths
+
+
+def write_parts(path: Path, depth_name: str = "Z") -> None:
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    colour = OpenEXR.Part({**header, "name": "rgb"}, {"RGB": np.ones((*SHAPE, 3), "f4")}, "rgb")
+    other = OpenEXR.Part({**header, "name": "depth"}, {depth_name: depth()}, "depth")
+    OpenEXR.File([colour, other]).write(str(path))
+
+
+def test_depth_beside_colour_and_as_grey(tmp_path: Path) -> None:
+    write_parts(tmp_path / "parts.exr")
+    write_exr(tmp_path / "grey.exr", {"RGB": np.repeat(depth()[..., None], 3, -1)})
+    for name in ("parts.exr", "grey.exr"):
+        assert np.array_equal(depth_file.read(tmp_path / name), depth())
+
+
+def _cropped(path: Path) -> None:
+    window = (np.array([10, 10], np.int32), np.array([137, 105], np.int32))
+    display = (np.array([0, 0], np.int32), np.array([159, 119], np.int32))
+    header = {"type": OpenEXR.scanlineimage, "dataWindow": window, "displayWindow": display}
+    OpenEXR.File(header, {"Z": depth()}).write(str(path))
+
+
+def _coloured(path: Path) -> None:
+    write_exr(path, {"RGB": np.stack([depth(), depth() * 2, depth()], -1)})
 
 
 def _zipped(path: Path) -> None:
@@ -109,6 +143,10 @@ def _objects(path: Path) -> None:
             lambda path: write_exr(path, {"A": depth(), "B": depth()}),
             "must have one channel, or one of Z",
         ),
+        ("a.exr", _cropped, "must not be cropped"),
+        ("a.exr", _coloured, "must have one channel"),
+        ("a.exr", lambda path: write_exr(path, {"Y": depth(), "RY": depth()}), "one channel"),
+        ("a.exr", lambda path: write_parts(path, "X"), "must have one channel"),
         ("a.png", lambda path: path.write_bytes(b"x"), "depth must be"),
         ("a.tif", lambda path: path.write_bytes(b"x"), "must be a known name"),
     ],
@@ -184,6 +222,35 @@ def test_refused_runs(tmp_path: Path, change: dict[str, Any], message: str) -> N
     assert not (tmp_path / "out").exists()
 
 
+def test_images_of_two_sizes_are_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "drive"
+    folder.mkdir()
+    written(folder, "1.npy")
+    np.save(folder / "2.npy", depth()[:90])
+    with pytest.raises(InputError, match=r"2.npy must be \(96, 128\), as 1.npy; got \(90, 128"):
+        corrupt_captures(folder, SENSOR, tmp_path / "out", camera_matrix=CAMERA)
+    np.save(folder / "2.npy", depth() * 0)
+    with pytest.raises(InputError, match=r"2.npy: depth_m must hold a surface"):
+        corrupt_captures(folder, SENSOR, tmp_path / "out", camera_matrix=CAMERA)
+    assert not (tmp_path / "out").exists()
+
+
+def test_hidden_files_are_no_pictures(tmp_path: Path) -> None:
+    pictures = tmp_path / "rgb"
+    pictures.mkdir()
+    cv2.imwrite(str(pictures / "1.png"), np.full((*SHAPE, 3), 255, np.uint8))
+    (pictures / ".hidden").write_text("")
+    path = written(tmp_path, "d.npy")
+    corrupt_captures(path, SENSOR, tmp_path / "out", camera_matrix=CAMERA, rgb=pictures)
+    assert (tmp_path / "out").exists()
+
+
+def test_names_that_are_not_utf8_are_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, "d.npy").rename(tmp_path / "\udcff.npy")
+    with pytest.raises(InputError, match="scene must have a UTF-8 name"):
+        corrupt_captures(path, SENSOR, tmp_path / "out", camera_matrix=CAMERA)
+
+
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
@@ -191,6 +258,7 @@ def test_refused_runs(tmp_path: Path, change: dict[str, Any], message: str) -> N
         ((*FLAGS, "--samples", "4"), "samples, empty, quality must not be given with depth"),
         ((*FLAGS, "--empty"), "samples, empty, quality must not be given with depth images"),
         ((*FLAGS, "--quality", "draft"), "samples, empty, quality must not be given with depth"),
+        ((*FLAGS, "--own-camera", "--set", "width=640"), "set must not change the camera"),
     ],
 )
 def test_refused_flags(

@@ -54,11 +54,17 @@ def test_depth_buffers_are_inverted(near: float, far: float, share: float) -> No
         (np.array([0.5]), (0.1, 10), "zbuffer must be"),
         (np.array([[np.nan]]), (0.1, 10), "zbuffer must be"),
         (np.array([[0.5]]), (10, 0.1), "near_m, far_m must be 0 < near_m < far_m"),
+        (np.array([[0.5]]), ("near", 10), "near_m, far_m must be an array of real numbers"),
     ],
 )
 def test_refused_depth_buffers(buffer: Any, planes: tuple[float, float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         conversions.depth_from_zbuffer(buffer, *planes)
+
+
+def test_a_far_plane_can_be_infinite() -> None:
+    back = conversions.depth_from_zbuffer(np.array([[0.0, 0.5, 1.0]]), 0.1, np.inf)
+    np.testing.assert_allclose(back, [[0.1, 0.2, np.nan]], rtol=1e-6)
 
 
 def test_ranges_of_a_wall_are_bent() -> None:
@@ -147,5 +153,10 @@ def test_a_sensor_of_another_camera_keeps_its_lens() -> None:
     assert (SENSOR.width, SENSOR.height, SENSOR.cx_px) == (160, 120, 79.5)
     loaded = starling.load_sensor("d435", camera_matrix=MATRIX, size=(160, 120))
     assert loaded == SENSOR
+    for size in ((64,), (64, 48, 3), 64, None):
+        with pytest.raises(InputError, match=r"size must be \(width, height\)"):
+            edits.with_camera(d435, MATRIX, size)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="width must be an integer"):
+        edits.with_camera(d435, MATRIX, (64.5, 48))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="Is it transposed"):
         edits.with_camera(d435, MATRIX.T, (160, 120))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -252,3 +253,6 @@ def test_history_of_another_size_is_refused():
         InputError, match=r"past must be of the frame's own size \(2, 3\); got \(4, 6"
     ):
         temporal.smooth(np.ones((2, 3), np.float32), past, alpha=0.4, delta_px=1.0, persistence=3)
+    wrong: Any = np.ones((2, 3))
+    with pytest.raises(InputError, match="past must be a history or None; got ndarray"):
+        temporal.smooth(wrong, wrong, alpha=0.4, delta_px=1.0, persistence=0)
