@@ -299,8 +299,8 @@ def depth_from_zbuffer(zbuffer: NDArray[Any], near_m: float, far_m: float) -> ND
         InputError: values outside [0, 1], or planes in the wrong order.
 
     Examples:
-        >>> starling.depth_from_zbuffer(np.array([[0.0, 0.5, 1.0]]), 0.5, 1.5)
-        array([[0.5 , 0.75,  nan]], dtype=float32)
+        >>> starling.depth_from_zbuffer(np.array([[0.0, 0.5, 1.0]]), 0.5, 1.5).tolist()
+        [[0.5, 0.75, nan]]
     """
     from starling.sim.warp import conversions
 
@@ -319,8 +319,9 @@ def depth_from_range(range_m: NDArray[Any], camera_matrix: NDArray[Any]) -> NDAr
 
     Examples:
         >>> camera_matrix = np.array([[4, 0, 0], [0, 4, 0], [0, 0, 1]])
-        >>> starling.depth_from_range(np.array([[1.0, 1.0, 1.0, 1.0]]), camera_matrix)[0, 3]
-        np.float32(0.8)
+        >>> depth_m = starling.depth_from_range(np.array([[1.0, 1.0, 1.0, 1.0]]), camera_matrix)
+        >>> [round(float(value), 2) for value in depth_m[0]]
+        [1.0, 0.97, 0.89, 0.8]
     """
     from starling.sim.warp import conversions
 

@@ -119,7 +119,7 @@ def _write_exr(folder: Path) -> Path:
 
 # Streams of moving cameras.
 
-_TRAJECTORY = b"".join(b"%.1f 0.1 0.2 %.1f 0 0 0.1 0.9\n" % (t, t) for t in (1.0, 1.1, 1.2))
+_TRAJECTORY = b"".join(b"%.1f 0.1 0.2 %.1f 0 0 0.6 0.8\n" % (t, t) for t in (1.0, 1.1, 1.2))
 
 
 def _tum(name: str) -> Callable[[Path], Path]:

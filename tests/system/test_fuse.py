@@ -79,7 +79,10 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Simulated:
                     infrared=(shot.ir_left, None),
                     facts={"left_from_world": np.linalg.inv(pose).tolist()},
                 )
-        with OutputFolder(folder / kind) as stream:
+        with (
+            pytest.warns(UserWarning, match="poses of 9 rooms form one trajectory"),
+            OutputFolder(folder / kind) as stream,
+        ):
             tum.export(capture.open_set(folder / f"{kind} set").scenes, stream)
     return Simulated(
         folder=folder,

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import multiprocessing
+import os
+import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,7 +24,6 @@ from starling.diagnosis.validation.protocol.scene_set import EffectTable, SceneS
 from starling.diagnosis.validation.protocol.score_statistic import statistic
 from starling.diagnosis.validation.protocol.tier import Tier
 from starling.diagnosis.validation.protocol.verdict import CaseResult
-from starling.sim.console.threads import Workers
 
 POWER_TIER = 1  # Tier of the power curves: images and depth, without the second matcher.
 
@@ -261,6 +264,24 @@ class Check:
             for call in calls:
                 call()
             return
-        with Workers(self.jobs) as pool:
-            for future in [pool.submit(call) for call in calls]:
-                future.result()
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(self.jobs, context, _end_with_parent) as pool:
+            try:
+                for future in [pool.submit(call) for call in calls]:
+                    future.result()
+            except BaseException:
+                for process in multiprocessing.active_children():
+                    process.kill()
+                raise
+
+
+def _end_with_parent() -> None:
+    """End this process as soon as its parent has ended."""
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

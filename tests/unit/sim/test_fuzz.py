@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import shutil
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -75,9 +76,11 @@ def _mutate(text: str, edits: list[tuple[str, str, str]]) -> str:
 
 
 def _quiet(function: Callable[[], object]) -> None:
-    """Call a function that may raise only `InputError`, with a one-line message."""
+    """Call a function that may raise only `InputError`, with a one-line message, or warn."""
     try:
-        function()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            function()
     except InputError as error:
         assert str(error) and "\n" not in str(error)
 

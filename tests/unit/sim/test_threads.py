@@ -12,10 +12,11 @@ from pathlib import Path
 import pytest
 
 POOL = """
-import os, sys, time
+import os, signal, sys, time
 from starling.sim.console.threads import Workers
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # A background job ignores it.
     with Workers(1) as pool:
         print(pool.submit(os.getpid).result(), flush=True)
         pool.submit(time.sleep, 120)
