@@ -31,10 +31,23 @@ def files(path: Path) -> list[Path]:
         return [path]
     if not path.is_dir():
         return []
-    listed = [each for each in path.iterdir() if not each.name.startswith(".")]
-    if not all(each.is_file() and each.suffix.lower() in SUFFIXES for each in listed):
-        return []
-    return sorted(listed, key=order)
+    return [] if other_in(path) else sorted(_visible(path), key=order)
+
+
+def other_in(path: Path) -> Path | None:
+    """Return the first visible entry of a folder that is no depth image; None if all are."""
+    if not path.is_dir():
+        return None
+    others = (each for each in _visible(path) if not _is_depth_image(each))
+    return min(others, default=None)
+
+
+def _visible(folder: Path) -> list[Path]:
+    return [each for each in folder.iterdir() if not each.name.startswith(".")]
+
+
+def _is_depth_image(path: Path) -> bool:
+    return path.is_file() and path.suffix.lower() in SUFFIXES
 
 
 def order(path: Path) -> tuple[list[tuple[int, str]], str]:

@@ -108,7 +108,9 @@ def _images(path: Path, frames: int) -> list[Path]:
     images = depth_file.files(path)
     if not images:
         kinds = ", ".join(depth_file.SUFFIXES)
-        raise errors.refuse("scene", f"must hold depth images ({kinds})", path, "Check the path.")
+        other = depth_file.other_in(path)
+        rule, got = f"must hold depth images ({kinds})", path if other is None else other
+        raise errors.refuse("scene", rule, got, "Check the path.")
     if len(images) == 1:
         return images * frames
     if frames > 1:

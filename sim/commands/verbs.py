@@ -49,6 +49,8 @@ def sensors(
     from starling.sim.sensor import presets, structure
 
     if action == "list":
+        if name:
+            raise refuse("name", "must come with show", name, f"Run: starling sensors show {name}.")
         shell.say(presets.summary(), json=common.json)
         return
     if not name:

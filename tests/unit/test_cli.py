@@ -124,6 +124,7 @@ def test_sensors(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     code, out, _ = _run("sensors", "--json", capsys=capsys)
     assert code == 0 and json.loads(out)["d435"]["width"] == 848
     assert "d415" in _run("sensors", "list", capsys=capsys)[1]
+    assert "name must come with show" in _run("sensors", "list", "d435", capsys=capsys)[2]
     shown = _run("sensors", "show", "d435", capsys=capsys)[1]
     assert shown.rstrip() == presets.text("d435").rstrip()
     table = json.loads(_run("sensors", "show", "d435", "--json", capsys=capsys)[1])

@@ -206,6 +206,7 @@ def test_a_folder_is_one_moving_scene_and_filters_go_on(tmp_path: Path) -> None:
         ({"frames": 2}, "frames must be 1 for a folder of depth images; got 2"),
         ({"rgb": "pictures"}, "rgb must hold 2 pictures, as many as depth images; got 1 in"),
         ({"path": "nowhere.txt"}, r"scene must hold depth images \(.npy, .png, .exr\)"),
+        ({"path": "."}, r"scene must hold depth images .*; got .*/drive"),
         ({"seed": -1}, "seed must be in"),
         ({"out": "drive/out"}, "out must"),
     ],
