@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import bisect
 import itertools
+import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -93,7 +94,7 @@ def poses_by_time(rows: Iterable[tuple[int, list[str]]], path: Path) -> list[tup
         quantities.check(f"time in line {line} of {path.name}", float(numbers[0]), "time_s")
         if not np.isfinite(numbers).all():
             lost += 1
-        elif abs(np.linalg.norm(numbers[4:]) - 1) > _ROUNDING:
+        elif abs(math.hypot(*numbers[4:]) - 1) > _ROUNDING:
             rule, value = "must have quaternions of length 1", " ".join(words[4:])[:80]
             raise refuse(path.name, rule, f"{value} in line {line}", "Is it a trajectory?")
         else:

@@ -269,7 +269,7 @@ def test_bounds_of_samples_and_seed(
     for value in inside:
         simulate.render_layers(scene, sensor, **{field: value})
     for value in outside:
-        with pytest.raises(InputError, match=f"{field} must be in .*; got {value}"):
+        with pytest.raises(InputError, match=f"{field} must be .*in .*; got {value}"):
             simulate.render_layers(scene, sensor, **{field: value})
 
 

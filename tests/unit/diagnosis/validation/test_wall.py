@@ -42,6 +42,7 @@ STANDARD = {
     "subprocess",
     "sys",
     "textwrap",
+    "threading",
     "time",
     "typing",
     "warnings",
