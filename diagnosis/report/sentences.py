@@ -21,6 +21,7 @@ from starling.sim.report.elements import counted
 _WHOLE_PCT = 99.5  # Gap reduction from which the whole gap is closed.
 _LEVEL_RATIO = 1.25  # Ratio of levels from which the exposure is called off.
 _MOST_NAMES = 3  # Largest number of names in a sentence.
+_LONGEST = 25  # Largest number of words of a sentence.
 _MOST_WORDS = 14  # Largest number of words of these names.
 REASONS: dict[SurrogateReason, str] = {
     "rival": "another effect explains more",
@@ -142,7 +143,12 @@ def _howfar(diagnosis: Diagnosis) -> str:
         closed = largest_closed(figures)
         if closed is None:
             return f"On {scenes}, the reported effects close no part of any measured gap."
-        return f"On {scenes}, the reported effects close {closed}."
+        text = f"On {scenes}, the reported effects close {closed}"
+        measured = {name: each for name, each in figures.items() if name not in _ALL}
+        also = largest_closed(measured)
+        longer = f"{text} and {also}."
+        fits = also not in (None, closed) and len(longer.split()) <= _LONGEST
+        return longer if fits else f"{text}."
     if diagnosis.kind == "no gap":
         return "There is no gap to close."
     if not diagnosis.settings:

@@ -189,6 +189,10 @@ def test_the_answer_names_the_largest_effect_and_the_largest_closed_figure():
     [
         ({"log_nmad": reduction(99.4, ends=False)}, "close 99 % of the gap in disparity noise."),
         ({"log_nmad": reduction(99.6)}, "close the whole gap in disparity noise."),
+        (
+            {"features of the image": reduction(74.0, ends=False), "log_nmad": reduction(100.0)},
+            "close 74 % of the gap in image features and the whole gap in disparity noise.",
+        ),
         ({"log_nmad": reduction(0.0)}, "close no part of any measured gap."),
         ({"log_nmad": reduction(None)}, "No gap that could be reduced was measured on"),
     ],
