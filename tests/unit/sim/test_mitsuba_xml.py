@@ -157,9 +157,9 @@ def test_other_shares_of_light_are_checked(tmp_path: Path, plugin: str, name: st
 def test_a_texture_outside_its_range_is_refused(tmp_path: Path, value: float):
     values = np.full((4, 4, 3), 0.5, np.float32)
     values[1, 2] = value
-    backend.mitsuba().Bitmap(values).write(str(tmp_path / "a.exr"))
+    backend.mitsuba().Bitmap(values).write(str(tmp_path / "a.pfm"))
     texture = '<texture type="bitmap" name="reflectance">'
-    texture += '<string name="filename" value="a.exr"/></texture>'
+    texture += '<string name="filename" value="a.pfm"/></texture>'
     message = rf"reflectance of a texture in .*scene\.xml must be in \[0, 1\]; got {value}"
     with pytest.raises(InputError, match=message):
         mitsuba_xml.load(_surface(tmp_path / "scene.xml", texture))
