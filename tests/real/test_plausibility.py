@@ -88,7 +88,9 @@ def test_the_table_passes(captures: Path) -> None:
         "reference depth of scene table disagrees with its infrared pair in 2"
     )
     assert checks.check([dataclasses.replace(table, truth_m=None)], sensor) == ()
-    off = dataclasses.replace(table, left=table.left_off, right=table.right_off)
+    off = dataclasses.replace(
+        table, left=table.left_off, right=table.right_off, left_off=None, right_off=None
+    )
     assert _refusal((off,)).startswith("captures must show the projector's dots; got dots in")
 
 
