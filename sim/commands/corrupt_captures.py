@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from starling.patterns import errors
 from starling.sim.captures import capture, depth_file, png, writer
-from starling.sim.commands.simulate_captures import facts, scene_seed
+from starling.sim.commands.simulate_captures import facts, scene_figures, scene_seed
 from starling.sim.console import progress
 from starling.sim.console.output import OutputFolder, refuse_own_input
 from starling.sim.corrupt import Corruptor
@@ -187,14 +187,7 @@ def _write_scene(
         rates.append(1 - shot.depth.valid.mean())
         levels.append(shot.ir_left.mean())
     assert shot is not None  # `images` has at least one.
-    return {
-        name: {
-            "ndp_rate": float(np.mean(rates)),
-            "mean_dn": float(np.mean(levels)),
-            "exposure_s": shot.exposure_s,
-            "reasons": writer.reason_counts(shot.depth),
-        }
-    }
+    return {name: scene_figures(rates, levels, shot)}
 
 
 def _hint(picture: Path | None) -> NDArray[np.uint8] | None:

@@ -8,7 +8,7 @@ import time
 import warnings
 import zlib
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -233,13 +233,24 @@ def _write_scenes(
         )
         rates[task.name].append(1 - shot.depth.valid.mean())
         levels[task.name].append(shot.ir_left.mean())
-        figures[task.name] = {
-            "ndp_rate": float(np.mean(rates[task.name])),
-            "mean_dn": float(np.mean(levels[task.name])),
-            "exposure_s": shot.exposure_s,
-            "reasons": writer.reason_counts(shot.depth),
-        }
+        figures[task.name] = scene_figures(rates[task.name], levels[task.name], shot)
     return figures
+
+
+def scene_figures(rates: Sequence[float], levels: Sequence[float], last: Shot) -> dict[str, Any]:
+    """Return the printed figures of a scene.
+
+    Args:
+        rates: share of pixels without depth, by frame.
+        levels: mean of the left infrared image, by frame [DN].
+        last: last frame.
+    """
+    return {
+        "ndp_rate": float(np.mean(rates)),
+        "mean_dn": float(np.mean(levels)),
+        "exposure_s": last.exposure_s,
+        "reasons": writer.reason_counts(last.depth),
+    }
 
 
 def _check_truth(truth_m: NDArray[np.float32], name: str, sensor: Sensor, *, empty: bool) -> None:

@@ -132,6 +132,7 @@ def simulate(
         empty: Allow a scene without a surface in view.
         force: Replace a folder that starling wrote earlier.
     """
+    from starling.sim.captures.depth_file import SUFFIXES
     from starling.sim.commands import simulate_captures
     from starling.sim.console import progress
     from starling.sim.effects import setting
@@ -191,7 +192,7 @@ def simulate(
             )
         shell.say(result, json=common.json)
         return
-    if depth_unit or rgb or own_camera or Path(scene).suffix.lower() in (".npy", ".png", ".exr"):
+    if depth_unit or rgb or own_camera or Path(scene).suffix.lower() in SUFFIXES:
         rule = "must be given with depth images"
         raise refuse("camera-matrix", rule, "nothing", "Give FX FY CX CY in pixels.")
     with progress.on_stderr() as track:
