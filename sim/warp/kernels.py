@@ -14,6 +14,7 @@ from starling.sim.render.emission import NEAREST_M
 _f4 = np.float32
 _SLACK_SHARE = _f4(1.002)  # A surface hides those behind it by more than this share,
 _SLACK_PX = _f4(0.35)  # and this disparity [px]; rasterisation errs by less.
+_INSET_PX = _f4(2)  # Reflectance of hidden surfaces is taken this far from the edge [px].
 _NEAREST_M = _f4(1e-4)  # Least distance from an emitter [m]; prevents division by zero.
 _FULL_BLUR_M = _f4(NEAREST_M)  # Defocus on closer surfaces is that at this distance.
 
@@ -60,8 +61,11 @@ def warp_row(disparity, k, margin, jump_px, out, source):  # pragma: no cover - 
 
 
 @nb.njit(nogil=True, cache=True)
-def fill_row(out, source):  # pragma: no cover - compiled
-    """Continue the farther neighbour over unknown columns, in place."""
+def fill_row(out, source, inset):  # pragma: no cover - compiled
+    """Continue the farther neighbour over unknown columns, in place.
+
+    Sources lie `inset` inside the neighbour, whose outermost pixels may mix two surfaces.
+    """
     n, x = out.shape[0], 0
     while x < n:
         if out[x] > 0:
@@ -76,7 +80,8 @@ def fill_row(out, source):  # pragma: no cover - compiled
             return
         from_left = after <= 0 or 0 < before <= after
         out[x:end] = before if from_left else after
-        source[x:end] = source[x - 1] if from_left else source[end]
+        edge = source[x - 1] if from_left else source[end]
+        source[x:end] = edge + (-inset if from_left else inset)
         x = end
 
 
@@ -212,6 +217,35 @@ def light_rows(
 
 
 @nb.njit(nogil=True, cache=True)
+def inner_rows(disparity, reflectance, jump_px, first, last, out):  # pragma: no cover - compiled
+    """Fill rows of `out` (h, w) with reflectance that does not mix two surfaces.
+
+    A pixel beside a jump takes the reflectance of the pixel on its other side, if that is on the
+    same surface. Renderers average the colours within a pixel, but not its depth.
+
+    Args:
+        disparity, reflectance: (h, w).
+        jump_px: largest difference of neighbours on one surface [px].
+        first, last: rows.
+    """
+    h, w = disparity.shape
+    for y in range(first, last):
+        row = disparity[y]
+        above, below = disparity[max(y - 1, 0)], disparity[min(y + 1, h - 1)]
+        for x in range(w):
+            d = row[x]
+            west, east = row[max(x - 1, 0)], row[min(x + 1, w - 1)]
+            to_west, to_east = abs(west - d) <= jump_px, abs(east - d) <= jump_px
+            to_above, to_below = abs(above[x] - d) <= jump_px, abs(below[x] - d) <= jump_px
+            i, j = x, y
+            if to_west != to_east:
+                i = x - 1 if to_west else x + 1
+            elif to_above != to_below:
+                j = y - 1 if to_above else y + 1
+            out[y, x] = reflectance[j, i]
+
+
+@nb.njit(nogil=True, cache=True)
 def emitter_rows(disparity, place, margin, jump_px, first, last, out):  # pragma: no cover
     """Fill rows of `out` (h, n) with the disparities that an emitter sees; see `warp_row`."""
     source = np.empty(out.shape[1], np.float32)
@@ -239,13 +273,10 @@ def right_rows(
     for y in range(first, last):
         row = out[y]
         warp_row(disparity[y], _f4(1), _f4(0), jump_px, warped, source)
-        fill_row(warped, source)
+        fill_row(warped, source, _INSET_PX)
         row[:] = warped if warping else rendered[y]
         for x in range(w):
-            place = source[x]
-            if not warping and abs(row[x] - warped[x]) > jump_px:
-                place = _f4(x) + row[x]
-            column = min(max(int(place + _f4(0.5)), 0), w - 1)
+            column = min(max(int(source[x] + _f4(0.5)), 0), w - 1)
             out_reflectance[y, x] = reflectance[y, column]
         for x in range(w):
             d = disparity[y, x]

@@ -123,14 +123,19 @@ def _right(
     """The right view, and the points of the left view that it sees (h, w)."""
     warped, reflectance = np.empty_like(disparity), np.empty_like(disparity)
     seen = np.zeros(disparity.shape, np.bool_)
+    inner = np.empty_like(disparity)
     rendered = None
     if scene.right_depth_m is not None:
         rendered = _disparity(scene.right_depth_m, sensor)
 
+    def clean(part: slice) -> None:
+        jump_px = np.float32(JUMP_PX)
+        kernels.inner_rows(disparity, scene.reflectance, jump_px, part.start, part.stop, inner)
+
     def fill(part: slice) -> None:
         kernels.right_rows(
             disparity,
-            scene.reflectance,
+            inner,
             warped if rendered is None else rendered,
             rendered is None,
             np.float32(JUMP_PX),
@@ -141,6 +146,7 @@ def _right(
             seen,
         )
 
+    list(pool.map(clean, rows))
     list(pool.map(fill, rows))
     return _view(pool, rows, sensor, 1.0, warped, reflectance), seen
 
