@@ -133,8 +133,8 @@ def _stable(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArr
     whole = solids.join([part for _, part in sources.mesh_parts(path)])
     rule = "must be a solid that can rest on a table"
     try:
-        hull = whole.convex_hull
-        with np.errstate(invalid="ignore"):  # The centre of mass of a flat hull.
+        with np.errstate(all="ignore"):  # A flat hull has no centre of mass.
+            hull = whole.convex_hull
             flat = not hull.volume > _LEAST_VOLUME * hull.scale**3
         poses, chances = (None, None) if flat else hull.compute_stable_poses(sigma=0.0)
     except Exception as error:  # trimesh raises various exceptions for a hull without volume.
