@@ -7,6 +7,7 @@ import doctest
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -109,7 +110,8 @@ def test_masks_and_other_types_of_images_are_not_ignored():
     image = np.zeros((32, 32), np.uint8)
     filled = starling.complete(image, np.ma.masked_greater(depth_m, 5), method="nearest")
     assert filled.depth_m.max() == 1.0
-    assert starling.complete(image, depth_m.tolist(), method="nearest").depth_m.max() == 9.0
+    listed: Any = depth_m.tolist()
+    assert starling.complete(image, listed, method="nearest").depth_m.max() == 9.0
     for wrong in ("depth.png", depth_m.astype(object), None):
         with pytest.raises(starling.InputError, match="depth_m must be an array of real numbers"):
             starling.complete(image, wrong, method="nearest")  # type: ignore[arg-type]
