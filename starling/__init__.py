@@ -390,9 +390,12 @@ def match(ir_left: NDArray[Any], ir_right: NDArray[Any] | None, sensor: Sensor) 
         >>> bool(depth.valid.mean() > 0.8)
         True
     """
+    from starling.sim import arrays
     from starling.sim.stereo.measurement import measure
 
-    return measure(ir_left, ir_right, sensor, causes={})
+    left = arrays.numbers("ir_left", ir_left)
+    right = None if ir_right is None else arrays.numbers("ir_right", ir_right)
+    return measure(left, right, sensor, causes={})
 
 
 def open_captures(path: Path | str) -> CaptureSet:
@@ -547,8 +550,11 @@ def complete(
 
     from starling.learning.completion import method as completion
     from starling.learning.completion import methods
+    from starling.sim import arrays
 
-    return completion.complete(methods.create(method), image, depth_m, np.isfinite(depth_m))
+    depth = arrays.numbers("depth_m", depth_m)
+    picture = None if image is None else arrays.numbers("image", image)
+    return completion.complete(methods.create(method), picture, depth, np.isfinite(depth))
 
 
 def generate(plan: Path | str, out: Path | str, *, workers: int = 1) -> dict[str, Any]:
