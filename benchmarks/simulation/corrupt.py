@@ -57,10 +57,12 @@ def main() -> None:
         ambient = max(scene.ambient.irradiance_w_m2, 0.01)
         corruptor = Corruptor(sensor, MATRIX, effects={"ambient": ambient})
         reflected = reflectance(full, scene)
-        shot = corruptor.shoot(truth_m, reflectance=reflected, seed=3)
+        up = scene.world_from_left[:3, :3].T @ np.asarray(scene.ambient.up)
+        shot = corruptor.shoot(truth_m, reflectance=reflected, up=up, seed=3)
         exact = corruptor.shoot(
             truth_m,
             reflectance=reflected,
+            up=up,
             right_depth_m=depth_from(scene, sensor, corruptor.left_from_right),
             projector_depth_m=depth_from(scene, sensor, corruptor.left_from_projector),
             seed=3,

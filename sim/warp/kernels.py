@@ -61,10 +61,13 @@ def warp_row(disparity, k, margin, jump_px, out, source):  # pragma: no cover - 
 
 
 @nb.njit(nogil=True, cache=True)
-def fill_row(out, source, inset):  # pragma: no cover - compiled
+def fill_row(out, source, nearer, nearer_source):  # pragma: no cover - compiled
     """Continue the farther neighbour over unknown columns, in place.
 
-    Sources lie `inset` inside the neighbour, whose outermost pixels may mix two surfaces.
+    Args:
+        out: (n,) disparities [px], 0 where unknown.
+        source: (n,) columns of the left view.
+        nearer, nearer_source: (n,) are filled with those of the nearer neighbour.
     """
     n, x = out.shape[0], 0
     while x < n:
@@ -79,9 +82,10 @@ def fill_row(out, source, inset):  # pragma: no cover - compiled
         if before <= 0 and after <= 0:
             return
         from_left = after <= 0 or 0 < before <= after
-        out[x:end] = before if from_left else after
-        edge = source[x - 1] if from_left else source[end]
-        source[x:end] = edge + (-inset if from_left else inset)
+        left = source[x - 1] - _INSET_PX if x > 0 else _f4(0)
+        right = source[end] + _INSET_PX if end < n else _f4(n)
+        out[x:end], nearer[x:end] = (before, after) if from_left else (after, before)
+        source[x:end], nearer_source[x:end] = (left, right) if from_left else (right, left)
         x = end
 
 
@@ -216,6 +220,32 @@ def light_rows(
             lit[y, x] = True
 
 
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def radiance_rows(
+    disparity, normal, reflectance, first, last, focal_baseline, sky, irradiance, ambient, depth
+):  # pragma: no cover - compiled
+    """Fill rows of a view with the radiance of matt surfaces, and their depth.
+
+    Args:
+        disparity, normal, reflectance: (h, w) of the view; see `normals`.
+        first, last: rows.
+        focal_baseline: f b [px m].
+        sky: gradient of the ambient light times the direction of the zenith (3,).
+        irradiance: (h, w) of the dots [W m^-2], turned into their radiance.
+        ambient: (h, w) radiance under ambient light of 1 W m^-2.
+        depth: (h, w) z [m], NaN without a surface.
+    """
+    gx, gy, gz = sky
+    for y in range(first, last):
+        for x in range(disparity.shape[1]):
+            d = disparity[y, x]
+            share = reflectance[y, x] * _f4(1 / np.pi)
+            irradiance[y, x] *= share
+            tilt = normal[y, x, 0] * gx + normal[y, x, 1] * gy + normal[y, x, 2] * gz
+            ambient[y, x] = share * (_f4(1) + tilt) if d > 0 else _f4(0)
+            depth[y, x] = focal_baseline / d if d > 0 else _f4(np.nan)
+
+
 @nb.njit(nogil=True, cache=True)
 def inner_rows(disparity, reflectance, jump_px, first, last, out):  # pragma: no cover - compiled
     """Fill rows of `out` (h, w) with reflectance that does not mix two surfaces.
@@ -270,13 +300,18 @@ def right_rows(
     """
     w = disparity.shape[1]
     source, warped = np.empty(w, np.float32), np.empty(w, np.float32)
+    nearer, nearer_source = np.empty(w, np.float32), np.empty(w, np.float32)
     for y in range(first, last):
         row = out[y]
         warp_row(disparity[y], _f4(1), _f4(0), jump_px, warped, source)
-        fill_row(warped, source, _INSET_PX)
+        nearer[:] = 0
+        fill_row(warped, source, nearer, nearer_source)
         row[:] = warped if warping else rendered[y]
         for x in range(w):
-            column = min(max(int(source[x] + _f4(0.5)), 0), w - 1)
+            place = source[x]
+            if not warping and nearer[x] > 0 and abs(row[x] - nearer[x]) < abs(row[x] - warped[x]):
+                place = nearer_source[x]
+            column = min(max(int(place + _f4(0.5)), 0), w - 1)
             out_reflectance[y, x] = reflectance[y, column]
         for x in range(w):
             d = disparity[y, x]

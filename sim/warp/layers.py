@@ -19,7 +19,7 @@ from starling.sim.render.skylight import MATT_TILT
 from starling.sim.scene.scene import Ambient
 from starling.sim.sensor.projector import Projector
 from starling.sim.sensor.sensor import Sensor
-from starling.sim.stereo.depth import depth_from_disparity, disparity_from_depth
+from starling.sim.stereo.depth import disparity_from_depth
 from starling.sim.warp import kernels
 
 JUMP_PX = 1.5  # A larger disparity difference of neighbours separates surfaces [px].
@@ -64,13 +64,13 @@ def layers(scene: DepthScene, sensor: Sensor) -> Layers:
         left = _view(pool, rows, sensor, 0.0, disparity, scene.reflectance)
         hidden = _hidden_from_emitters(pool, rows, scene, sensor, disparity)
         laser, lit = _laser(pool, rows, sensor, left, hidden)
-        layer_left = _layers(left, laser, scene.ambient, sensor)
+        layer_left = _layers(pool, rows, left, laser, scene.ambient, sensor)
         layer_right = None
         seen = np.zeros_like(lit)
         if sensor.kind == "stereo":
             right, seen = _right(pool, rows, scene, sensor, disparity)
             laser, _ = _laser(pool, rows, sensor, right, hidden)
-            layer_right = _layers(right, laser, scene.ambient, sensor)
+            layer_right = _layers(pool, rows, right, laser, scene.ambient, sensor)
     return Layers(
         left=layer_left,
         right=layer_right,
@@ -224,22 +224,42 @@ def _laser(
     return irradiance, lit
 
 
-def _layers(view: _View, irradiance: Image, ambient: Ambient, sensor: Sensor) -> ViewLayers:
-    surface = view.disparity > 0
-    radiance = view.reflectance * np.float32(1 / np.pi)
-    rig = {"focal_px": sensor.fx_px, "baseline_m": sensor.true_baseline_m}
-    depth_m = depth_from_disparity(view.disparity, **rig)
-    sky = surface * radiance
-    if ambient.gradient:
-        tilt = np.float32(ambient.gradient * MATT_TILT) * (view.normal @ np.float32(ambient.up))
-        sky = np.where(surface, sky * (1 + tilt), np.float32(0))
+def _layers(
+    pool: ThreadPoolExecutor,
+    rows: list[slice],
+    view: _View,
+    irradiance: Image,
+    ambient: Ambient,
+    sensor: Sensor,
+) -> ViewLayers:
+    """Layers of a view; the irradiance's array becomes one of them."""
+    sky, depth_m = np.empty_like(irradiance), np.empty_like(irradiance)
+    gradient = tuple(np.float32(ambient.gradient * MATT_TILT) * np.float32(ambient.up))
+    focal_baseline = np.float32(sensor.fx_px * sensor.true_baseline_m)
+
+    def fill(part: slice) -> None:
+        kernels.radiance_rows(
+            view.disparity,
+            view.normal,
+            view.reflectance,
+            part.start,
+            part.stop,
+            focal_baseline,
+            gradient,
+            irradiance,
+            sky,
+            depth_m,
+        )
+
+    list(pool.map(fill, rows))
+    none = np.broadcast_to(np.float32(0), irradiance.shape)
     return ViewLayers(
-        projector_direct=np.asarray(irradiance * radiance, np.float32),
-        projector_indirect=np.zeros_like(irradiance),
-        ambient=np.asarray(sky, np.float32),
-        other=np.zeros_like(irradiance),
+        projector_direct=irradiance,
+        projector_indirect=none,
+        ambient=sky,
+        other=none,
         depth_m=depth_m,
-        body=surface.astype(np.uint32),
+        body=(view.disparity > 0).astype(np.uint32),
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from starling.patterns.errors import InputError
+from starling.sim import corrupt
 from starling.sim.corrupt import Corruptor
 from starling.sim.reason import Reason
 from starling.sim.render import direct
@@ -16,6 +17,7 @@ from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
 from starling.sim.scene.scene import Ambient
 from starling.sim.sensor import presets
+from starling.sim.stereo.semiglobal import Band
 from starling.sim.warp import depth_input
 from starling.sim.warp.layers import DepthScene, layers
 
@@ -119,6 +121,10 @@ def test_resampling_keeps_a_tilted_plane() -> None:
         ({"reflectance": 200.0}, r"reflectance must be in \[0, 1\]"),
         ({"reflectance": WALL[:5]}, "reflectance must be .*, as the depth"),
         ({"ambient_lux": -1.0}, "ambient_lux must be in"),
+        ({"up": (0, 0, 0)}, r"up must be a direction \(3,\); got \[0.0, 0.0, 0.0\]"),
+        ({"up": (0, 1)}, "up must be a direction"),
+        ({"up": (0, np.inf, 0)}, "up must be a direction"),
+        ({"up": "sky"}, "up must be an array of real numbers"),
         ({"reflectance": np.zeros((0, 0))}, "reflectance must be .*, as the depth"),
         ({"reflectance": "bright"}, "reflectance must be an array of real numbers"),
         ({"depth_m": [[1, 2], [1]]}, "depth_m must be an array of real numbers; got list"),
@@ -134,6 +140,34 @@ def test_refused_images(change: dict[str, Any], message: str) -> None:
     values: dict[str, Any] = {"depth_m": WALL, **change}
     with pytest.raises(InputError, match=message):
         Corruptor(SENSOR, MATRIX)(values.pop("depth_m"), **values)
+
+
+def test_light_from_above_brightens_surfaces_that_face_it() -> None:
+    camera = Corruptor(SENSOR, MATRIX)
+    even = camera.shoot(WALL).layers.left.ambient
+    for up, factor in (
+        ((0, 0, -2), 1 + 0.5 * 2 / 3),
+        ((0, -1, 0), 1),
+        ((0, 0, 1), 1 - 0.5 * 2 / 3),
+    ):
+        lit = camera.shoot(WALL, up=up).layers.left.ambient
+        np.testing.assert_allclose(lit, even * factor, rtol=1e-5)
+
+
+def test_each_band_of_rows_searches_its_own_range() -> None:
+    """Rows of one distance search few disparities; each band holds its rows' disparities."""
+    depth = np.full((HEIGHT, WIDTH), 0.4, np.float32)
+    depth[96 + 13 :] = 2.0
+    device, bands = corrupt._search(SENSOR, depth)
+    disparity = SENSOR.fx_px * SENSOR.true_baseline_m / np.array([0.4, 2.0])
+    first = device.matcher.min_disparity_px
+    assert [(band.start, band.stop) for band in bands] == [(0, 96), (96, HEIGHT)]
+    assert first + bands[0].first <= disparity[0] - 7
+    assert first + bands[0].first + bands[0].search >= disparity[0] + 7
+    assert first + bands[1].first <= disparity[1]
+    depth[20:] = np.nan
+    device, bands = corrupt._search(SENSOR, depth)
+    assert bands[1] == Band(96, HEIGHT, 0, device.matcher.search_px)
 
 
 @pytest.mark.parametrize(
