@@ -177,3 +177,33 @@ def test_rgb_is_a_hint_of_reflectance() -> None:
     picture[:, 80:] = 255
     seen = depth_input.reflectance(picture, camera, SENSOR)
     np.testing.assert_allclose(seen[0, [0, -1]], [0.25, 0.85], rtol=1e-6)
+
+
+@pytest.mark.parametrize("disparity_px", [8.0, 8.25, 8.5, 8.75])
+def test_texture_moves_by_fractions_of_a_pixel(disparity_px: float) -> None:
+    """Whole pixels would pull disparities to whole numbers."""
+    columns = np.broadcast_to(np.arange(WIDTH, dtype=np.float32), WALL.shape)
+    depth = WALL * (FOCAL * SENSOR.true_baseline_m / disparity_px)
+    warped = layers(
+        DepthScene(depth_m=depth, reflectance=columns / WIDTH, ambient=Ambient(gradient=0.0)),
+        SENSOR,
+    )
+    assert warped.right is not None
+    seen = warped.right.ambient * np.float32(np.pi * WIDTH) - columns
+    np.testing.assert_allclose(seen[:, : WIDTH - 10], disparity_px, atol=1e-2)
+
+
+def test_reflectances_of_two_surfaces_do_not_mix() -> None:
+    """Left of the near surface, the right imager sees what the left one does not."""
+    depth = step()
+    warped = layers(
+        DepthScene(
+            depth_m=depth,
+            reflectance=np.where(depth < 1, np.float32(0.9), np.float32(0.1)),
+            ambient=Ambient(gradient=0.0),
+        ),
+        SENSOR,
+    )
+    assert warped.right is not None
+    levels = np.unique(np.round(warped.right.ambient * np.pi, 4))
+    assert levels.tolist() == pytest.approx([0.1, 0.9])
