@@ -311,8 +311,13 @@ def right_rows(
             place = source[x]
             if not warping and nearer[x] > 0 and abs(row[x] - nearer[x]) < abs(row[x] - warped[x]):
                 place = nearer_source[x]
-            column = min(max(int(place + _f4(0.5)), 0), w - 1)
-            out_reflectance[y, x] = reflectance[y, column]
+            place = min(max(place, _f4(0)), _f4(w - 1))
+            column = min(int(place), w - 2)
+            share, here = place - _f4(column), disparity[y, column]
+            if abs(disparity[y, column + 1] - here) > jump_px:  # Surfaces do not mix.
+                share = np.rint(share)
+            value = reflectance[y, column]
+            out_reflectance[y, x] = value + share * (reflectance[y, column + 1] - value)
         for x in range(w):
             d = disparity[y, x]
             if d <= 0:

@@ -19,6 +19,7 @@ from starling.sim.scene.scene import Ambient
 from starling.sim.sensor import presets
 from starling.sim.stereo.semiglobal import Band
 from starling.sim.warp import depth_input
+from starling.sim.warp import layers as warp_layers
 from starling.sim.warp.layers import DepthScene, layers
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 150.0
@@ -211,3 +212,41 @@ def test_rgb_is_a_hint_of_reflectance() -> None:
     picture[:, 80:] = 255
     seen = depth_input.reflectance(picture, camera, SENSOR)
     np.testing.assert_allclose(seen[0, [0, -1]], [0.25, 0.85], rtol=1e-6)
+
+
+@pytest.mark.parametrize("disparity_px", [8.0, 8.25, 8.5, 8.75])
+def test_texture_moves_by_fractions_of_a_pixel(disparity_px: float) -> None:
+    """Whole pixels would pull disparities to whole numbers."""
+    columns = np.broadcast_to(np.arange(WIDTH, dtype=np.float32), WALL.shape)
+    depth = WALL * (FOCAL * SENSOR.true_baseline_m / disparity_px)
+    warped = layers(
+        DepthScene(depth_m=depth, reflectance=columns / WIDTH, ambient=Ambient(gradient=0.0)),
+        SENSOR,
+    )
+    assert warped.right is not None
+    seen = warped.right.ambient * np.float32(np.pi * WIDTH) - columns
+    np.testing.assert_allclose(seen[:, : WIDTH - 10], disparity_px, atol=1e-2)
+
+
+def test_reflectances_of_two_surfaces_do_not_mix() -> None:
+    """Left of the near surface, the right imager sees what the left one does not."""
+    depth = step()
+    warped = layers(
+        DepthScene(
+            depth_m=depth,
+            reflectance=np.where(depth < 1, np.float32(0.9), np.float32(0.1)),
+            ambient=Ambient(gradient=0.0),
+        ),
+        SENSOR,
+    )
+    assert warped.right is not None
+    levels = np.unique(np.round(warped.right.ambient * np.pi, 4))
+    assert levels.tolist() == pytest.approx([0.1, 0.9])
+
+
+@pytest.mark.parametrize("variance", [0.01, 0.15, 0.499, 0.501, 2.0, 9.0])
+def test_filter_of_the_pattern_has_the_variance_of_a_pixel(variance: float) -> None:
+    taps = warp_layers._taps(variance).ravel()
+    places = np.arange(len(taps)) - len(taps) // 2
+    assert taps.sum() == pytest.approx(1, abs=1e-6)
+    assert (taps * places**2).sum() == pytest.approx(variance, rel=0.02)
