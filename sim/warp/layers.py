@@ -289,8 +289,8 @@ def _pattern(projector: Projector, number: int, fx_px: float) -> tuple[Any, ...]
         levels, ratio, width = emission.irradiance_at_unit_distance(projector, number)[None], 2, 0
     half_x, half_y = emission.half_tangents(projector)
     sides = (2 * half_x * fx_px / levels.shape[2], 2 * half_y * fx_px / levels.shape[1])
-    taps = [_taps(_PIXEL_VARIANCE / side**2) for side in sides]
-    blurred = [cv2.sepFilter2D(level, cv2.CV_32F, *taps) for level in levels]
+    across, down = (_taps(_PIXEL_VARIANCE / side**2) for side in sides)
+    blurred = [cv2.sepFilter2D(level, cv2.CV_32F, across, down) for level in levels]
     numbers = (1 / projector.focus_m, width, np.log(ratio))
     return np.ascontiguousarray(np.stack(blurred), np.float32), *map(np.float32, numbers)
 
