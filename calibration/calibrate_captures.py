@@ -34,6 +34,7 @@ def calibrate_captures(
     *,
     free: Sequence[str],
     heldout: Sequence[str] | None = None,
+    most_scenes: int = fit_sensor.MOST_SCENES,
     force: bool = False,
     options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
@@ -47,6 +48,7 @@ def calibrate_captures(
             images, the dots, report.html, report.json and a record of the run.
         free: groups to fit (see `starling.calibration.fit_sensor.GROUPS`).
         heldout: rooms to exclude from the fit; None selects every fourth room.
+        most_scenes: as for `starling.calibration.fit_sensor.fit`.
         force: overwrite existing output.
         options: further command-line options to record, as typed.
         track: progress callback around long loops.
@@ -68,7 +70,13 @@ def calibrate_captures(
     with OutputFolder(output_folder, force=force) as folder:
         patterns_folder = folder.partial
         calibration = fit_sensor.fit(
-            opened.scenes, sensor, free=free, folder=patterns_folder, heldout=heldout, track=track
+            opened.scenes,
+            sensor,
+            free=free,
+            folder=patterns_folder,
+            heldout=heldout,
+            most_scenes=most_scenes,
+            track=track,
         )
         figures = calibration_figures(calibration)
         for name in patterns_folder.glob("mirrored-*.png"):
@@ -77,7 +85,12 @@ def calibrate_captures(
             folder.write("dots.csv", dots.table(calibration.recovered, sensor))
         folder.write("report.json", record.dumps(figures))
         folder.write("report.html", page.page(calibration))
-        arguments = {"captures": captures, "free": list(free), "heldout": heldout}
+        arguments = {
+            "captures": captures,
+            "free": list(free),
+            "heldout": heldout,
+            "most_scenes": most_scenes,
+        }
         run = {
             "verb": "calibrate",
             "arguments": {**arguments, **(options or {})},

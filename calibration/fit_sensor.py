@@ -29,6 +29,7 @@ NOISE = "noise"
 WARP = "warp"
 GROUPS = (*parameters.GEOMETRY, PATTERN, PHOTOMETRY, NOISE, WARP)
 WITH_PATTERN = ("baseline", "alignment", "projector", "scale")  # Free in the pattern fit as well.
+MOST_SCENES = 40  # Fitted at once; each keeps about 400 bytes a pixel in memory.
 _ONE_IN = 4  # Default: every fourth room is held out.
 
 
@@ -72,6 +73,7 @@ def fit(
     free: Sequence[str],
     folder: Path,
     heldout: Sequence[str] | None = None,
+    most_scenes: int = MOST_SCENES,
     track: progress.Progress = progress.silent,
 ) -> Calibration:
     """Fit groups of parameters and score the fit on held-out rooms.
@@ -94,6 +96,8 @@ def fit(
         folder: folder for a recovered pattern's images.
         heldout: rooms to exclude from the fit. None selects every fourth room, the third of three
             rooms, and no room of one or two.
+        most_scenes: largest number of scenes to fit, and of held-out scenes to score. Of more
+            scenes as many are used, spread over the set.
         track: progress callback around long loops.
 
     Raises:
@@ -104,14 +108,20 @@ def fit(
 
     seconds: dict[str, float] = {}
     _check_groups(free)
+    most = errors.whole_number("most_scenes", most_scenes, 1, 10_000)
     outside = _held_out(scenes, heldout)
-    inside = [scene for scene in scenes if scene.room not in outside]
+    all_inside = [scene for scene in scenes if scene.room not in outside]
+    inside = _spread(all_inside, most)
+    to_score = _spread([scene for scene in scenes if scene.room in outside], most)
     rooms = tuple(dict.fromkeys(scene.room for scene in inside))
     with _timed(seconds, "load"):
         read_observations = observation.read_all(track(inside, "read"))
         _check_kind(read_observations, sensor)
         # Checked first, because loading surfaces takes longer.
         warnings = checks.check(read_observations, sensor)
+        if len(inside) < len(all_inside):
+            advice = "most_scenes changes their number."
+            warnings += (f"{len(inside)} of {len(all_inside)} scenes were fitted; {advice}",)
         observations = tuple(
             observation.with_surface(item, scene, sensor)
             for item, scene in zip(read_observations, track(inside, "surfaces"), strict=True)
@@ -164,7 +174,7 @@ def fit(
             solutions[WARP] = fit_warp(smooth, fitted)
             fitted = solutions[WARP].sensor
     with _timed(seconds, "held out"):
-        before, after = _scored(scenes, outside, sensor, fitted, recovered, folder, track)
+        before, after = _scored(to_score, sensor, fitted, recovered, folder, track)
     return Calibration(
         sensor=fitted,
         solutions=solutions,
@@ -221,6 +231,12 @@ def _held_out(scenes: Sequence[CapturedScene], requested: Sequence[str] | None) 
             "heldout", "must leave a room to fit", ", ".join(requested), "Name fewer rooms."
         )
     return tuple(requested)
+
+
+def _spread(scenes: Sequence[CapturedScene], most: int) -> list[CapturedScene]:
+    """Select at most `most` scenes, evenly from the list."""
+    step = max(len(scenes) / most, 1)
+    return [scenes[int(number * step)] for number in range(min(len(scenes), most))]
 
 
 def _levels(
@@ -281,7 +297,6 @@ def _layers(
 
 def _scored(
     scenes: Sequence[CapturedScene],
-    rooms: Sequence[str],
     start: Sensor,
     fitted: Sensor,
     recovered: RecoveredPattern | None,
@@ -291,7 +306,7 @@ def _scored(
     """Score the held-out scenes with the initial and with the fitted sensor."""
     before, after = [], []
     control = pattern_sensor.with_mirrored_pattern(fitted, folder) if recovered else None
-    for scene in track([scene for scene in scenes if scene.room in rooms], "held out"):
+    for scene in track(scenes, "held out"):
         item = observation.load(scene, start, smoothing_px=SMOOTHING_PX)
         if item.left is None or item.scene is None:
             continue

@@ -17,6 +17,7 @@ def calibrate(
     out: Path,
     free: tuple[str, ...],
     heldout: tuple[str, ...] | None = None,
+    most_scenes: int = 40,
     edits: Edits = (),
     force: bool = False,
     common: Shared = Common(),
@@ -34,6 +35,7 @@ def calibrate(
             projector, field, scale, dots, pattern, photometry, noise, warp. Captures with depth
             only support baseline, offset, noise, thresholds.
         heldout: rooms to exclude from the fit and to score it on. Default: every fourth room.
+        most_scenes: largest number of scenes to fit, and of held-out scenes to score.
         force: overwrite existing output.
     """
     from starling.calibration import calibrate_captures
@@ -48,6 +50,7 @@ def calibrate(
             out,
             free=[group for word in free for group in word.split(",") if group],
             heldout=heldout,
+            most_scenes=most_scenes,
             force=force,
             options={"sensor": sensor, "set": edits},
             track=track,

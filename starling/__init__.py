@@ -450,6 +450,7 @@ def calibrate(
     free: Sequence[str],
     folder: Path | str,
     heldout: Sequence[str] | None = None,
+    most_scenes: int = 40,
 ) -> Calibration:
     """Fit a sensor to captures of known surfaces, and score it on held-out rooms.
 
@@ -459,6 +460,7 @@ def calibrate(
         free: groups of parameters to fit, e.g. `("baseline", "focal", "projector")`.
         folder: where the images of a recovered dot pattern go.
         heldout: rooms left out of the fit; every fourth room where None.
+        most_scenes: largest number of scenes to fit, and of held-out scenes to score.
 
     Returns:
         Fitted sensor, estimates with standard deviations, held-out scores.
@@ -478,7 +480,14 @@ def calibrate(
     from starling.calibration.fit_sensor import fit
 
     scenes = _opened(captures).scenes
-    return fit(scenes, sensor, free=free, folder=Path(folder), heldout=heldout)
+    return fit(
+        scenes,
+        sensor,
+        free=free,
+        folder=Path(folder),
+        heldout=heldout,
+        most_scenes=most_scenes,
+    )
 
 
 def diagnose(

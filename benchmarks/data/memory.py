@@ -84,10 +84,13 @@ RUNS = (
     ),
     Run(
         name="diagnose scenes",
-        words="diagnose {folder}/scenes --sensor d435 --families noise",
+        words="diagnose {folder}/scenes --sensor d435 --families read_noise",
         share=25,
     ),
-    Run(name="diagnose repeats", words="diagnose {folder}/repeats --sensor d435 --families noise"),
+    Run(
+        name="diagnose repeats",
+        words="diagnose {folder}/repeats --sensor d435 --families read_noise",
+    ),
 )
 
 

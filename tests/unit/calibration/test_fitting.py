@@ -9,9 +9,12 @@ import shutil
 from collections.abc import Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from starling import command_line
 from starling.calibration import fit_sensor as fitting
@@ -95,6 +98,25 @@ def test_unknown_groups_and_none_are_refused(captures: Path, small: Sensor, tmp_
     assert message.startswith("free must be a known name; got 'lens'.") and "pattern" in message
     message = _refused(captures, small, tmp_path, free=[])
     assert message.startswith("free must name a group; got none.")
+
+
+def test_few_of_many_scenes_are_fitted(captures: Path, small: Sensor, tmp_path: Path) -> None:
+    scenes = capture.open_set(str(captures)).scenes
+    fit = fitting.fit(scenes, small, free=["projector"], folder=tmp_path, most_scenes=2)
+    assert len(fit.fitted_rooms) == 2
+    assert fit.warnings[-1].startswith("2 of 3 scenes were fitted")
+    with pytest.raises(InputError, match="most_scenes must be an integer in"):
+        fitting.fit(scenes, small, free=["projector"], folder=tmp_path, most_scenes=0)
+
+
+@given(count=st.integers(0, 200), most=st.integers(1, 50))
+def test_scenes_are_spread_over_the_set(count: int, most: int) -> None:
+    scenes: Any = list(range(count))
+    selected: Any = fitting._spread(scenes, most)
+    assert len(selected) == min(count, most)
+    assert sorted(set(selected)) == selected
+    gaps = np.diff([*selected, count])
+    assert not count or (selected[0] == 0 and gaps.max() - gaps.min() <= 1)
 
 
 def test_a_warp_of_one_room_is_refused(captures: Path, small: Sensor, tmp_path: Path) -> None:

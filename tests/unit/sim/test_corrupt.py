@@ -220,7 +220,9 @@ def test_texture_moves_by_fractions_of_a_pixel(disparity_px: float) -> None:
     columns = np.broadcast_to(np.arange(WIDTH, dtype=np.float32), WALL.shape)
     depth = WALL * (FOCAL * SENSOR.true_baseline_m / disparity_px)
     warped = layers(
-        DepthScene(depth_m=depth, reflectance=columns / np.float32(WIDTH), ambient=Ambient(gradient=0.0)),
+        DepthScene(
+            depth_m=depth, reflectance=columns / np.float32(WIDTH), ambient=Ambient(gradient=0.0)
+        ),
         SENSOR,
     )
     assert warped.right is not None
