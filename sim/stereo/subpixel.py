@@ -91,43 +91,50 @@ def smooth(
         columns_px, rows_px: width and height of the window, odd [px].
         step_px: neighbours with a larger difference are left out [px].
     """
-    across, down, step = columns_px // 2, rows_px // 2, np.float32(step_px)
-    padded, weights = _padded(disparity_px, weight, 0, across)
-    rows, gathered = _mean(padded, weights, disparity_px, 0, 2 * across, step)
-    padded, weights = _padded(rows, gathered, down, 0)
-    columns, _ = _mean(padded, weights, rows, 2 * down, 0, step)
-    return columns
-
-
-def _padded(
-    disparity_px: NDArray, weight: NDArray, down: int, across: int
-) -> tuple[NDArray, NDArray]:
-    """Add margins without disparity, which have no weight."""
-    margins = (down, down, across, across, cv2.BORDER_CONSTANT)
-    return (
-        cv2.copyMakeBorder(disparity_px, *margins, value=float("nan")),
-        cv2.copyMakeBorder(weight, *margins, value=0),
-    )
+    h, w = disparity_px.shape
+    out = np.empty((h, w), np.float32)
+    _smooth(disparity_px, weight, columns_px // 2, rows_px // 2, np.float32(step_px), out)
+    return out
 
 
 @nb.njit(nogil=True, cache=True)
-def _mean(padded, weight, centre, down, across, step):  # pragma: no cover - compiled
-    """Weighted means along one axis, and the summed weights."""
-    h, w = centre.shape
-    out = np.empty((h, w), np.float32)
-    gathered = np.zeros((h, w), np.float32)
-    for y in range(h):
-        total, count = np.zeros(w, np.float32), gathered[y]
-        for dy in range(down + 1):
-            for dx in range(across + 1):
-                row, weights = padded[y + dy], weight[y + dy]
-                for x in range(w):
-                    # A difference to NaN never passes the threshold, so holes have no weight.
-                    off = row[x + dx] - centre[y, x]
-                    counts = weights[x + dx] if abs(off) <= step else np.float32(0)
-                    total[x] += off * counts if counts > 0 else np.float32(0)
-                    count[x] += counts
-        for x in range(w):
-            share = total[x] / count[x] if count[x] > 0 else np.float32(0)
-            out[y, x] = centre[y, x] + share
-    return out, gathered
+def _smooth(disparity, weight, across, down, step, out):  # pragma: no cover - compiled
+    """Fill `out` with the means along rows, then along columns; a ring holds the rows' means."""
+    h, w = disparity.shape
+    size = 2 * down + 1
+    means, gathered = np.empty((size, w), np.float32), np.empty((size, w), np.float32)
+    total, count = np.empty(w, np.float32), np.empty(w, np.float32)
+    for last in range(h + down):
+        if last < h:
+            centre, at = disparity[last], last % size
+            total[:], gathered[at] = np.float32(0), np.float32(0)
+            for dx in range(max(-across, 1 - w), min(across, w - 1) + 1):
+                first, end = max(0, -dx), min(w, w - dx)
+                others = slice(first + dx, end + dx)
+                _add(disparity[last, others], weight[last, others], centre[first:end], step,
+                     total[first:end], gathered[at, first:end])  # fmt: skip
+            _finish(centre, total, gathered[at], means[at])
+        y = last - down
+        if y >= 0:
+            centre = means[y % size]
+            total[:], count[:] = np.float32(0), np.float32(0)
+            for row in range(max(0, y - down), min(h, y + down + 1)):
+                _add(means[row % size], gathered[row % size], centre, step, total, count)
+            _finish(centre, total, count, out[y])
+
+
+@nb.njit(nogil=True, cache=True)
+def _add(values, weight, centre, step, total, count):  # pragma: no cover - compiled
+    """Add the weighted differences to the centre of values within `step` of it."""
+    for x in range(len(centre)):
+        # A difference to NaN never passes the threshold, so holes have no weight.
+        off = values[x] - centre[x]
+        counts = weight[x] if abs(off) <= step else np.float32(0)
+        total[x] += off * counts if counts > 0 else np.float32(0)
+        count[x] += counts
+
+
+@nb.njit(nogil=True, cache=True)
+def _finish(centre, total, count, out):  # pragma: no cover - compiled
+    for x in range(len(centre)):
+        out[x] = centre[x] + (total[x] / count[x] if count[x] > 0 else np.float32(0))
