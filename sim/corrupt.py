@@ -20,8 +20,9 @@ from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Scene
 from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import Shot, expose, refuse_impossible
-from starling.sim.stereo.depth import to_code
+from starling.sim.stereo.depth import disparity_from_depth, to_code
 from starling.sim.stereo.post.temporal import History
+from starling.sim.stereo.semiglobal import Band
 from starling.sim.warp import depth_input, suspicions
 from starling.sim.warp.layers import DepthScene, layers
 
@@ -29,7 +30,9 @@ from starling.sim.warp.layers import DepthScene, layers
 # global) has 0.89 W m^-2 nm^-1 at 850 nm, and 109 klux.
 W_M2_PER_LUX = 0.89 * 50 / 109e3
 _MARGIN_PX = 8  # Disparities searched beyond those of the scene [px].
-_STEP_PX = 16  # OpenCV's engines search a multiple of this.
+_STEP_PX = 16  # Engines search a multiple of this.
+_BAND_ROWS = 96  # Rows that share a search.
+_BAND_MARGIN = 12  # Rows above and below a band that its windows reach.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -187,8 +190,8 @@ class Corruptor:
             ),
             sensor,
         )
-        device = _searching(sensor, depth)
-        return expose(rendered, scene, device, seed=seed, frame=frame, past=past)
+        device, bands = _search(sensor, depth)
+        return expose(rendered, scene, device, seed=seed, frame=frame, past=past, bands=bands)
 
 
 # The layers hold the surfaces; the body gives them a name.
@@ -225,17 +228,33 @@ def _lit_by(scene: Scene, lux: float) -> Scene:
     return dataclasses.replace(scene, ambient=ambient)
 
 
-def _searching(sensor: Sensor, depth_m: Image) -> Sensor:
-    """The sensor, which searches only the disparities of the scene, and 8 px beyond them."""
-    known = depth_m[np.isfinite(depth_m)]
-    if sensor.kind != "stereo" or not known.size:
-        return sensor
+def _search(sensor: Sensor, depth_m: Image) -> tuple[Sensor, list[Band]]:
+    """Limit the search to the scene's disparities and 8 px beyond them, and that of each band."""
     matcher = sensor.matcher
-    first, end = matcher.min_disparity_px, matcher.min_disparity_px + matcher.search_px
-    true = sensor.fx_px * sensor.true_baseline_m
-    low = min(max(first, int(true / known.max()) - _MARGIN_PX), end - _STEP_PX)
-    span = true / known.min() + _MARGIN_PX - low
+    end = matcher.min_disparity_px + matcher.search_px
+    disparity = disparity_from_depth(
+        depth_m, focal_px=sensor.fx_px, baseline_m=sensor.true_baseline_m
+    )
+    whole = _range(disparity, matcher.min_disparity_px, end)
+    if sensor.kind != "stereo" or whole is None:
+        return sensor, []
+    low, count = whole
+    narrowed = dataclasses.replace(matcher, min_disparity_px=low, search_px=count)
+    bands = []
+    for start in range(0, sensor.height, _BAND_ROWS):
+        stop = min(start + _BAND_ROWS, sensor.height)
+        rows = disparity[max(start - _BAND_MARGIN, 0) : stop + _BAND_MARGIN]
+        first, searched = _range(rows, low, low + count) or whole
+        bands.append(Band(start, stop, first - low, searched))
+    return dataclasses.replace(sensor, matcher=narrowed), bands
+
+
+def _range(disparity: Image, first: int, end: int) -> tuple[int, int] | None:
+    """First disparity and number of disparities for these, in [first, end); None without any."""
+    least, most = np.fmin.reduce(disparity, axis=None), np.fmax.reduce(disparity, axis=None)
+    if not np.isfinite(least):
+        return None
+    low = min(max(first, int(least) - _MARGIN_PX), end - _STEP_PX)
+    span = float(most) + _MARGIN_PX - low
     search = min(max(-(-int(np.ceil(span)) // _STEP_PX), 1) * _STEP_PX, end - low)
-    search -= search % _STEP_PX
-    narrowed = dataclasses.replace(matcher, min_disparity_px=low, search_px=search)
-    return dataclasses.replace(sensor, matcher=narrowed)
+    return low, search - search % _STEP_PX

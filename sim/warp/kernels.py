@@ -91,7 +91,7 @@ def _slope(before, value_px, after):  # pragma: no cover - compiled
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def normals(disparity, first, last, camera, out):  # pragma: no cover - compiled
-    """Fill rows `first` to `last` of `out` (h, w, 3) with normals, not normalised.
+    """Fill rows `first` to `last` of `out` (h, w, 3) with unit normals.
 
     Disparity is linear on planes. For gradient (gx, gy) the normal is proportional to
     (gx fx, gy fy, d - gx (x - cx) - gy (y - cy)), up to its sign.
@@ -100,7 +100,7 @@ def normals(disparity, first, last, camera, out):  # pragma: no cover - compiled
         disparity: (h, w) [px], 0 without a surface.
         first, last: rows.
         camera: fx, fy, cx, cy [px] as float32.
-        out: normals that point away from the camera.
+        out: normals that point to the camera; NaN without a surface.
     """
     h, w = disparity.shape
     fx, fy, cx, cy = camera
@@ -109,13 +109,16 @@ def normals(disparity, first, last, camera, out):  # pragma: no cover - compiled
         row, down = disparity[y], _f4(y) - cy
         for x in range(w):
             value_px = row[x]
+            if value_px <= 0:
+                out[y, x] = _f4(np.nan)
+                continue
             gx = _slope(
                 row[x - 1] if x > 0 else _f4(0), value_px, row[x + 1] if x + 1 < w else _f4(0)
             )
             gy = _slope(above[x] if y > 0 else _f4(0), value_px, below[x] if y + 1 < h else _f4(0))
-            out[y, x, 0] = gx * fx
-            out[y, x, 1] = gy * fy
-            out[y, x, 2] = value_px - gx * (_f4(x) - cx) - gy * down
+            a, b, c = gx * fx, gy * fy, value_px - gx * (_f4(x) - cx) - gy * down
+            scale = _f4(-1) / np.sqrt(a * a + b * b + c * c)
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = a * scale, b * scale, c * scale
 
 
 @nb.njit(nogil=True, cache=True, inline="always")
@@ -204,8 +207,7 @@ def light_rows(
                 widening = lz / nz * (lz / nz) / scale
                 irradiance *= widening * widening
             a, b, c = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
-            facing = abs(a * px + b * py + c * pz) / np.sqrt(a * a + b * b + c * c)
-            out[y, x] += irradiance * facing / lz
+            out[y, x] += irradiance * abs(a * px + b * py + c * pz) / lz
             lit[y, x] = True
 
 

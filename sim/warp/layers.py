@@ -44,7 +44,7 @@ class _View:
 
     place: float  # [baselines]
     disparity: Image  # (h, w), 0 without a surface.
-    normal: NDArray[np.float32]  # (h, w, 3), away from the imager, not normalised.
+    normal: NDArray[np.float32]  # (h, w, 3), towards the imager; NaN without a surface.
     reflectance: Image
 
 
@@ -71,16 +71,12 @@ def layers(scene: DepthScene, sensor: Sensor) -> Layers:
             right, seen = _right(pool, rows, scene, sensor, disparity)
             laser, _ = _laser(pool, rows, sensor, right, hidden)
             layer_right = _layers(right, laser, scene.ambient, sensor)
-    surface = disparity > 0
-    length = np.sqrt((left.normal**2).sum(-1, keepdims=True))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normal = np.where(surface[..., None], -left.normal / length, np.float32(np.nan))
     return Layers(
         left=layer_left,
         right=layer_right,
         truth=Truth(
             depth_m=layer_left.depth_m,
-            normal=normal,
+            normal=left.normal,
             material=layer_left.body,
             right_sees=seen,
             lit=lit,
@@ -229,10 +225,8 @@ def _layers(view: _View, irradiance: Image, ambient: Ambient, sensor: Sensor) ->
     depth_m = depth_from_disparity(view.disparity, **rig)
     sky = surface * radiance
     if ambient.gradient:
-        length = np.sqrt((view.normal**2).sum(-1))
-        up = np.asarray(ambient.up, np.float32)
-        tilt = -(view.normal @ up) / np.maximum(length, np.float32(1e-12))
-        sky = sky * (1 + np.float32(ambient.gradient) * np.float32(MATT_TILT) * tilt)
+        tilt = np.float32(ambient.gradient * MATT_TILT) * (view.normal @ np.float32(ambient.up))
+        sky = np.where(surface, sky * (1 + tilt), np.float32(0))
     return ViewLayers(
         projector_direct=np.asarray(irradiance * radiance, np.float32),
         projector_indirect=np.zeros_like(irradiance),
