@@ -21,11 +21,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from starling import CapturedScene, Corruptor, Sensor, simulate
+from starling import CapturedScene, Corruptor, Sensor
 from starling.sim.captures import capture
 from starling.sim.metrics import disparity_figures, reached_pixels, scored_pixels
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.captured import captured_scene
 from starling.sim.sensor import resolve
+from starling.sim.simulate import expose, render_layers
 
 SEED = 1
 IOU_MARGIN, NMAD_MARGIN_PX = 0.02, 0.01  # Targets: `corrupt` against `simulate`.
@@ -95,22 +97,43 @@ def rooms(names: list[str]) -> list[Room]:
     return opened
 
 
-def readings(room: Room, seed: int = SEED) -> dict[str, Image]:
+class Models:
+    """`simulate` and `corrupt` of one captured scene, rendered once."""
+
+    def __init__(self, room: Room) -> None:
+        """Estimate the light, and render the scanner's surface."""
+        scene, sensor = room.scene, room.sensor
+        self.room = room
+        light = captured_scene.estimate_light(scene, sensor)
+        self.scene = captured_scene.scene_from_light(scene, light)
+        self.layers = render_layers(MitsubaScene(self.scene), sensor)
+        # `corrupt` has one level of ambient light.
+        even = captured_scene.estimate_light(scene, sensor, even_ambient=True)
+        self.reflectance = even.reflectance
+        self.corruptor = Corruptor(sensor, matrix(sensor), effects={"ambient": even.ambient_w_m2})
+
+    def simulated(self, sensor: Sensor, frame: int = 0) -> Image:
+        """Return the disparity (h, w) that a sensor of the room's geometry reads [px]."""
+        shot = expose(self.layers, self.scene, sensor, seed=SEED, frame=frame)
+        return self.room.scene.info.disparity_px(shot.depth.depth_m)
+
+    def corrupted(self, depth_m: Image, frame: int = 0) -> Image:
+        """Return the disparity (h, w) of a corrupted depth image [px]."""
+        reading = self.corruptor(depth_m, reflectance=self.reflectance, seed=SEED, frame=frame)
+        return self.room.scene.info.disparity_px(reading.depth_m)
+
+
+def readings(room: Room) -> dict[str, Image]:
     """Return the disparity (h, w) of each model [px]."""
-    scene, sensor = room.scene, room.sensor
-    light = captured_scene.estimate_light(scene, sensor)
-    shot = simulate(captured_scene.scene_from_light(scene, light), sensor, seed=seed)
-    even = captured_scene.estimate_light(scene, sensor, even_ambient=True)
-    corruptor = Corruptor(sensor, matrix(sensor), effects={"ambient": even.ambient_w_m2})
-    truth_m = scene.truth_m()
+    models, truth_m = Models(room), room.scene.truth_m()
     assert truth_m is not None
-    inputs = (shot.layers.truth.depth_m, truth_m)
-    images = [shot.depth.depth_m]
-    for depth_m in inputs:
-        images.append(corruptor(depth_m, reflectance=even.reflectance, seed=seed).depth_m)
-    return {
-        name: scene.info.disparity_px(image) for name, image in zip(MODELS, images, strict=True)
-    }
+    surface_m = models.layers.truth.depth_m
+    images = (
+        models.simulated(room.sensor),
+        models.corrupted(surface_m),
+        models.corrupted(truth_m),
+    )
+    return dict(zip(MODELS, images, strict=True))
 
 
 def matrix(sensor: Sensor) -> NDArray[np.float64]:
