@@ -44,7 +44,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """A scene, and depth images of it seen from a pose beside the left imager."""
+    """A scene, and depth images of it from poses near the left imager."""
 
     scene: Scene
     depth_from: Callable[[Pose], NDArray[np.float32]]  # `left_from_place` to (h, w) [m].

@@ -69,7 +69,7 @@ class Table:
         return Scene(name=f"mujoco {camera}", bodies=bodies, ambient=ambient, world_from_left=pose)
 
     def depth_from(self, camera: str, sensor: Sensor, left_from_place: Pose) -> NDArray[np.float32]:
-        """Render MuJoCo's depth (h, w) seen from a place beside a camera [m]; NaN at the far plane.
+        """Render MuJoCo's depth (h, w) seen from a place near a camera [m]; NaN at the far plane.
 
         Args:
             camera: Name of the camera.
@@ -80,14 +80,14 @@ class Table:
 
         place = self._world_from_camera(camera) @ left_from_place
         record = self.data.cam(camera)
-        kept = record.xpos.copy(), record.xmat.copy()
+        unmoved = record.xpos.copy(), record.xmat.copy()
         record.xpos[:] = place[:3, 3]
         record.xmat[:] = (place[:3, :3] @ _OPENCV_FROM_MUJOCO).ravel()
         with mujoco.Renderer(self.model, sensor.height, sensor.width) as renderer:
             renderer.enable_depth_rendering()
             renderer.update_scene(self.data, camera)
             depth_m = np.array(renderer.render(), np.float32)
-        record.xpos[:], record.xmat[:] = kept
+        record.xpos[:], record.xmat[:] = unmoved
         depth_m[depth_m > 0.99 * FAR_M] = np.nan
         return depth_m
 
