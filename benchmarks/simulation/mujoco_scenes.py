@@ -17,6 +17,7 @@ from starling.sim.geometry.frames import Pose
 from starling.sim.scene.builtin import solids
 from starling.sim.scene.scene import Ambient, Body, Material
 
+os.environ.setdefault("MUJOCO_GL", "egl")  # Read at the import of mujoco; no display is needed.
 CAMERAS = ("overhead", "wrist")
 OBJECTS = 20
 SETTLED_S = 1.0  # Time in which the objects fall onto the table.
@@ -30,7 +31,6 @@ _LINKS = 6
 
 def unavailable() -> str | None:
     """Return why MuJoCo cannot render; None if it can."""
-    os.environ.setdefault("MUJOCO_GL", "egl")
     try:
         import mujoco
 
