@@ -57,6 +57,8 @@ def method(name: str, *, steps: int | None = None, start: Path | None = None) ->
     if start is not None and name not in STARTABLE:
         known = ", ".join(sorted(STARTABLE))
         raise errors.refuse("start", f"must be for one of {known}", name, "Leave it out.")
+    if steps is not None:
+        errors.whole_number("steps", steps, 1, 10**9)
     changed: dict[str, Any] = {} if start is None else {"start": start, **_FINE_TUNING}
     if steps is not None:
         changed["steps"] = steps

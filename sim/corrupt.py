@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from starling.patterns import errors
+from starling.sim import arrays
 from starling.sim.arrays import Image, Labels, Mask
 from starling.sim.effects import Value, setting
 from starling.sim.geometry import frames
@@ -29,6 +30,7 @@ from starling.sim.warp.layers import DepthScene, layers
 # Daylight in the imager's band [W m^-2 / lux], for an assumed band of 50 nm. ASTM G173 (AM1.5
 # global) has 0.89 W m^-2 nm^-1 at 850 nm, and 109 klux.
 W_M2_PER_LUX = 0.89 * 50 / 109e3
+_GRADIENT = Ambient().gradient  # Of ambient light that is brighter from above.
 _MARGIN_PX = 8  # Disparities searched beyond those of the scene [px].
 _STEP_PX = 16  # Engines search a multiple of this.
 _BAND_ROWS = 96  # Rows that share a search.
@@ -112,6 +114,7 @@ class Corruptor:
         *,
         reflectance: float | NDArray[Any] | None = None,
         ambient_lux: float | None = None,
+        up: ArrayLike | None = None,
         right_depth_m: NDArray[np.floating] | None = None,
         projector_depth_m: NDArray[np.floating] | None = None,
         seed: int = 0,
@@ -126,6 +129,7 @@ class Corruptor:
             depth_m,
             reflectance=reflectance,
             ambient_lux=ambient_lux,
+            up=up,
             right_depth_m=right_depth_m,
             projector_depth_m=projector_depth_m,
             seed=seed,
@@ -153,6 +157,7 @@ class Corruptor:
         *,
         reflectance: float | NDArray[Any] | None = None,
         ambient_lux: float | None = None,
+        up: ArrayLike | None = None,
         right_depth_m: NDArray[np.floating] | None = None,
         projector_depth_m: NDArray[np.floating] | None = None,
         seed: int = 0,
@@ -179,7 +184,9 @@ class Corruptor:
             )
         ]
         reflected = depth_input.reflectance(reflectance, camera, sensor)
-        scene = self._scene if ambient_lux is None else _lit_by(self._scene, ambient_lux)
+        scene = dataclasses.replace(
+            self._scene, ambient=_ambient(self._scene.ambient, ambient_lux, up)
+        )
         rendered = layers(
             DepthScene(
                 depth_m=depth,
@@ -222,10 +229,20 @@ def _refuse_effects(effects: Mapping[str, Value]) -> None:
             )
 
 
-def _lit_by(scene: Scene, lux: float) -> Scene:
-    errors.in_interval("ambient_lux", lux, 0.0, 2e5, "Direct sunlight has 1e5 lux.")
-    ambient = dataclasses.replace(scene.ambient, irradiance_w_m2=lux * W_M2_PER_LUX)
-    return dataclasses.replace(scene, ambient=ambient)
+def _ambient(ambient: Ambient, lux: float | None, up: ArrayLike | None) -> Ambient:
+    """Ambient light of this strength, brighter from above."""
+    if lux is not None:
+        errors.in_interval("ambient_lux", lux, 0.0, 2e5, "Direct sunlight has 1e5 lux.")
+        ambient = dataclasses.replace(ambient, irradiance_w_m2=lux * W_M2_PER_LUX)
+    if up is None:
+        return ambient
+    direction = np.asarray(arrays.numbers("up", up), np.float64)
+    length = np.linalg.norm(direction) if direction.shape == (3,) else 0.0
+    if not 0 < length < np.inf:
+        advice = "Give the zenith in the camera's axes: x right, y down, z forward."
+        raise errors.refuse("up", "must be a direction (3,)", direction.tolist(), advice)
+    x, y, z = (direction / length).tolist()
+    return dataclasses.replace(ambient, gradient=ambient.gradient or _GRADIENT, up=(x, y, z))
 
 
 def _search(sensor: Sensor, depth_m: Image) -> tuple[Sensor, list[Band]]:

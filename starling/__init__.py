@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from starling.calibration.fit_sensor import Calibration as Calibration
     from starling.diagnosis.diagnosis import Diagnosis as Diagnosis
@@ -237,6 +237,7 @@ def corrupt(
     *,
     reflectance: float | NDArray[Any] | None = None,
     ambient_lux: float | None = None,
+    up: ArrayLike | None = None,
     right_depth_m: NDArray[Any] | None = None,
     projector_depth_m: NDArray[Any] | None = None,
     seed: int = 0,
@@ -254,6 +255,8 @@ def corrupt(
         reflectance: of the surfaces in the near infrared, a number or image (h, w) from 0 to 1.
             RGB bytes (h, w, 3) are a hint: 0.25 + 0.6 max(R, G, B). 0.5 if None.
         ambient_lux: daylight on the surfaces [lux]; an indoor level if None.
+        up: (3,) direction of the zenith in the camera's axes (x right, y down, z forward), from
+            which more ambient light comes. None: equal from all directions.
         right_depth_m: (h, w) depth seen from `Corruptor.left_from_right`; warped if None.
         projector_depth_m: (h, w) depth seen from `Corruptor.left_from_projector`; warped if None.
         seed: seed of all noise; equal seeds give equal bits on one machine.
@@ -280,6 +283,7 @@ def corrupt(
         depth_m,
         reflectance=reflectance,
         ambient_lux=ambient_lux,
+        up=up,
         right_depth_m=right_depth_m,
         projector_depth_m=projector_depth_m,
         seed=seed,
@@ -434,9 +438,12 @@ def match(ir_left: NDArray[Any], ir_right: NDArray[Any] | None, sensor: Sensor) 
         >>> bool(depth.valid.mean() > 0.8)
         True
     """
+    from starling.sim import arrays
     from starling.sim.stereo.measurement import measure
 
-    return measure(ir_left, ir_right, sensor, causes={})
+    left = arrays.numbers("ir_left", ir_left)
+    right = None if ir_right is None else arrays.numbers("ir_right", ir_right)
+    return measure(left, right, sensor, causes={})
 
 
 def open_captures(path: Path | str) -> CaptureSet:
@@ -591,8 +598,11 @@ def complete(
 
     from starling.learning.completion import method as completion
     from starling.learning.completion import methods
+    from starling.sim import arrays
 
-    return completion.complete(methods.create(method), image, depth_m, np.isfinite(depth_m))
+    depth = arrays.numbers("depth_m", depth_m)
+    picture = None if image is None else arrays.numbers("image", image)
+    return completion.complete(methods.create(method), picture, depth, np.isfinite(depth))
 
 
 def generate(plan: Path | str, out: Path | str, *, workers: int = 1) -> dict[str, Any]:

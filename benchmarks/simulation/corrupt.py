@@ -81,10 +81,12 @@ def main() -> None:
             f"| {name} | {np.median(difference):.1e} | {np.quantile(difference, 0.99):.1e} |"
         )
         reflected = reflectance(full, scene)
-        shot = corruptor.shoot(depth_m, reflectance=reflected, seed=3)
+        up = scene.world_from_left[:3, :3].T @ np.asarray(scene.ambient.up)
+        shot = corruptor.shoot(depth_m, reflectance=reflected, up=up, seed=3)
         exact = corruptor.shoot(
             depth_m,
             reflectance=reflected,
+            up=up,
             right_depth_m=view.depth_from(corruptor.left_from_right),
             projector_depth_m=view.depth_from(corruptor.left_from_projector),
             seed=3,

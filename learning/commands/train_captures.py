@@ -12,7 +12,7 @@ from starling.learning.commands import work_folder
 from starling.learning.data import captured
 from starling.learning.data.captured import Simulation
 from starling.learning.method import Predictor
-from starling.patterns.errors import InputError, one_of, refuse
+from starling.patterns.errors import InputError, one_of, refuse, whole_number
 from starling.sim import files
 from starling.sim.captures import capture
 from starling.sim.console import progress
@@ -57,6 +57,7 @@ def train_captures(
         InputError: if captures, method or folder are invalid.
     """
     start_time = time.perf_counter()
+    whole_number("seed", seed, 0, 2**63 - 1)
     initial_model = None if start is None else trained_folder(start, method)
     untrained_method = registry.method(method, steps=steps, start=initial_model)
     if method not in registry.ON_PHYSICS:

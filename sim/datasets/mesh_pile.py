@@ -31,6 +31,7 @@ _SPREAD = 1.3  # Radius of the pile over the radius of a circle with the footpri
 _TRIES = 200  # Random positions tried before the pile's radius grows.
 _WIDER = 1.1  # Factor by which the radius grows.
 _FILLED = 0.75  # Share of the image width that the pile's circle fills.
+_LEAST_VOLUME = 1e-9  # Share of a hull's diagonal cubed; trimesh never ends for a flat hull.
 _POSES = 64  # Largest number of stable poses of a mesh; the most probable ones are used.
 _FROM_Z = np.array(frames.pose((0, 0, 0), (-90, 0, 0)))  # Turns z of a stable pose to the vertical.
 
@@ -130,12 +131,16 @@ def _at_rest(path: Path, rng: np.random.Generator) -> tuple[Pose, float]:
 def _stable(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return stable poses (n, 4, 4) on z = 0, their probabilities, and the hull's points."""
     whole = solids.join([part for _, part in sources.mesh_parts(path)])
+    rule = "must be a solid that can rest on a table"
     try:
-        hull = whole.convex_hull
-        poses, chances = hull.compute_stable_poses(sigma=0.0)
+        with np.errstate(all="ignore"):  # A flat hull has no centre of mass.
+            hull = whole.convex_hull
+            flat = not hull.volume > _LEAST_VOLUME * hull.scale**3
+        poses, chances = (None, None) if flat else hull.compute_stable_poses(sigma=0.0)
     except Exception as error:  # trimesh raises various exceptions for a hull without volume.
-        rule = "must be a solid that can rest on a table"
         raise errors.refuse("mesh", rule, path, f"trimesh: {type(error).__name__}.") from None
+    if poses is None or chances is None:
+        raise errors.refuse("mesh", rule, path, "It is flat: give it a thickness.")
     likely = np.argsort(-chances, kind="stable")[:_POSES]
     return poses[likely], chances[likely] / chances[likely].sum(), np.asarray(hull.vertices)
 

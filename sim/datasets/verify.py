@@ -54,6 +54,7 @@ def verify(
     Raises:
         InputError: if the folder holds no file of a finished set, or pyarrow is not installed.
     """
+    sample = errors.whole_number("sample", sample, 0, 2**63 - 1)
     started = time.perf_counter()
     index.refuse_without()
     _refuse_no_set(path)

@@ -13,7 +13,7 @@ from trimesh.resolvers import FilePathResolver
 
 from starling.patterns import errors
 from starling.sim.geometry import frames
-from starling.sim.scene import gltf, mitsuba_xml, ply
+from starling.sim.scene import gltf, mitsuba_xml, obj, ply
 from starling.sim.scene.builtin import solids
 from starling.sim.scene.scene import Ambient, Body, Material, Scene, Sun
 from starling.sim.sensor.sensor import Sensor
@@ -166,10 +166,13 @@ def mesh_parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # Its errors are reported below.
     if not path.is_file():
         raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
-    check = {".ply": ply.refuse_damaged, ".glb": gltf.refuse_unsupported}.get(path.suffix.lower())
+    check = {
+        ".ply": ply.refuse_damaged,
+        ".obj": obj.refuse_damaged,
+        ".glb": gltf.refuse_unsupported,
+    }[path.suffix.lower()]
     try:
-        if check is not None:
-            check(path)
+        check(path)
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             resolver = _RegularFiles(str(path))

@@ -50,9 +50,7 @@ def match(
     """
     _admit(left, right)
     if isinstance(matcher.engine, CensusSemiGlobal):
-        disparity, causes = _census_semi_global(
-            left, right, matcher, matcher.engine, memory, bands
-        )
+        disparity, causes = _census_semi_global(left, right, matcher, matcher.engine, memory, bands)
     else:
         disparity, causes = opencv.compute(left, right, matcher, matcher.engine)
         disparity = subpixel.refine(disparity, matcher.refinement)
@@ -181,8 +179,10 @@ def _census_semi_global(
             bands=bands,
         )
 
-    cached = memory is not None and not bands
-    winners = memory.winners(left, right, matcher, engine, search) if cached else search()
+    if memory is None or bands:
+        winners = search()
+    else:
+        winners = memory.winners(left, right, matcher, engine, search)
     whole = winners.best + np.int16(matcher.min_disparity_px)
     first, last = _ends(bands, matcher.search_px)
     at_end = (winners.best == first) | (winners.best == last)

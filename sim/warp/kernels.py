@@ -14,6 +14,7 @@ from starling.sim.render.emission import NEAREST_M
 _f4 = np.float32
 _SLACK_SHARE = _f4(1.002)  # A surface hides those behind it by more than this share,
 _SLACK_PX = _f4(0.35)  # and this disparity [px]; rasterisation errs by less.
+_INSET_PX = _f4(2)  # Reflectance of hidden surfaces is taken this far from the edge [px].
 _NEAREST_M = _f4(1e-4)  # Least distance from an emitter [m]; prevents division by zero.
 _FULL_BLUR_M = _f4(NEAREST_M)  # Defocus on closer surfaces is that at this distance.
 
@@ -60,8 +61,14 @@ def warp_row(disparity, k, margin, jump_px, out, source):  # pragma: no cover - 
 
 
 @nb.njit(nogil=True, cache=True)
-def fill_row(out, source):  # pragma: no cover - compiled
-    """Continue the farther neighbour over unknown columns, in place."""
+def fill_row(out, source, nearer, nearer_source):  # pragma: no cover - compiled
+    """Continue the farther neighbour over unknown columns, in place.
+
+    Args:
+        out: (n,) disparities [px], 0 where unknown.
+        source: (n,) columns of the left view.
+        nearer, nearer_source: (n,) are filled with those of the nearer neighbour.
+    """
     n, x = out.shape[0], 0
     while x < n:
         if out[x] > 0:
@@ -75,8 +82,10 @@ def fill_row(out, source):  # pragma: no cover - compiled
         if before <= 0 and after <= 0:
             return
         from_left = after <= 0 or 0 < before <= after
-        out[x:end] = before if from_left else after
-        source[x:end] = source[x - 1] if from_left else source[end]
+        left = source[x - 1] - _INSET_PX if x > 0 else _f4(0)
+        right = source[end] + _INSET_PX if end < n else _f4(n)
+        out[x:end], nearer[x:end] = (before, after) if from_left else (after, before)
+        source[x:end], nearer_source[x:end] = (left, right) if from_left else (right, left)
         x = end
 
 
@@ -211,6 +220,61 @@ def light_rows(
             lit[y, x] = True
 
 
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def radiance_rows(
+    disparity, normal, reflectance, first, last, focal_baseline, sky, irradiance, ambient, depth
+):  # pragma: no cover - compiled
+    """Fill rows of a view with the radiance of matt surfaces, and their depth.
+
+    Args:
+        disparity, normal, reflectance: (h, w) of the view; see `normals`.
+        first, last: rows.
+        focal_baseline: f b [px m].
+        sky: gradient of the ambient light times the direction of the zenith (3,).
+        irradiance: (h, w) of the dots [W m^-2], turned into their radiance.
+        ambient: (h, w) radiance under ambient light of 1 W m^-2.
+        depth: (h, w) z [m], NaN without a surface.
+    """
+    gx, gy, gz = sky
+    for y in range(first, last):
+        for x in range(disparity.shape[1]):
+            d = disparity[y, x]
+            share = reflectance[y, x] * _f4(1 / np.pi)
+            irradiance[y, x] *= share
+            tilt = normal[y, x, 0] * gx + normal[y, x, 1] * gy + normal[y, x, 2] * gz
+            ambient[y, x] = share * (_f4(1) + tilt) if d > 0 else _f4(0)
+            depth[y, x] = focal_baseline / d if d > 0 else _f4(np.nan)
+
+
+@nb.njit(nogil=True, cache=True)
+def inner_rows(disparity, reflectance, jump_px, first, last, out):  # pragma: no cover - compiled
+    """Fill rows of `out` (h, w) with reflectance that does not mix two surfaces.
+
+    A pixel beside a jump takes the reflectance of the pixel on its other side, if that is on the
+    same surface. Renderers average the colours within a pixel, but not its depth.
+
+    Args:
+        disparity, reflectance: (h, w).
+        jump_px: largest difference of neighbours on one surface [px].
+        first, last: rows.
+    """
+    h, w = disparity.shape
+    for y in range(first, last):
+        row = disparity[y]
+        above, below = disparity[max(y - 1, 0)], disparity[min(y + 1, h - 1)]
+        for x in range(w):
+            d = row[x]
+            west, east = row[max(x - 1, 0)], row[min(x + 1, w - 1)]
+            to_west, to_east = abs(west - d) <= jump_px, abs(east - d) <= jump_px
+            to_above, to_below = abs(above[x] - d) <= jump_px, abs(below[x] - d) <= jump_px
+            i, j = x, y
+            if to_west != to_east:
+                i = x - 1 if to_west else x + 1
+            elif to_above != to_below:
+                j = y - 1 if to_above else y + 1
+            out[y, x] = reflectance[j, i]
+
+
 @nb.njit(nogil=True, cache=True)
 def emitter_rows(disparity, place, margin, jump_px, first, last, out):  # pragma: no cover
     """Fill rows of `out` (h, n) with the disparities that an emitter sees; see `warp_row`."""
@@ -236,17 +300,24 @@ def right_rows(
     """
     w = disparity.shape[1]
     source, warped = np.empty(w, np.float32), np.empty(w, np.float32)
+    nearer, nearer_source = np.empty(w, np.float32), np.empty(w, np.float32)
     for y in range(first, last):
         row = out[y]
         warp_row(disparity[y], _f4(1), _f4(0), jump_px, warped, source)
-        fill_row(warped, source)
+        nearer[:] = 0
+        fill_row(warped, source, nearer, nearer_source)
         row[:] = warped if warping else rendered[y]
         for x in range(w):
             place = source[x]
-            if not warping and abs(row[x] - warped[x]) > jump_px:
-                place = _f4(x) + row[x]
-            column = min(max(int(place + _f4(0.5)), 0), w - 1)
-            out_reflectance[y, x] = reflectance[y, column]
+            if not warping and nearer[x] > 0 and abs(row[x] - nearer[x]) < abs(row[x] - warped[x]):
+                place = nearer_source[x]
+            place = min(max(place, _f4(0)), _f4(w - 1))
+            column = min(int(place), w - 2)
+            share, here = place - _f4(column), disparity[y, column]
+            if abs(disparity[y, column + 1] - here) > jump_px:  # Surfaces do not mix.
+                share = np.rint(share)
+            value = reflectance[y, column]
+            out_reflectance[y, x] = value + share * (reflectance[y, column + 1] - value)
         for x in range(w):
             d = disparity[y, x]
             if d <= 0:

@@ -19,7 +19,7 @@ from starling.sim.render.skylight import MATT_TILT
 from starling.sim.scene.scene import Ambient
 from starling.sim.sensor.projector import Projector
 from starling.sim.sensor.sensor import Sensor
-from starling.sim.stereo.depth import depth_from_disparity, disparity_from_depth
+from starling.sim.stereo.depth import disparity_from_depth
 from starling.sim.warp import kernels
 
 JUMP_PX = 1.5  # A larger disparity difference of neighbours separates surfaces [px].
@@ -64,13 +64,13 @@ def layers(scene: DepthScene, sensor: Sensor) -> Layers:
         left = _view(pool, rows, sensor, 0.0, disparity, scene.reflectance)
         hidden = _hidden_from_emitters(pool, rows, scene, sensor, disparity)
         laser, lit = _laser(pool, rows, sensor, left, hidden)
-        layer_left = _layers(left, laser, scene.ambient, sensor)
+        layer_left = _layers(pool, rows, left, laser, scene.ambient, sensor)
         layer_right = None
         seen = np.zeros_like(lit)
         if sensor.kind == "stereo":
             right, seen = _right(pool, rows, scene, sensor, disparity)
             laser, _ = _laser(pool, rows, sensor, right, hidden)
-            layer_right = _layers(right, laser, scene.ambient, sensor)
+            layer_right = _layers(pool, rows, right, laser, scene.ambient, sensor)
     return Layers(
         left=layer_left,
         right=layer_right,
@@ -123,14 +123,19 @@ def _right(
     """The right view, and the points of the left view that it sees (h, w)."""
     warped, reflectance = np.empty_like(disparity), np.empty_like(disparity)
     seen = np.zeros(disparity.shape, np.bool_)
+    inner = np.empty_like(disparity)
     rendered = None
     if scene.right_depth_m is not None:
         rendered = _disparity(scene.right_depth_m, sensor)
 
+    def clean(part: slice) -> None:
+        jump_px = np.float32(JUMP_PX)
+        kernels.inner_rows(disparity, scene.reflectance, jump_px, part.start, part.stop, inner)
+
     def fill(part: slice) -> None:
         kernels.right_rows(
             disparity,
-            scene.reflectance,
+            inner,
             warped if rendered is None else rendered,
             rendered is None,
             np.float32(JUMP_PX),
@@ -141,6 +146,7 @@ def _right(
             seen,
         )
 
+    list(pool.map(clean, rows))
     list(pool.map(fill, rows))
     return _view(pool, rows, sensor, 1.0, warped, reflectance), seen
 
@@ -218,22 +224,42 @@ def _laser(
     return irradiance, lit
 
 
-def _layers(view: _View, irradiance: Image, ambient: Ambient, sensor: Sensor) -> ViewLayers:
-    surface = view.disparity > 0
-    radiance = view.reflectance * np.float32(1 / np.pi)
-    rig = {"focal_px": sensor.fx_px, "baseline_m": sensor.true_baseline_m}
-    depth_m = depth_from_disparity(view.disparity, **rig)
-    sky = surface * radiance
-    if ambient.gradient:
-        tilt = np.float32(ambient.gradient * MATT_TILT) * (view.normal @ np.float32(ambient.up))
-        sky = np.where(surface, sky * (1 + tilt), np.float32(0))
+def _layers(
+    pool: ThreadPoolExecutor,
+    rows: list[slice],
+    view: _View,
+    irradiance: Image,
+    ambient: Ambient,
+    sensor: Sensor,
+) -> ViewLayers:
+    """Layers of a view; the irradiance's array becomes one of them."""
+    sky, depth_m = np.empty_like(irradiance), np.empty_like(irradiance)
+    gradient = tuple(np.float32(ambient.gradient * MATT_TILT * part) for part in ambient.up)
+    focal_baseline = np.float32(sensor.fx_px * sensor.true_baseline_m)
+
+    def fill(part: slice) -> None:
+        kernels.radiance_rows(
+            view.disparity,
+            view.normal,
+            view.reflectance,
+            part.start,
+            part.stop,
+            focal_baseline,
+            gradient,
+            irradiance,
+            sky,
+            depth_m,
+        )
+
+    list(pool.map(fill, rows))
+    none = np.broadcast_to(np.float32(0), irradiance.shape)
     return ViewLayers(
-        projector_direct=np.asarray(irradiance * radiance, np.float32),
-        projector_indirect=np.zeros_like(irradiance),
-        ambient=np.asarray(sky, np.float32),
-        other=np.zeros_like(irradiance),
+        projector_direct=irradiance,
+        projector_indirect=none,
+        ambient=sky,
+        other=none,
         depth_m=depth_m,
-        body=surface.astype(np.uint32),
+        body=(view.disparity > 0).astype(np.uint32),
     )
 
 
@@ -263,7 +289,15 @@ def _pattern(projector: Projector, number: int, fx_px: float) -> tuple[Any, ...]
         levels, ratio, width = emission.irradiance_at_unit_distance(projector, number)[None], 2, 0
     half_x, half_y = emission.half_tangents(projector)
     sides = (2 * half_x * fx_px / levels.shape[2], 2 * half_y * fx_px / levels.shape[1])
-    sigma_x, sigma_y = (np.sqrt(_PIXEL_VARIANCE) / side for side in sides)  # [texel]
-    blurred = [cv2.GaussianBlur(level, (0, 0), sigma_x, sigmaY=sigma_y) for level in levels]
+    across, down = (_taps(_PIXEL_VARIANCE / side**2) for side in sides)
+    blurred = [cv2.sepFilter2D(level, cv2.CV_32F, across, down) for level in levels]
     numbers = (1 / projector.focus_m, width, np.log(ratio))
     return np.ascontiguousarray(np.stack(blurred), np.float32), *map(np.float32, numbers)
+
+
+def _taps(variance: float) -> Image:
+    """Filter of this variance [texel^2]; a sampled Gaussian below 0.5 would have less."""
+    if variance > 0.5:
+        sigma = float(np.sqrt(variance))
+        return np.asarray(cv2.getGaussianKernel(2 * int(np.ceil(4 * sigma)) + 1, sigma), np.float32)
+    return np.array([variance / 2, 1 - variance, variance / 2], np.float32)

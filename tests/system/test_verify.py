@@ -62,6 +62,12 @@ def test_verify_finds_missing_duplicate_and_changed_frames(
     capsys.readouterr()
 
 
+@pytest.mark.parametrize("sample", [-1, 1.5, None])
+def test_sample_must_be_a_count(tmp_path: Path, sample: Any):
+    with pytest.raises(InputError, match=r"sample must be an integer in .*; got"):
+        verify(tmp_path, sample=sample)
+
+
 OWN_FILES = ("capture.toml", "plan.toml", "index.parquet", "starling.json", "SHA256SUMS")
 
 

@@ -7,6 +7,7 @@ import doctest
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,3 +102,22 @@ def test_import_works_beside_packages_of_the_same_names(tmp_path: Path) -> None:
         [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert (run.returncode, run.stdout.strip()) == (0, "d435"), run.stderr
+
+
+def test_masks_and_other_types_of_images_are_not_ignored():
+    depth_m = np.full((32, 32), 1.0)
+    depth_m[:4] = 9.0
+    image = np.zeros((32, 32), np.uint8)
+    filled = starling.complete(image, np.ma.masked_greater(depth_m, 5), method="nearest")
+    assert filled.depth_m.max() == 1.0
+    listed: Any = depth_m.tolist()
+    assert starling.complete(image, listed, method="nearest").depth_m.max() == 9.0
+    for wrong in ("depth.png", depth_m.astype(object), None):
+        with pytest.raises(starling.InputError, match="depth_m must be an array of real numbers"):
+            starling.complete(image, wrong, method="nearest")  # type: ignore[arg-type]
+    sensor = starling.load_sensor("d435", edits=SMALL)
+    with pytest.raises(starling.InputError, match="must both be uint8 or uint16; got float64"):
+        starling.match(np.ma.masked_array(image, image == 0), image, sensor)
+    for wrong in ("left.png", None):
+        with pytest.raises(starling.InputError, match="ir_left must be an array of real numbers"):
+            starling.match(wrong, image, sensor)  # type: ignore[arg-type]

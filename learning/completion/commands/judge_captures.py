@@ -36,7 +36,7 @@ from starling.learning.completion.evaluation.metrics import (
 )
 from starling.learning.completion.method import Completed, CompletionMethod, complete
 from starling.learning.evaluation.bootstrap import paired_share
-from starling.patterns.errors import refuse
+from starling.patterns.errors import refuse, whole_number
 from starling.sim.console import progress, record
 from starling.sim.console.output import RECORD, OutputFolder, refuse_own_input
 
@@ -95,6 +95,7 @@ def judge_captures(
         InputError: if the captures, the methods or the folder are invalid.
     """
     start = time.perf_counter()
+    whole_number("seed", seed, 0, 2**63 - 1)
     judged = select_frames(list_frames(captures, layout, picture), rooms, frames)
     refuse_own_input(out, root(captures, layout))
     if not words:

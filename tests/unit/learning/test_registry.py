@@ -35,8 +35,8 @@ def test_steps_apply_to_networks_only(name):
 
 
 @pytest.mark.parametrize("steps", [0, -3])
-@pytest.mark.parametrize("name", NETWORKS)
-def test_a_network_without_a_step_is_refused(name, steps):
+@pytest.mark.parametrize("name", registry.NAMES)
+def test_training_without_a_step_is_refused(name, steps):
     with pytest.raises(InputError, match=rf"steps must be .*; got {steps}\.") as caught:
         registry.method(name, steps=steps)
     assert "\n" not in str(caught.value)

@@ -42,6 +42,11 @@ def simulations(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return seeds
 
 
+def test_a_negative_seed_is_refused(captures, tmp_path):
+    with pytest.raises(InputError, match=r"seed must be an integer in .*; got -1"):
+        train_captures("simple", captures, tmp_path / "out", seed=-1)
+
+
 def test_a_method_is_trained_and_loaded(captures, tmp_path):
     out = tmp_path / "out"
     result = train_captures("simple", captures, out, options={"sensor": None})

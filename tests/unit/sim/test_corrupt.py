@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from starling.patterns.errors import InputError
+from starling.sim import corrupt
 from starling.sim.corrupt import Corruptor
 from starling.sim.reason import Reason
 from starling.sim.render import direct
@@ -16,7 +17,9 @@ from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
 from starling.sim.scene.scene import Ambient
 from starling.sim.sensor import presets
+from starling.sim.stereo.semiglobal import Band
 from starling.sim.warp import depth_input
+from starling.sim.warp import layers as warp_layers
 from starling.sim.warp.layers import DepthScene, layers
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 150.0
@@ -119,6 +122,10 @@ def test_resampling_keeps_a_tilted_plane() -> None:
         ({"reflectance": 200.0}, r"reflectance must be in \[0, 1\]"),
         ({"reflectance": WALL[:5]}, "reflectance must be .*, as the depth"),
         ({"ambient_lux": -1.0}, "ambient_lux must be in"),
+        ({"up": (0, 0, 0)}, r"up must be a direction \(3,\); got \[0.0, 0.0, 0.0\]"),
+        ({"up": (0, 1)}, "up must be a direction"),
+        ({"up": (0, np.inf, 0)}, "up must be a direction"),
+        ({"up": "sky"}, "up must be an array of real numbers"),
         ({"reflectance": np.zeros((0, 0))}, "reflectance must be .*, as the depth"),
         ({"reflectance": "bright"}, "reflectance must be an array of real numbers"),
         ({"depth_m": [[1, 2], [1]]}, "depth_m must be an array of real numbers; got list"),
@@ -134,6 +141,34 @@ def test_refused_images(change: dict[str, Any], message: str) -> None:
     values: dict[str, Any] = {"depth_m": WALL, **change}
     with pytest.raises(InputError, match=message):
         Corruptor(SENSOR, MATRIX)(values.pop("depth_m"), **values)
+
+
+def test_light_from_above_brightens_surfaces_that_face_it() -> None:
+    camera = Corruptor(SENSOR, MATRIX)
+    even = camera.shoot(WALL).layers.left.ambient
+    for up, factor in (
+        ((0, 0, -2), 1 + 0.5 * 2 / 3),
+        ((0, -1, 0), 1),
+        ((0, 0, 1), 1 - 0.5 * 2 / 3),
+    ):
+        lit = camera.shoot(WALL, up=up).layers.left.ambient
+        np.testing.assert_allclose(lit, even * factor, rtol=1e-5)
+
+
+def test_each_band_of_rows_searches_its_own_range() -> None:
+    """Rows of one distance search few disparities; each band holds its rows' disparities."""
+    depth = np.full((HEIGHT, WIDTH), 0.4, np.float32)
+    depth[96 + 13 :] = 2.0
+    device, bands = corrupt._search(SENSOR, depth)
+    disparity = SENSOR.fx_px * SENSOR.true_baseline_m / np.array([0.4, 2.0])
+    first = device.matcher.min_disparity_px
+    assert [(band.start, band.stop) for band in bands] == [(0, 96), (96, HEIGHT)]
+    assert first + bands[0].first <= disparity[0] - 7
+    assert first + bands[0].first + bands[0].search >= disparity[0] + 7
+    assert first + bands[1].first <= disparity[1]
+    depth[20:] = np.nan
+    device, bands = corrupt._search(SENSOR, depth)
+    assert bands[1] == Band(96, HEIGHT, 0, device.matcher.search_px)
 
 
 @pytest.mark.parametrize(
@@ -177,3 +212,41 @@ def test_rgb_is_a_hint_of_reflectance() -> None:
     picture[:, 80:] = 255
     seen = depth_input.reflectance(picture, camera, SENSOR)
     np.testing.assert_allclose(seen[0, [0, -1]], [0.25, 0.85], rtol=1e-6)
+
+
+@pytest.mark.parametrize("disparity_px", [8.0, 8.25, 8.5, 8.75])
+def test_texture_moves_by_fractions_of_a_pixel(disparity_px: float) -> None:
+    """Whole pixels would pull disparities to whole numbers."""
+    columns = np.broadcast_to(np.arange(WIDTH, dtype=np.float32), WALL.shape)
+    depth = WALL * (FOCAL * SENSOR.true_baseline_m / disparity_px)
+    warped = layers(
+        DepthScene(depth_m=depth, reflectance=columns / np.float32(WIDTH), ambient=Ambient(gradient=0.0)),
+        SENSOR,
+    )
+    assert warped.right is not None
+    seen = warped.right.ambient * np.float32(np.pi * WIDTH) - columns
+    np.testing.assert_allclose(seen[:, : WIDTH - 10], disparity_px, atol=1e-2)
+
+
+def test_reflectances_of_two_surfaces_do_not_mix() -> None:
+    """Left of the near surface, the right imager sees what the left one does not."""
+    depth = step()
+    warped = layers(
+        DepthScene(
+            depth_m=depth,
+            reflectance=np.where(depth < 1, np.float32(0.9), np.float32(0.1)),
+            ambient=Ambient(gradient=0.0),
+        ),
+        SENSOR,
+    )
+    assert warped.right is not None
+    levels = np.unique(np.round(warped.right.ambient * np.pi, 4))
+    assert levels.tolist() == pytest.approx([0.1, 0.9])
+
+
+@pytest.mark.parametrize("variance", [0.01, 0.15, 0.499, 0.501, 2.0, 9.0])
+def test_filter_of_the_pattern_has_the_variance_of_a_pixel(variance: float) -> None:
+    taps = warp_layers._taps(variance).ravel()
+    places = np.arange(len(taps)) - len(taps) // 2
+    assert taps.sum() == pytest.approx(1, abs=1e-6)
+    assert (taps * places**2).sum() == pytest.approx(variance, rel=0.02)

@@ -246,3 +246,5 @@ def test_evaluation_needs_a_method(captures: Path, tmp_path: Path):
 
     with pytest.raises(InputError, match="methods must be at least one; got none"):
         judge_captures(str(captures), (), tmp_path / "out")
+    with pytest.raises(InputError, match=r"seed must be an integer in .*; got -3"):
+        judge_captures(str(captures), ("nearest",), tmp_path / "out", seed=-3)

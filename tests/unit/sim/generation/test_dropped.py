@@ -107,6 +107,13 @@ def test_bodies_are_the_meshes_at_their_reported_poses(things: list[Path]):
         assert body.material.reflectance == 0.4
 
 
+def test_flat_mesh_is_refused(tmp_path: Path):
+    path = tmp_path / "sheet.obj"
+    path.write_text("v -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1\nf 1 2 3 4\n")
+    with pytest.raises(InputError, match=r"sheet.obj. It is flat: give it a thickness"):
+        scene(heap([path], count=1), SENSOR)
+
+
 def test_impossible_piles_are_refused(things: list[Path], tmp_path: Path):
     with pytest.raises(
         InputError, match=r"meshes must have room on a table of 2 x 1\.4 m; got 200"
