@@ -75,6 +75,8 @@ __all__ = [
     "depth_from_zbuffer",
     "diagnose",
     "draw",
+    "from_opengl",
+    "from_ros",
     "generate",
     "list_effects",
     "list_sensors",
@@ -330,6 +332,48 @@ def depth_from_range(range_m: NDArray[Any], camera_matrix: NDArray[Any]) -> NDAr
     from starling.sim.warp import conversions
 
     return conversions.depth_from_range(range_m, camera_matrix)
+
+
+def from_opengl(pose: NDArray[Any]) -> NDArray[Any]:
+    """Pose of a camera in OpenCV's axes from OpenGL's (MuJoCo, PyBullet, Blender); its own inverse.
+
+    Args:
+        pose: (4, 4) camera-to-world matrix with x right, y up, z backward [m].
+
+    Returns:
+        (4, 4) with x right, y down, z forward, such as `Scene.world_from_left`.
+
+    Raises:
+        InputError: if it is no rigid transform.
+
+    Examples:
+        >>> starling.from_opengl(np.eye(4))[:3, 2].tolist()
+        [0.0, 0.0, -1.0]
+    """
+    from starling.sim.geometry import frames
+
+    return frames.from_opengl(pose)
+
+
+def from_ros(pose: NDArray[Any]) -> NDArray[Any]:
+    """Pose of a camera in OpenCV's axes, those of its optical frame, from a body's pose in ROS.
+
+    Args:
+        pose: (4, 4) body-to-world matrix with x forward, y left, z up, as of `camera_link` [m].
+
+    Returns:
+        (4, 4) with x right, y down, z forward, such as `Scene.world_from_left`.
+
+    Raises:
+        InputError: if it is no rigid transform.
+
+    Examples:
+        >>> starling.from_ros(np.eye(4))[:3, 2].tolist()
+        [1.0, 0.0, 0.0]
+    """
+    from starling.sim.geometry import frames
+
+    return frames.from_ros(pose)
 
 
 def simulate_captures(

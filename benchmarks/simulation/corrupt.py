@@ -2,10 +2,11 @@ r"""Compare corrupted depth images with the full simulation, and measure their C
 
 The full simulation renders a scene; `corrupt` gets its true depth and reflectance, then also depth
 seen from the right imager and the projector. Another seed of the full simulation is the ceiling of
-each overlap.
+each overlap. Depth of `mujoco:overhead` and `mujoco:wrist` is MuJoCo's own; those scenes need the
+package `mujoco`.
 
 Usage:
-    python benchmarks/simulation/corrupt.py [--scenes tabletop clutter:1 staircase]
+    python benchmarks/simulation/corrupt.py [--scenes tabletop mujoco:wrist] [--size 848 480]
 """
 
 from __future__ import annotations
@@ -14,8 +15,11 @@ import argparse
 import dataclasses
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 
 import cv2
+import mujoco_scenes
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,9 +30,10 @@ from starling.sim.render import direct
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.simulate import Quality, simulate
 
-WIDTH, HEIGHT, FOV_DEG = 640, 480, 58.2
-FOCAL = HEIGHT / 2 / np.tan(np.deg2rad(FOV_DEG) / 2)
-MATRIX = np.array([[FOCAL, 0, WIDTH / 2 - 0.5], [0, FOCAL, HEIGHT / 2 - 0.5], [0, 0, 1]])
+FOV_DEG = 58.2  # Vertical.
+MUJOCO = "mujoco:"
+SCENES = ["tabletop", "clutter:1", "staircase"]
+SCENES += [f"{MUJOCO}{camera}" for camera in mujoco_scenes.CAMERAS]
 BAND_PX = 100  # Columns at the left, most of them outside the overlap of both views.
 REPEATS = 5
 DISPARITIES = 128
@@ -37,34 +42,53 @@ QUALITIES: tuple[Quality, ...] = ("full", "draft")
 Mask = NDArray[np.bool_]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A scene, and depth images of it from poses near the left imager."""
+
+    scene: Scene
+    depth_from: Callable[[Pose], NDArray[np.float32]]  # `left_from_place` to (h, w) [m].
+
+
 def main() -> None:
     """Print a row for each scene."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--scenes", nargs="+", default=["tabletop", "clutter:1", "staircase"])
+    parser.add_argument("--scenes", nargs="+", default=SCENES)
+    parser.add_argument("--size", nargs=2, type=int, default=[640, 480], metavar=("W", "H"))
     options = parser.parse_args()
-    sensor = starling.load_sensor("d435", camera_matrix=MATRIX, size=(WIDTH, HEIGHT))
+    names = usable(options.scenes)
+    width, height = options.size
+    matrix = camera_matrix(width, height)
+    sensor = starling.load_sensor("d435", camera_matrix=matrix, size=(width, height))
+    views = load_views(names, sensor)
     print(
         "| scene | holes, full | holes, corrupt | three images | IoU | three images | other seed "
         "| IoU, x >= 100 | three images | other seed | NMAD, corrupt [px] | full [px] "
         "| light, correlation | CPU [ms] | over SGBM |"
     )
     print(f"|{'---|' * 15}")
-    drafts = []
-    for name in options.scenes:
-        scene = starling.load_scene(name, sensor)
+    drafts, differences = [], []
+    for name, view in views.items():
+        scene = view.scene
         full, again = (starling.simulate(scene, sensor, seed=seed) for seed in (1, 2))
         truth_m = full.layers.truth.depth_m
         ambient = max(scene.ambient.irradiance_w_m2, 0.01)
-        corruptor = Corruptor(sensor, MATRIX, effects={"ambient": ambient})
+        corruptor = Corruptor(sensor, matrix, effects={"ambient": ambient})
+        depth_m = view.depth_from(np.eye(4))
+        difference = np.abs(depth_m - truth_m)
+        difference = difference[np.isfinite(difference)]
+        differences.append(
+            f"| {name} | {np.median(difference):.1e} | {np.quantile(difference, 0.99):.1e} |"
+        )
         reflected = reflectance(full, scene)
         up = scene.world_from_left[:3, :3].T @ np.asarray(scene.ambient.up)
-        shot = corruptor.shoot(truth_m, reflectance=reflected, up=up, seed=3)
+        shot = corruptor.shoot(depth_m, reflectance=reflected, up=up, seed=3)
         exact = corruptor.shoot(
-            truth_m,
+            depth_m,
             reflectance=reflected,
             up=up,
-            right_depth_m=depth_from(scene, sensor, corruptor.left_from_right),
-            projector_depth_m=depth_from(scene, sensor, corruptor.left_from_projector),
+            right_depth_m=view.depth_from(corruptor.left_from_right),
+            projector_depth_m=view.depth_from(corruptor.left_from_projector),
             seed=3,
         )
         known = np.isfinite(truth_m)
@@ -73,7 +97,7 @@ def main() -> None:
         inside[:, BAND_PX:] = True
         numbers = (np.arange(REPEATS)).tolist()
         corrupt_ms = cpu_ms(
-            lambda n, c=corruptor, t=truth_m, r=reflected: c(t, reflectance=r, frame=n), numbers
+            lambda n, c=corruptor, d=depth_m, r=reflected: c(d, reflectance=r, frame=n), numbers
         )
         engine = cv2.StereoSGBM.create(
             0, DISPARITIES, 7, 8 * 49, 32 * 49, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY
@@ -96,6 +120,39 @@ def main() -> None:
         "\n| scene | IoU of a draft | other seed | CPU time over the full one |\n|---|---|---|---|"
     )
     print("\n".join(drafts))
+    print("\n| scene | depth minus the full simulation's, median [m] | 99 % [m] |\n|---|---|---|")
+    print("\n".join(differences))
+
+
+def usable(names: list[str]) -> list[str]:
+    """Return the scenes without those of MuJoCo if it is missing, and print why."""
+    lost = [name for name in names if name.startswith(MUJOCO)]
+    reason = mujoco_scenes.unavailable() if lost else None
+    if reason is None:
+        return names
+    print(f"skipped {', '.join(lost)}: {reason}")
+    return [name for name in names if name not in lost]
+
+
+def camera_matrix(width: int, height: int) -> NDArray[np.float64]:
+    """Return intrinsics (3, 3) of an image with a vertical field of 58.2 degrees [px]."""
+    focal = height / 2 / np.tan(np.deg2rad(FOV_DEG) / 2)
+    return np.array([[focal, 0, width / 2 - 0.5], [0, focal, height / 2 - 0.5], [0, 0, 1]])
+
+
+def load_views(names: list[str], sensor: Sensor) -> dict[str, View]:
+    """Load scenes by name; those of MuJoCo share one table."""
+    views = {}
+    table = None
+    for name in names:
+        if not name.startswith(MUJOCO):
+            scene = starling.load_scene(name, sensor)
+            views[name] = View(scene, partial(depth_from, scene, sensor))
+            continue
+        table = table or mujoco_scenes.Table(FOV_DEG)
+        camera = name.removeprefix(MUJOCO)
+        views[name] = View(table.scene(camera), partial(table.depth_from, camera, sensor))
+    return views
 
 
 def draft_row(name: str, scene: Scene, sensor: Sensor, full: Shot, ceiling: float) -> str:

@@ -1,30 +1,45 @@
-"""Frames and poses. All code uses OpenCV's axes; only this module converts to Mitsuba's.
+"""Frames and poses. All code uses OpenCV's axes; only this module converts other axes.
 
 OpenCV camera frame: x right, y down, z forward, integer coordinate = pixel centre. Mitsuba's
-camera looks along +z with +x to the left and +y up, and its pixel centres lie at +0.5.
+camera looks along +z with +x to the left and +y up, and its pixel centres lie at +0.5. OpenGL's
+camera looks along -z with +x to the right and +y up. A body of ROS has x forward, y left, z up
+(REP 103).
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim import arrays
 
 Pose = NDArray[np.float64]  # (4, 4) rigid transform, named `to_from`: x_to = to_from @ x_from.
 
 _MITSUBA_FROM_OPENCV = np.diag([-1.0, -1.0, 1.0, 1.0])
+_OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+_ROS_FROM_OPENCV = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 _ROUNDING = 1e-6  # Default tolerance of a rotation's orthonormality.
+_SIMULATOR_ROUNDING = 1e-4  # Simulators compute poses in single precision.
 FARTHEST_M = 1e7  # Limit of the shift; world coordinates of maps are smaller [m].
 
 
-def refuse_not_rigid(name: str, pose: Pose, *, rounding: float = _ROUNDING) -> None:
+def refuse_not_rigid(
+    name: str,
+    pose: Pose,
+    *,
+    rounding: float = _ROUNDING,
+    axes: str = "x is right, y down and z forward.",
+) -> None:
     """Refuse a (4, 4) matrix that is not `[R t; 0 0 0 1]` with R orthonormal of determinant +1.
 
     Args:
         name: name of the pose in error messages.
         pose: (4, 4) matrix from a file or a caller.
         rounding: tolerance of the orthonormality.
+        axes: advice for a mirrored pose.
 
     Raises:
         InputError: if it is scaled, mirrored, singular, not finite, or shifted beyond 1e7 m.
@@ -36,8 +51,7 @@ def refuse_not_rigid(name: str, pose: Pose, *, rounding: float = _ROUNDING) -> N
         rule = f"must be rigid, its rotation orthonormal to {rounding:g}"
         raise errors.refuse(name, rule, pose.tolist(), "Give all digits, and metres as unit.")
     if np.linalg.det(rotation) < 0:
-        advice = "x is right, y down and z forward."
-        raise errors.refuse(name, "must turn, not mirror", pose.tolist(), advice)
+        raise errors.refuse(name, "must turn, not mirror", pose.tolist(), axes)
     for value in pose[:3, 3].tolist():
         errors.in_interval(f"shift of {name}", value, -FARTHEST_M, FARTHEST_M)
     if pose[3].tolist() != [0, 0, 0, 1]:
@@ -104,6 +118,39 @@ def mitsuba_to_world(world_from_camera: Pose) -> Pose:
 def opencv_from_mitsuba(to_world: Pose) -> Pose:
     """OpenCV pose `world_from_camera` from Mitsuba's `to_world`; inverse of `mitsuba_to_world`."""
     return to_world @ _MITSUBA_FROM_OPENCV
+
+
+def from_opengl(pose: Any) -> Pose:
+    """OpenCV pose `world_from_camera` (4, 4) from OpenGL's camera-to-world; its own inverse.
+
+    Args:
+        pose: (4, 4) of a camera with x right, y up, z backward.
+
+    Raises:
+        InputError: if it is no rigid transform.
+    """
+    return _checked(pose, "x is right, y up and z backward.") @ _OPENGL_FROM_OPENCV
+
+
+def from_ros(pose: Any) -> Pose:
+    """OpenCV pose `world_from_camera` (4, 4) from the pose of a body in ROS.
+
+    Args:
+        pose: (4, 4) of a body with x forward, y left, z up, such as `camera_link`.
+
+    Raises:
+        InputError: if it is no rigid transform.
+    """
+    return _checked(pose, "x is forward, y left and z up.") @ _ROS_FROM_OPENCV
+
+
+def _checked(pose: Any, axes: str) -> Pose:
+    matrix = arrays.numbers("pose", pose).astype(np.float64)
+    if matrix.shape != (4, 4):
+        advice = "Give one camera-to-world matrix."
+        raise errors.refuse("pose", "must be (4, 4)", matrix.shape, advice)
+    refuse_not_rigid("pose", matrix, rounding=_SIMULATOR_ROUNDING, axes=axes)
+    return matrix
 
 
 def principal_point_offset(

@@ -30,6 +30,44 @@ def test_mitsubas_axes_and_back(rotation_deg, position_m):
     )
 
 
+@given(angles, st.tuples(*[st.floats(-5, 5)] * 3), st.tuples(*[st.floats(-5, 5)] * 3))
+def test_poses_of_opengl_and_ros_keep_every_point(rotation_deg, position_m, point):
+    """A point keeps its place in the world; only its name in the camera's frame changes."""
+    right, down, forward = point
+    pose = frames.pose(position_m, rotation_deg)
+    for convert, named in (
+        (frames.from_opengl, (right, -down, -forward)),
+        (frames.from_ros, (forward, -right, -down)),
+    ):
+        np.testing.assert_allclose(
+            convert(pose.tolist()) @ [*point, 1], pose @ [*named, 1], atol=1e-12
+        )
+    twice = frames.from_opengl(frames.from_opengl(pose))
+    np.testing.assert_array_equal(twice, pose)
+
+
+def test_poses_in_single_precision_are_taken():
+    pose = frames.pose((1, 2, 3), (10, 20, 30)).astype(np.float32)
+    assert frames.from_ros(pose).dtype == frames.from_opengl(pose).dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    ("convert", "axes"), [(frames.from_opengl, "y up"), (frames.from_ros, "y left")]
+)
+def test_poses_that_are_not_rigid_are_refused(convert, axes):
+    transposed = frames.pose((1, 2, 3), (0, 0, 0)).T
+    for pose, words in (
+        (np.eye(3), r"pose must be \(4, 4\); got \(3, 3\)"),
+        ("pose", "pose must be an array"),
+        (2 * np.eye(4), "pose must be rigid"),
+        (np.full((4, 4), np.nan), "pose must be rigid"),
+        (np.diag([1, 1, -1, 1]), f"pose must turn, not mirror.*{axes}"),
+        (transposed, "last row of pose must be 0 0 0 1"),
+    ):
+        with pytest.raises(InputError, match=words):
+            convert(pose)
+
+
 def test_look_at_looks_at_its_target_with_up_up():
     pose = frames.look_at((1.0, 2.0, 3.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     target = np.linalg.inv(pose) @ np.array([1.0, 0.0, 0.0, 1.0])
