@@ -271,7 +271,8 @@ def _range(disparity: Image, first: int, end: int) -> tuple[int, int] | None:
     least, most = np.fmin.reduce(disparity, axis=None), np.fmax.reduce(disparity, axis=None)
     if not np.isfinite(least):
         return None
-    low = min(max(first, int(least) - _MARGIN_PX), end - _STEP_PX)
+    low = max(first, int(least) - _MARGIN_PX)
     span = float(most) + _MARGIN_PX - low
-    search = min(max(-(-int(np.ceil(span)) // _STEP_PX), 1) * _STEP_PX, end - low)
-    return low, search - search % _STEP_PX
+    # Rounded up; a search that would pass the end starts earlier, so that nothing near is lost.
+    count = min(max(-(-int(np.ceil(span)) // _STEP_PX), 1) * _STEP_PX, end - first)
+    return min(low, end - count), count

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from starling.patterns.errors import InputError
 from starling.sim import corrupt
@@ -252,3 +254,25 @@ def test_filter_of_the_pattern_has_the_variance_of_a_pixel(variance: float) -> N
     places = np.arange(len(taps)) - len(taps) // 2
     assert taps.sum() == pytest.approx(1, abs=1e-6)
     assert (taps * places**2).sum() == pytest.approx(variance, rel=0.02)
+
+
+@given(st.floats(0.5, 140), st.floats(0, 139), st.floats(0.5, 140), st.floats(0, 139))
+def test_searches_hold_all_disparities_that_the_sensor_searches(
+    far: float, step: float, far_of_band: float, step_of_band: float
+) -> None:
+    whole = np.array([far, far + step], np.float32)
+    low, count = corrupt._range(whole, 0, 128) or (0, 0)
+    assert_holds(whole, low, count, 0, 128)
+    band = np.clip(np.array([far_of_band, far_of_band + step_of_band]), *whole).astype(np.float32)
+    first, searched = corrupt._range(band, low, low + count) or (0, 0)
+    assert_holds(band, first, searched, low, low + count)
+
+
+def assert_holds(disparity: np.ndarray[Any, Any], low: int, count: int, first: int, end: int):
+    """A search has a multiple of 16 disparities, inside the limits, and those of the scene."""
+    assert count > 0
+    assert count % 16 == 0
+    assert first <= low <= low + count <= end
+    least, most = (int(np.clip(value, first, end - 1)) for value in disparity)
+    assert low <= least
+    assert most < low + count
