@@ -21,9 +21,8 @@ from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Scene
 from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import Shot, expose, refuse_impossible
-from starling.sim.stereo.depth import disparity_from_depth, to_code
+from starling.sim.stereo.depth import to_code
 from starling.sim.stereo.post.temporal import History
-from starling.sim.stereo.semiglobal import Band
 from starling.sim.warp import depth_input, suspicions
 from starling.sim.warp.layers import DepthScene, layers
 
@@ -33,8 +32,6 @@ W_M2_PER_LUX = 0.89 * 50 / 109e3
 _GRADIENT = Ambient().gradient  # Of ambient light that is brighter from above.
 _MARGIN_PX = 8  # Disparities searched beyond those of the scene [px].
 _STEP_PX = 16  # Engines search a multiple of this.
-_BAND_ROWS = 96  # Rows that share a search.
-_BAND_MARGIN = 12  # Rows above and below a band that its windows reach.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -197,8 +194,8 @@ class Corruptor:
             ),
             sensor,
         )
-        device, bands = _search(sensor, depth)
-        return expose(rendered, scene, device, seed=seed, frame=frame, past=past, bands=bands)
+        device = _searching(sensor, depth)
+        return expose(rendered, scene, device, seed=seed, frame=frame, past=past)
 
 
 # The layers hold the surfaces; the body gives them a name.
@@ -245,34 +242,19 @@ def _ambient(ambient: Ambient, lux: float | None, up: ArrayLike | None) -> Ambie
     return dataclasses.replace(ambient, gradient=ambient.gradient or _GRADIENT, up=(x, y, z))
 
 
-def _search(sensor: Sensor, depth_m: Image) -> tuple[Sensor, list[Band]]:
-    """Limit the search to the scene's disparities and 8 px beyond them, and that of each band."""
+def _searching(sensor: Sensor, depth_m: Image) -> Sensor:
+    """The sensor, which searches only the disparities of the scene, and 8 px beyond them."""
+    known = depth_m[np.isfinite(depth_m)]
+    if sensor.kind != "stereo" or not known.size:
+        return sensor
     matcher = sensor.matcher
-    end = matcher.min_disparity_px + matcher.search_px
-    disparity = disparity_from_depth(
-        depth_m, focal_px=sensor.fx_px, baseline_m=sensor.true_baseline_m
-    )
-    whole = _range(disparity, matcher.min_disparity_px, end)
-    if sensor.kind != "stereo" or whole is None:
-        return sensor, []
-    low, count = whole
-    narrowed = dataclasses.replace(matcher, min_disparity_px=low, search_px=count)
-    bands = []
-    for start in range(0, sensor.height, _BAND_ROWS):
-        stop = min(start + _BAND_ROWS, sensor.height)
-        rows = disparity[max(start - _BAND_MARGIN, 0) : stop + _BAND_MARGIN]
-        first, searched = _range(rows, low, low + count) or whole
-        bands.append(Band(start, stop, first - low, searched))
-    return dataclasses.replace(sensor, matcher=narrowed), bands
-
-
-def _range(disparity: Image, first: int, end: int) -> tuple[int, int] | None:
-    """First disparity and number of disparities for these, in [first, end); None without any."""
-    least, most = np.fmin.reduce(disparity, axis=None), np.fmax.reduce(disparity, axis=None)
-    if not np.isfinite(least):
-        return None
-    low = max(first, int(least) - _MARGIN_PX)
-    span = float(most) + _MARGIN_PX - low
+    first, end = matcher.min_disparity_px, matcher.min_disparity_px + matcher.search_px
+    true = sensor.fx_px * sensor.true_baseline_m
+    low = max(first, int(true / known.max()) - _MARGIN_PX)
+    span = true / known.min() + _MARGIN_PX - low
     # Rounded up; a search that would pass the end starts earlier, so that nothing near is lost.
-    count = min(max(-(-int(np.ceil(span)) // _STEP_PX), 1) * _STEP_PX, end - first)
-    return min(low, end - count), count
+    search = min(max(-(-int(np.ceil(span)) // _STEP_PX), 1) * _STEP_PX, end - first)
+    narrowed = dataclasses.replace(
+        matcher, min_disparity_px=min(low, end - search), search_px=search
+    )
+    return dataclasses.replace(sensor, matcher=narrowed)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from starling.patterns import errors
 from starling.sim.arrays import Image
@@ -27,9 +27,6 @@ from starling.sim.stereo.depth import DepthMap
 from starling.sim.stereo.measurement import measure
 from starling.sim.stereo.post.temporal import History
 from starling.sim.stereo.registration import refuse_without, register
-
-if TYPE_CHECKING:  # The import loads numba.
-    from starling.sim.stereo.semiglobal import Band
 
 Side = Literal["left", "right"]
 Quality = Literal["full", "draft"]
@@ -165,7 +162,6 @@ def expose(
     seed: int = 0,
     frame: int = 0,
     past: History | None = None,
-    bands: Sequence[Band] = (),
 ) -> Shot:
     """Compute a reading from rendered layers.
 
@@ -176,7 +172,6 @@ def expose(
         seed: Seed of the capture.
         frame: Frame number in the capture.
         past: `depth.history` of the previous frame, the state of a temporal filter.
-        bands: as for `starling.sim.stereo.matching.match`.
     """
     seed = errors.whole_number("seed", seed, 0, 2**63 - 1)
     frame = errors.whole_number("frame", frame, 0, 2**63 - 1)
@@ -184,9 +179,7 @@ def expose(
     causes = geometric_causes(layers.truth, sensor) | photometric_causes(
         sensor.left, pair.electrons, pair.left, exposure_s=pair.exposure.exposure_s
     )
-    depth = measure(
-        pair.matched_left, pair.matched_right, sensor, causes=causes, past=past, bands=bands
-    )
+    depth = measure(pair.matched_left, pair.matched_right, sensor, causes=causes, past=past)
     return Shot(
         layers=layers,
         ir_left=pair.left,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import reduce
 
@@ -15,7 +15,6 @@ from starling.sim.sensor.matcher import CensusSemiGlobal, Checks, Matcher
 from starling.sim.stereo import census, checks, opencv, semiglobal, subpixel, support
 from starling.sim.stereo.disparity import DisparityMap as DisparityMap
 from starling.sim.stereo.memory import Memory
-from starling.sim.stereo.semiglobal import Band, Fill
 
 LEAST_PX = 16  # Least side of an image [px]; smaller ones have no room for window and search.
 TEN_BITS = 1023  # Largest DN of a 10-bit image.
@@ -24,20 +23,14 @@ _Causes = dict[Reason, NDArray[np.bool_]]
 
 
 def match(
-    left: NDArray,
-    right: NDArray,
-    matcher: Matcher,
-    *,
-    memory: Memory | None = None,
-    bands: Sequence[Band] = (),
+    left: NDArray, right: NDArray, matcher: Matcher, *, memory: Memory | None = None
 ) -> DisparityMap:
     """Match a rectified pair.
 
     Args:
         left, right: (h, w) uint8, or uint16 with up to 10 bits; corresponding points share a row.
         matcher: the setting, e.g. `starling.sim.sensor.matcher.named("d4xx")`.
-        memory: cache of searches with the CensusSemiGlobal engine, for searches without bands.
-        bands: rows that search fewer disparities with the CensusSemiGlobal engine.
+        memory: cache of searches with the CensusSemiGlobal engine.
 
     Returns:
         Disparities of the left image [px]. The reason of a missing one is the first that applies:
@@ -50,7 +43,7 @@ def match(
     """
     _admit(left, right)
     if isinstance(matcher.engine, CensusSemiGlobal):
-        disparity, causes = _census_semi_global(left, right, matcher, matcher.engine, memory, bands)
+        disparity, causes = _census_semi_global(left, right, matcher, matcher.engine, memory)
     else:
         disparity, causes = opencv.compute(left, right, matcher, matcher.engine)
         disparity = subpixel.refine(disparity, matcher.refinement)
@@ -125,8 +118,8 @@ def _support(left: NDArray, disparity: NDArray[np.float32], setting: Checks) -> 
 
 def support_cost(
     left: NDArray, right: NDArray, matcher: Matcher, engine: CensusSemiGlobal
-) -> Callable[[Band], Fill]:
-    """Return a function that returns the function that fills a band's support cost.
+) -> Callable[[int, NDArray[np.uint16]], None]:
+    """Return a function that fills the support cost (rows, w, search) from an image row on.
 
     The cost of the CensusSemiGlobal engine has `support.COST_SCALE` levels per bit.
     """
@@ -139,24 +132,16 @@ def support_cost(
         "tolerance": round(engine.tolerance_dn * census.SUBLEVELS),
     }
     reach = engine.support_px // 2
-    view = census.census(level, **window)
-    pad = shift + search + support.PADDING_PX
-    view_r = census.mirrored_census(level_r, **window, pad=pad)
-    arm = support.arms(level, step=round(engine.arm_step_dn * census.SUBLEVELS), reach=reach)
-
-    def band_cost(band: Band) -> Fill:
-        return support.SupportCost(
-            left=view,
-            right=view_r,
-            arm=arm,
-            reach=reach,
-            least_px=shift + band.first,
-            search_px=band.search,
-            weight=round(16 * engine.difference_weight),
-            cap_dn=round(engine.difference_cap_dn),
-        ).fill
-
-    return band_cost
+    return support.SupportCost(
+        left=census.census(level, **window),
+        right=census.mirrored_census(level_r, **window, pad=shift + support.padding(search)),
+        arm=support.arms(level, step=round(engine.arm_step_dn * census.SUBLEVELS), reach=reach),
+        reach=reach,
+        least_px=shift,
+        search_px=search,
+        weight=round(16 * engine.difference_weight),
+        cap_dn=round(engine.difference_cap_dn),
+    ).fill
 
 
 def _census_semi_global(
@@ -165,7 +150,6 @@ def _census_semi_global(
     matcher: Matcher,
     engine: CensusSemiGlobal,
     memory: Memory | None,
-    bands: Sequence[Band],
 ) -> tuple[NDArray[np.float32], _Causes]:
     """Run the CensusSemiGlobal engine: search, sub-pixel fit, refinement, its own checks."""
 
@@ -176,16 +160,11 @@ def _census_semi_global(
             p1=round(engine.small_penalty * support.COST_SCALE),
             p2=round(engine.large_penalty * support.COST_SCALE),
             shift=matcher.min_disparity_px,
-            bands=bands,
         )
 
-    if memory is None or bands:
-        winners = search()
-    else:
-        winners = memory.winners(left, right, matcher, engine, search)
+    winners = search() if memory is None else memory.winners(left, right, matcher, engine, search)
     whole = winners.best + np.int16(matcher.min_disparity_px)
-    first, last = _ends(bands, matcher.search_px)
-    at_end = (winners.best == first) | (winners.best == last)
+    at_end = (winners.best == 0) | (winners.best == matcher.search_px - 1)
     causes = {
         Reason.OUTSIDE_OVERLAP: whole > np.arange(left.shape[1]),
         Reason.AMBIGUOUS: at_end | _indistinct(winners, matcher.checks.uniqueness, engine),
@@ -193,18 +172,6 @@ def _census_semi_global(
     }
     disparity = subpixel.refine(whole + winners.offset, matcher.refinement, winners.bend)
     return disparity, causes
-
-
-def _ends(
-    bands: Sequence[Band], search: int
-) -> tuple[NDArray[np.int16] | int, NDArray[np.int16] | int]:
-    """First and last index of each row's search (h, 1), or of all rows'."""
-    if not bands:
-        return 0, search - 1
-    rows = [band.stop - band.start for band in bands]
-    first = np.repeat(np.array([band.first for band in bands], np.int16), rows)[:, None]
-    count = np.repeat(np.array([band.search for band in bands], np.int16), rows)[:, None]
-    return first, first + count - np.int16(1)
 
 
 def _indistinct(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +16,6 @@ if TYPE_CHECKING:  # The imports load numba.
     from starling.sim.stereo.disparity import DisparityMap
     from starling.sim.stereo.memory import Memory
     from starling.sim.stereo.post.temporal import History
-    from starling.sim.stereo.semiglobal import Band
 
 
 def measure(
@@ -28,7 +26,6 @@ def measure(
     causes: dict[Reason, NDArray[np.bool_]],
     past: History | None = None,
     memory: Memory | None = None,
-    bands: Sequence[Band] = (),
 ) -> DepthMap:
     """Match an infrared pair, triangulate and post-process.
 
@@ -40,14 +37,14 @@ def measure(
         causes: masks (h, w) of known causes of missing depth. They set the reason of missing
             pixels; they remove no depth.
         past: `history` of the previous depth map, for the temporal filter.
-        memory, bands: see `starling.sim.stereo.matching.match`.
+        memory: see `starling.sim.stereo.matching.match`.
 
     Raises:
         InputError: if the pair cannot be matched or `past` has another size.
     """
     from starling.sim.stereo.post import chain  # The import loads numba.
 
-    match = _matched(ir_left, ir_right, sensor, memory, bands)
+    match = _matched(ir_left, ir_right, sensor, memory)
     codes = np.flatnonzero(np.bincount(match.reason.ravel(), minlength=len(Reason)))
     matcher_causes = {Reason(code): match.reason == code for code in codes if code}
     # Causes known from the scene take precedence over the matcher's reasons.
@@ -67,11 +64,7 @@ def measure(
 
 
 def _matched(
-    ir_left: NDArray,
-    ir_right: NDArray | None,
-    sensor: Sensor,
-    memory: Memory | None,
-    bands: Sequence[Band],
+    ir_left: NDArray, ir_right: NDArray | None, sensor: Sensor, memory: Memory | None
 ) -> DisparityMap:
     if sensor.kind == "structured_light":
         from starling.sim.stereo import structured_light
@@ -85,4 +78,4 @@ def _matched(
 
     bits = sensor.left.matched_bits
     left, right = readable(ir_left, bits), readable(ir_right, bits)
-    return match(left, right, sensor.matcher, memory=memory, bands=bands)
+    return match(left, right, sensor.matcher, memory=memory)

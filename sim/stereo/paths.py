@@ -44,27 +44,6 @@ def start_downward(w: int, search: int) -> Downward:
     return Downward(costs.reshape(-1), np.zeros(3 * w, np.uint16))
 
 
-def change_search(downward: Downward, before: int, search: int, moved: int) -> Downward:
-    """Return the paths for another range of disparities, which starts `moved` px higher.
-
-    Args:
-        downward: paths of `before` disparities.
-        before, search: numbers of disparities.
-        moved: difference of the first disparities [px].
-    """
-    w = len(downward.floors) // 3
-    changed = start_downward(w, search)
-    costs, old = (
-        path.costs.reshape(3, w, -1)[:, :, :count]
-        for path, count in ((changed, search), (downward, before))
-    )
-    costs[:] = WALL
-    low, high = max(moved, 0), min(before, moved + search)
-    if low < high:
-        costs[:, :, low - moved : high - moved] = old[:, :, low:high]
-    return Downward(changed.costs, downward.floors)
-
-
 @nb.njit(nogil=True, cache=True)
 def sweep_sideways(cost, total, w, search, p1, p2):  # pragma: no cover - compiled
     """Fill `total` (rows, w, search) with the summed costs of the two horizontal paths.

@@ -8,9 +8,8 @@ Source: Hirschmueller 2008, TPAMI 30(2).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numba as nb
@@ -31,26 +30,13 @@ from starling.sim.stereo.lanes import (
 )
 from starling.sim.stereo.paths import LANES
 
-STRIP_ROWS = 8  # Rows of the volume in memory at a time.
-_GROUP_CELLS = 4 * 640 * 64  # Cells of rows whose horizontal paths advance in turn; they fit L2.
-_AHEAD = 2  # Strips prepared (cost, horizontal paths) while an earlier strip is finished.
+BAND_ROWS = 8  # Rows of the volume in memory at a time.
+_GROUP_ROWS = 4  # Rows whose horizontal paths advance in turn; their volume fits the cache.
+_AHEAD = 2  # Bands prepared (cost, horizontal paths) while an earlier band is finished.
 _RUN_PX = 64  # Columns between the steps of the selection; a multiple of _TURN_PX.
 _TURN_PX = 4  # Columns that update the right view together.
 _NONE = 65535  # Summed cost or column before any is known; above every other.
 _u16 = np.uint16
-
-
-@dataclass(frozen=True, slots=True)
-class Band:
-    """Rows that share a range of disparities."""
-
-    start: int  # First row.
-    stop: int  # Row after the last one.
-    first: int  # First disparity, as an index of the whole search.
-    search: int  # Disparities, a multiple of 16.
-
-
-Fill = Callable[[int, NDArray[np.uint16]], None]  # Fills the cost (rows, w, search) from a row on.
 
 
 class Winners(NamedTuple):
@@ -211,27 +197,25 @@ def _offer_right(
 
 
 def select(
-    cost: Callable[[Band], Fill],
+    cost: Callable[[int, NDArray[np.uint16]], None],
     shape: tuple[int, int, int],
     *,
     p1: int,
     p2: int,
     shift: int,
-    bands: Sequence[Band] = (),
 ) -> Winners:
     """Choose the disparity of every pixel of the left and the right view.
 
     The right view's winner is the least total along the volume's diagonal, without a second
     matching. The sub-pixel part is fitted to the support cost: penalties distort the summed path
     costs and pull the fit towards whole pixels. All paths run along a row or downwards, so
-    the volume is computed and discarded strip by strip.
+    the volume is computed and discarded band by band.
 
     Args:
-        cost: returns a function that fills the support cost of a band.
+        cost: fills the support cost (rows, w, search) from an image row on.
         shape: h, w, search of the whole volume.
         p1, p2: penalties in the unit of the cost.
         shift: smallest disparity [px].
-        bands: consecutive bands of all rows; none: all rows search all disparities.
     """
     h, w, search = shape
     winners = Winners(
@@ -245,49 +229,28 @@ def select(
         neighbour=np.zeros((h, w), np.uint16),
     )
     penalties = (_u16(p1), _u16(p2))
-    strips = [
-        (band, start, min(start + STRIP_ROWS, band.stop))
-        for band in bands or (Band(0, h, 0, search),)
-        for start in range(band.start, band.stop, STRIP_ROWS)
-    ]
-    cells = min(h, STRIP_ROWS) * w * max(band.search for band, _, _ in strips)
-    # Threads per strip: a parallel kernel needs a barrier per row, which stalls on a busy machine.
-    volumes = aligned_words(_AHEAD + 1, 2, cells)
-    fills: dict[Band, Fill] = {}
+    # Threads per band: a parallel kernel needs a barrier per row, which stalls on a busy machine.
+    volumes = aligned_words(_AHEAD + 1, 2, min(h, BAND_ROWS), w, search)
+    downward = paths.start_downward(w, search)
 
-    def prepare(number: int) -> tuple[NDArray, NDArray]:
-        band, start, stop = strips[number]
-        if band not in fills:
-            fills.clear()
-            fills[band] = cost(band)
-        row = w * band.search
-        support, total = volumes[number % (_AHEAD + 1), :, : (stop - start) * row]
-        group = max(_GROUP_CELLS // row, 1)
-        for first in range(0, stop - start, group):
-            part = slice(first * row, min(first + group, stop - start) * row)
-            fills[band](start + first, support[part].reshape(-1, w, band.search))
-            paths.sweep_sideways(support[part], total[part], w, band.search, *penalties)
-        return support, total
+    def prepare(band: int) -> tuple[NDArray, NDArray]:
+        start = band * BAND_ROWS
+        support, total = volumes[band % (_AHEAD + 1), :, : min(BAND_ROWS, h - start)]
+        for row in range(0, len(support), _GROUP_ROWS):
+            group, sums = support[row : row + _GROUP_ROWS], total[row : row + _GROUP_ROWS]
+            cost(start + row, group)
+            paths.sweep_sideways(group.reshape(-1), sums.reshape(-1), w, search, *penalties)
+        return support.reshape(-1), total.reshape(-1)
 
-    numbers = range(len(strips))
-    before = strips[0][0]
-    downward = paths.start_downward(w, before.search)
+    bands = range(-(-h // BAND_ROWS))
     with ThreadPoolExecutor(1) as pool:  # A single thread: the cost continues from row to row.
-        ready = [pool.submit(prepare, number) for number in numbers[:_AHEAD]]
-        for number, (band, start, stop) in enumerate(strips):
-            if band != before:
-                downward = paths.change_search(
-                    downward, before.search, band.search, band.first - before.first
-                )
-                before = band
-            support, total = ready[number].result()
-            views = [view[start:stop] for view in winners]
-            sizes, least = (w, band.search), shift + band.first
-            _select(support, total, *downward, start, sizes, *penalties, least, *views)
-            if band.first:
-                views[0] += np.int16(band.first)
-                right = winners.right_best[start:stop]
-                right[right >= 0] += np.int16(band.first)
-            if number + _AHEAD in numbers:
-                ready.append(pool.submit(prepare, number + _AHEAD))
+        ready = [pool.submit(prepare, band) for band in bands[:_AHEAD]]
+        for band in bands:
+            support, total = ready[band].result()
+            start = band * BAND_ROWS
+            part = slice(start, start + BAND_ROWS)
+            views = [view[part] for view in winners]
+            _select(support, total, *downward, start, (w, search), *penalties, shift, *views)
+            if band + _AHEAD in bands:
+                ready.append(pool.submit(prepare, band + _AHEAD))
     return winners

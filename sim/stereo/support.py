@@ -41,7 +41,6 @@ _LAST = _RING - 1
 _FAR = 65535  # Brightness outside the image, further from any pixel than the largest step.
 _u8, _u16 = np.uint8, np.uint16
 _LANES, _WIDE = WORDS.count, BYTES.count
-PADDING_PX = _WIDE  # Columns that the right view needs beyond its largest disparity.
 
 
 def arms(level: NDArray[np.uint16], *, step: int, reach: int) -> NDArray[np.uint8]:
@@ -121,7 +120,7 @@ class SupportCost:
     """
 
     left: View
-    right: View  # Mirrored; padded by at least least_px + search_px + PADDING_PX.
+    right: View  # Mirrored; padded by at least least_px + search_px, rounded up to 32.
     arm: NDArray[np.uint8]  # (4, h, w) from `arms`.
     reach: int  # Longest arm [px].
     least_px: int  # Smallest disparity [px].
@@ -156,6 +155,11 @@ class SupportCost:
             (first, start, len(out)),
             out.reshape(-1),
         )
+
+
+def padding(search_px: int) -> int:
+    """Return the columns that the right view needs beyond its smallest disparity."""
+    return -(-search_px // _WIDE) * _WIDE
 
 
 @nb.njit(inline="always")

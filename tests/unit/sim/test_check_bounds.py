@@ -21,7 +21,7 @@ from starling.sim.sensor.matcher import (
 )
 from starling.sim.stereo import census, checks, matching, opencv, support
 from starling.sim.stereo.matching import LEAST_PX, TEN_BITS, match, readable
-from starling.sim.stereo.semiglobal import Band, Winners
+from starling.sim.stereo.semiglobal import Winners
 from tests.unit.sim.test_matching import _slow_cost as slow_cost
 from tests.unit.sim.test_matching import shifted_pair
 
@@ -320,5 +320,5 @@ def test_cost_of_brightness_matches_the_slow_reference(weight: float, cap_dn: fl
     )
     setting = Matcher(engine=engine, search_px=16)
     fast = np.empty((16, 40, 16), np.uint16)
-    matching.support_cost(left, right, setting, engine)(Band(0, 16, 0, 16))(0, fast)
+    matching.support_cost(left, right, setting, engine)(0, fast)
     np.testing.assert_array_equal(fast, slow_cost(left, right, engine, 0, 16))

@@ -19,7 +19,6 @@ from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
 from starling.sim.scene.scene import Ambient
 from starling.sim.sensor import presets
-from starling.sim.stereo.semiglobal import Band
 from starling.sim.warp import depth_input
 from starling.sim.warp import layers as warp_layers
 from starling.sim.warp.layers import DepthScene, layers
@@ -157,22 +156,6 @@ def test_light_from_above_brightens_surfaces_that_face_it() -> None:
         np.testing.assert_allclose(lit, even * factor, rtol=1e-5)
 
 
-def test_each_band_of_rows_searches_its_own_range() -> None:
-    """Rows of one distance search few disparities; each band holds its rows' disparities."""
-    depth = np.full((HEIGHT, WIDTH), 0.4, np.float32)
-    depth[96 + 13 :] = 2.0
-    device, bands = corrupt._search(SENSOR, depth)
-    disparity = SENSOR.fx_px * SENSOR.true_baseline_m / np.array([0.4, 2.0])
-    first = device.matcher.min_disparity_px
-    assert [(band.start, band.stop) for band in bands] == [(0, 96), (96, HEIGHT)]
-    assert first + bands[0].first <= disparity[0] - 7
-    assert first + bands[0].first + bands[0].search >= disparity[0] + 7
-    assert first + bands[1].first <= disparity[1]
-    depth[20:] = np.nan
-    device, bands = corrupt._search(SENSOR, depth)
-    assert bands[1] == Band(96, HEIGHT, 0, device.matcher.search_px)
-
-
 @pytest.mark.parametrize(
     ("matrix", "message"),
     [
@@ -256,23 +239,20 @@ def test_filter_of_the_pattern_has_the_variance_of_a_pixel(variance: float) -> N
     assert (taps * places**2).sum() == pytest.approx(variance, rel=0.02)
 
 
-@given(st.floats(0.5, 140), st.floats(0, 139), st.floats(0.5, 140), st.floats(0, 139))
-def test_searches_hold_all_disparities_that_the_sensor_searches(
-    far: float, step: float, far_of_band: float, step_of_band: float
+@given(far_px=st.floats(0.5, 140), step_px=st.floats(0, 139), least=st.integers(0, 40))
+def test_the_search_holds_all_disparities_that_the_sensor_searches(
+    far_px: float, step_px: float, least: int
 ) -> None:
-    whole = np.array([far, far + step], np.float32)
-    low, count = corrupt._range(whole, 0, 128) or (0, 0)
-    assert_holds(whole, low, count, 0, 128)
-    band = np.clip(np.array([far_of_band, far_of_band + step_of_band]), *whole).astype(np.float32)
-    first, searched = corrupt._range(band, low, low + count) or (0, 0)
-    assert_holds(band, first, searched, low, low + count)
+    own = dataclasses.replace(SENSOR.matcher, min_disparity_px=least)
+    sensor = dataclasses.replace(SENSOR, matcher=own)
+    disparity = np.array([[far_px, far_px + step_px]])
+    depth = (SENSOR.fx_px * SENSOR.true_baseline_m / disparity).astype(np.float32)
+    search = corrupt._searching(sensor, depth).matcher
+    end, own_end = search.min_disparity_px + search.search_px, least + own.search_px
+    assert least <= search.min_disparity_px and end <= own_end and search.search_px % 16 == 0
+    assert search.min_disparity_px <= max(far_px - 7, least)
+    assert end >= min(far_px + step_px + 7, own_end)
 
 
-def assert_holds(disparity: np.ndarray[Any, Any], low: int, count: int, first: int, end: int):
-    """A search has a multiple of 16 disparities, inside the limits, and those of the scene."""
-    assert count > 0
-    assert count % 16 == 0
-    assert first <= low <= low + count <= end
-    least, most = (int(np.clip(value, first, end - 1)) for value in disparity)
-    assert low <= least
-    assert most < low + count
+def test_the_search_without_a_surface_is_the_sensor_s() -> None:
+    assert corrupt._searching(SENSOR, np.full((2, 2), np.nan, np.float32)) == SENSOR

@@ -24,7 +24,6 @@ from starling.sim.sensor.matcher import (
 from starling.sim.stereo import census, checks, opencv, semiglobal, subpixel, support
 from starling.sim.stereo.matching import DisparityMap, match
 from starling.sim.stereo.matching import support_cost as cost_volume
-from starling.sim.stereo.semiglobal import Band
 
 ENGINES = {
     "fast": FAST,
@@ -165,8 +164,8 @@ def test_left_right_check_is_symmetric_under_swap_and_mirror(seed, apart):
     np.testing.assert_array_equal(refused[y, x], far)
 
 
-def _twin(cost: np.ndarray, p1: int, p2: int, searched: np.ndarray | None = None) -> np.ndarray:
-    """The five paths, by the recurrence of the paper; none leads to what is not searched."""
+def _twin(cost: np.ndarray, p1: int, p2: int) -> np.ndarray:
+    """The five paths, by the recurrence of the paper."""
     h, w, search = cost.shape
     total = np.zeros(cost.shape, np.int64)
     for dy, dx in ((0, 1), (0, -1), (1, 1), (1, 0), (1, -1)):
@@ -177,13 +176,10 @@ def _twin(cost: np.ndarray, p1: int, p2: int, searched: np.ndarray | None = None
             for x in columns:
                 inside = 0 <= y - dy < h and 0 <= x - dx < w
                 before = path[y - dy, x - dx] if inside else np.zeros(search, np.int64)
-                floor = before.min()
-                if searched is not None:
-                    before = np.where(searched[y, x], before, 10**6)
                 padded = np.pad(before, 1, constant_values=10**6)
                 step = np.minimum(padded[:-2], padded[2:]) + p1
-                best = np.minimum(np.minimum(before, step), floor + p2)
-                path[y, x] = cost[y, x] + best - floor
+                best = np.minimum(np.minimum(before, step), before.min() + p2)
+                path[y, x] = cost[y, x] + best - before.min()
         total += path
     return total
 
@@ -200,12 +196,12 @@ def test_selection_matches_the_slow_reference(monkeypatch, seed, shift):
     rng = np.random.default_rng(seed)
     h, w, search = 7, 23, 16
     cost = rng.integers(0, 2000, (h, w, search)).astype(np.uint16)
-    monkeypatch.setattr(semiglobal, "STRIP_ROWS", 3)  # Strips must not show in the result.
+    monkeypatch.setattr(semiglobal, "BAND_ROWS", 3)  # Bands must not show in the result.
 
     def fill(start: int, out: np.ndarray) -> None:
         out[:] = cost[start : start + len(out)]
 
-    result = semiglobal.select(lambda _: fill, cost.shape, p1=150, p2=900, shift=shift)
+    result = semiglobal.select(fill, cost.shape, p1=150, p2=900, shift=shift)
     total = _twin(cost, 150, 900)
     np.testing.assert_array_equal(result.best, total.argmin(2))
     for y in range(h):
@@ -229,32 +225,6 @@ def test_selection_matches_the_slow_reference(monkeypatch, seed, shift):
             if 0 < best < search - 1:
                 three = cost[y, x, best - 1 : best + 2].astype(int)
                 assert result.offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)
-
-
-@given(seed=st.integers(0, 20), firsts=st.tuples(*[st.integers(0, 32)] * 3))
-@settings(max_examples=8)
-def test_selection_in_bands_matches_the_slow_reference_without_the_other_disparities(seed, firsts):
-    rng = np.random.default_rng(seed)
-    h, w, search = 24, 23, 48
-    cost = rng.integers(0, 2000, (h, w, search)).astype(np.uint16)
-    bands = [Band(8 * i, 8 * i + 8, first, 16) for i, first in enumerate(firsts)]
-    searched = np.zeros(cost.shape, bool)
-    for band in bands:
-        searched[band.start : band.stop, :, band.first : band.first + 16] = True
-
-    def band_cost(band: Band):
-        def fill(start: int, out: np.ndarray) -> None:
-            out[:] = cost[start : start + len(out), :, band.first : band.first + band.search]
-
-        return fill
-
-    result = semiglobal.select(band_cost, cost.shape, p1=150, p2=900, shift=0, bands=bands)
-    total = _twin(np.where(searched, cost, 20_000), 150, 900, searched)
-    np.testing.assert_array_equal(result.best, total.argmin(2))
-    for y, x in np.ndindex(h, w):
-        first = firsts[y // 8]
-        seen = [(total[y, x + d, d], d) for d in range(first, first + 16) if x + d < w]
-        assert result.right_best[y, x] == (min(seen)[1] if seen else -1)
 
 
 def _slow_cost(left, right, engine: CensusSemiGlobal, shift: int, search: int) -> np.ndarray:
@@ -305,7 +275,7 @@ def test_cost_matches_the_slow_reference(shift, step):
     slow = _slow_cost(left, right, engine, shift, 16)
     fast = np.empty((13, 60, 16), np.uint16)
     for start in (0, 11):
-        cost_volume(left, right, setting, engine)(Band(0, 24, 0, 16))(start, fast)
+        cost_volume(left, right, setting, engine)(start, fast)
         np.testing.assert_array_equal(fast, slow[start : start + 13])
 
 
