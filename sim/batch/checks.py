@@ -3,15 +3,17 @@
 Images have the shape (n, h, w). `starling.sim.stereo.checks` is the reference. Codes of reasons are
 those of `starling.Reason`.
 """
-# pyright: reportInvalidTypeForm=false, reportArgumentType=false, reportCallIssue=false
-# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportAttributeAccessIssue=false
+# pyright: reportInvalidTypeForm=false
 
 from __future__ import annotations
 
-import warp as wp
+from typing import Any
 
+from starling.sim.batch import handoff
 from starling.sim.reason import Reason
 from starling.sim.stereo.checks import TEXTURE_PX
+
+wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
 
 wp.set_module_options({"enable_backward": False})
 
@@ -117,9 +119,8 @@ def reject(
     e, y, x = wp.tid()
     w = disparity.shape[2]
     code = _VALID
-    if texture.shape[0] > 0:
-        if _variance(texture, e, y, x) < limits.texture:
-            code = _SUPPORT
+    if texture.shape[0] > 0 and _variance(texture, e, y, x) < limits.texture:
+        code = _SUPPORT
     if _range(disparity, e, y, x) > limits.jump:
         code = _SUPPORT
     target = x - int(wp.rint(left[e, y, x]))
@@ -230,14 +231,14 @@ def join_islands(
     if island[i] < 0:
         return
     fixed = int(kept[e, y, x] * 16.0)
-    if x + 1 < w:
-        if island[i + 1] >= 0:
-            if float(wp.abs(int(kept[e, y, x + 1] * 16.0) - fixed)) <= limits.step:
-                _unite(island, i, i + 1)
-    if y + 1 < h:
-        if island[i + w] >= 0:
-            if float(wp.abs(int(kept[e, y + 1, x] * 16.0) - fixed)) <= limits.step:
-                _unite(island, i, i + w)
+    if x + 1 < w and island[i + 1] >= 0:
+        off = wp.abs(int(kept[e, y, x + 1] * 16.0) - fixed)
+        if float(off) <= limits.step:
+            _unite(island, i, i + 1)
+    if y + 1 < h and island[i + w] >= 0:
+        off = wp.abs(int(kept[e, y + 1, x] * 16.0) - fixed)
+        if float(off) <= limits.step:
+            _unite(island, i, i + w)
 
 
 @wp.kernel
@@ -261,7 +262,6 @@ def sink_islands(
     """Remove islands of few pixels from `kept` and `reason` (n, h, w)."""
     e, y, x = wp.tid()
     i = (e * kept.shape[1] + y) * kept.shape[2] + x
-    if island[i] >= 0:
-        if count[_root(island, i)] <= limits.speckle:
-            kept[e, y, x] = wp.NAN
-            reason[e, y, x] = _SPECKLE
+    if island[i] >= 0 and count[_root(island, i)] <= limits.speckle:
+        kept[e, y, x] = wp.NAN
+        reason[e, y, x] = _SPECKLE

@@ -3,12 +3,15 @@
 Images have the shape (n, h, w). Volumes are flat, with the index ((e h + y) w + x) search + d. All
 arithmetic is that of `starling.sim.stereo.census` and `support`, in whole numbers.
 """
-# pyright: reportInvalidTypeForm=false, reportArgumentType=false, reportCallIssue=false
-# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportAttributeAccessIssue=false
+# pyright: reportInvalidTypeForm=false
 
 from __future__ import annotations
 
-import warp as wp
+from typing import Any
+
+from starling.sim.batch import handoff
+
+wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
 
 wp.set_module_options({"enable_backward": False})
 
@@ -46,7 +49,7 @@ def smooth_rows(
     e, y, x = wp.tid()
     w = codes.shape[2]
     reach = weights.shape[0] // 2
-    total = float(0.0)
+    total = wp.float32(0.0)
     for k in range(2 * reach + 1):
         total += weights[k] * (scale * float(codes[e, y, wp.clamp(x + k - reach, 0, w - 1)]))
     smoothed[e, y, x] = total
@@ -97,8 +100,8 @@ def _arm(
     level: wp.array3d(dtype=wp.uint16), setting: Search, e: int, y: int, x: int, dy: int, dx: int
 ) -> int:  # pragma: no cover - compiled
     root = int(level[e, y, x])
-    length = int(0)
-    grows = bool(True)
+    length = wp.int32(0)
+    grows = wp.bool(True)
     while grows and length < setting.arm:
         row = y + (length + 1) * dy
         column = x + (length + 1) * dx

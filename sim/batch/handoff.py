@@ -62,3 +62,8 @@ def stream_of(example: Any) -> AbstractContextManager[Any]:
         warp = import_warp()
         return warp.ScopedStream(warp.stream_from_torch(example.device))
     return nullcontext()
+
+
+def launch(kernel: Any, shape: Any, device: Any, *arguments: Any) -> None:
+    """Start a kernel with a thread for each index of `shape`."""
+    import_warp().launch(kernel, shape, inputs=arguments, device=device)

@@ -2,14 +2,15 @@
 
 Images have the shape (n, h, w) of n environments. `starling.sim.imaging` explains the models.
 """
-# pyright: reportInvalidTypeForm=false, reportArgumentType=false, reportCallIssue=false
-# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportAttributeAccessIssue=false
+# pyright: reportInvalidTypeForm=false
 
 from __future__ import annotations
 
 from typing import Any
 
-import warp as wp
+from starling.sim.batch import handoff
+
+wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
 
 wp.set_module_options({"enable_backward": False})
 
@@ -60,10 +61,7 @@ def _mirrored(i: int, n: int) -> int:  # pragma: no cover - compiled
     """Index in an image that is mirrored at its border, with the edge repeated."""
     k = i
     while k < 0 or k >= n:
-        if k < 0:
-            k = -1 - k
-        else:
-            k = 2 * n - 1 - k
+        k = wp.where(k < 0, -1 - k, 2 * n - 1 - k)
     return k
 
 
@@ -132,9 +130,9 @@ def _grain(
     """Factor of speckle; 1 without quantiles."""
     if quantiles.shape[0] == 0:
         return 1.0
-    z = float(0.0)
+    z = wp.float32(0.0)
     for j in range(taps.shape[0]):
-        line = float(0.0)
+        line = wp.float32(0.0)
         for i in range(taps.shape[0]):
             line += taps[i] * normal[e, y + j, x + i]
         z += taps[j] * line
@@ -180,7 +178,7 @@ def form(
     wanted = spot.even + spot.corner * (across * across + down * down) + off * off
     light = wp.vec2(0.0, 0.0)
     count = steps.shape[0]
-    i = int(0)
+    i = wp.int32(0)
     while i < count - 2 and wanted > steps[i + 1]:
         i += 1
     light = _column(blurred, weights, i, e, y, x)
@@ -328,10 +326,10 @@ def digitise(
     reach = weights.shape[0] // 2
     level = signal[e, y, x]
     if reach > 0:
-        level = float(0.0)
+        level = wp.float32(0.0)
         for j in range(2 * reach + 1):
             row = _mirrored(y + j - reach, signal.shape[1])
-            line = float(0.0)
+            line = wp.float32(0.0)
             for i in range(2 * reach + 1):
                 value = signal[e, row, _mirrored(x + i - reach, signal.shape[2])]
                 line += weights[i] * wp.clamp(value, die.low, die.high)

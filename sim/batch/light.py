@@ -3,18 +3,20 @@
 Images have the shape (n, h, w) of n environments. The numba kernels of `starling.sim.warp` are the
 reference; here every pixel is a thread.
 """
-# pyright: reportInvalidTypeForm=false, reportArgumentType=false, reportCallIssue=false
-# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportAttributeAccessIssue=false
+# pyright: reportInvalidTypeForm=false
 
 from __future__ import annotations
 
-import warp as wp
+from typing import Any
 
+from starling.sim.batch import handoff
 from starling.sim.render.emission import NEAREST_M
 from starling.sim.render.skylight import MATT_TILT
 from starling.sim.warp.depth_input import NEAREST_SURFACE_M
 from starling.sim.warp.kernels import NEAREST_EMITTER_M, SLACK_PX, SLACK_SHARE
 from starling.sim.warp.layers import JUMP_PX
+
+wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
 
 wp.set_module_options({"enable_backward": False})
 
@@ -61,7 +63,7 @@ def fill_disparity(
     """Convert depth [m] to disparity [px]; 0 without a surface."""
     e, y, x = wp.tid()
     z = depth[e, y, x]
-    value = float(0.0)
+    value = wp.float32(0.0)
     if wp.isfinite(z) and z >= _NEAREST:
         value = focal_baseline / z
     disparity[e, y, x] = value
@@ -130,8 +132,8 @@ def see(
     w = disparity.shape[2]
     columns = seen.shape[2]
     left = float(x) - place * value + float(margin)
-    following = float(0.0)
-    before = float(0.0)
+    following = wp.float32(0.0)
+    before = wp.float32(0.0)
     if x + 1 < w:
         following = disparity[e, y, x + 1]
     if x > 0:
@@ -175,9 +177,9 @@ def fill_right(
     after = x
     while after < w and seen[e, y, after] == wp.uint64(0):
         after += 1
-    value = float(0.0)
-    source = float(-1.0)
-    nearest = int(-1)
+    value = wp.float32(0.0)
+    source = wp.float32(-1.0)
+    nearest = wp.int32(-1)
     if before >= 0:
         nearest = before
     if after < w and (before < 0 or _value(seen[e, y, after]) < _value(seen[e, y, before])):
@@ -212,10 +214,10 @@ def _normal(
 ) -> wp.vec3:  # pragma: no cover - compiled
     """Normal away from the imager, not normalised; disparity is linear on planes."""
     value = disparity[e, y, x]
-    left = float(0.0)
-    right = float(0.0)
-    above = float(0.0)
-    below = float(0.0)
+    left = wp.float32(0.0)
+    right = wp.float32(0.0)
+    above = wp.float32(0.0)
+    below = wp.float32(0.0)
     if x > 0:
         left = disparity[e, y, x - 1]
     if x + 1 < disparity.shape[2]:
@@ -250,7 +252,7 @@ def light_by_sky(
         light: (n, h, w) radiance of the projector (0 here) and of the sky [W m^-2 sr^-1].
     """
     e, y, x = wp.tid()
-    value = float(0.0)
+    value = wp.float32(0.0)
     if disparity[e, y, x] > 0.0:
         value = irradiance * reflectance[e, y, x] / wp.PI
         if gradient != 0.0:
@@ -314,16 +316,16 @@ def light_by_beam(
     z = camera.fx * camera.baseline / d
     p = wp.vec3((float(x) - camera.cx) / camera.fx * z, (float(y) - camera.cy) / camera.fy * z, z)
     p = p - beam.origin + wp.vec3(place * camera.baseline, 0.0, 0.0)
-    l = wp.transpose(beam.rotation) * p
-    n = l
+    point = wp.transpose(beam.rotation) * p
+    nominal = point
     if beam.scale != 1.0:
-        nx = l[0] / beam.scale
-        ny = l[1] / beam.scale
-        n = wp.vec3(nx, ny, wp.sqrt(wp.max(wp.length_sq(l) - nx * nx - ny * ny, 0.0)))
-    if l[2] < _NEAREST_EMITTER or n[2] < _NEAREST_EMITTER:
+        nx = point[0] / beam.scale
+        ny = point[1] / beam.scale
+        nominal = wp.vec3(nx, ny, wp.sqrt(wp.max(wp.length_sq(point) - nx * nx - ny * ny, 0.0)))
+    if point[2] < _NEAREST_EMITTER or nominal[2] < _NEAREST_EMITTER:
         return
-    slope_x = n[0] / n[2]
-    slope_y = n[1] / n[2]
+    slope_x = nominal[0] / nominal[2]
+    slope_y = nominal[1] / nominal[2]
     if wp.abs(slope_x) > beam.half[0] or wp.abs(slope_y) > beam.half[1]:
         return
     column = int(wp.floor(float(x) + (place - beam.place) * d + float(margin)))
@@ -336,11 +338,11 @@ def light_by_beam(
     tx = slope_x * columns / beam.half[0] + columns - 0.5
     ty = slope_y * rows / beam.half[1] + rows - 0.5
     count = levels.shape[0]
-    irradiance = float(0.0)
+    irradiance = wp.float32(0.0)
     if count == 1:
         irradiance = _irradiance(levels, 0, ty, tx)
     else:
-        blur = beam.width * (1.0 / wp.max(l[2], _FULL_BLUR) - beam.focus)
+        blur = beam.width * (1.0 / wp.max(point[2], _FULL_BLUR) - beam.focus)
         variance = 1.0 + blur * blur
         below = wp.floor(wp.log(variance) / beam.log_ratio)
         share = variance * wp.exp(-below * beam.log_ratio) - 1.0
@@ -350,12 +352,12 @@ def light_by_beam(
         irradiance = wp.lerp(
             _irradiance(levels, k, ty, tx), _irradiance(levels, k + 1, ty, tx), level - float(k)
         )
-    irradiance /= l[2] * l[2]
+    irradiance /= point[2] * point[2]
     if beam.scale != 1.0:
-        widening = l[2] / n[2] * (l[2] / n[2]) / beam.scale
+        widening = point[2] / nominal[2] * (point[2] / nominal[2]) / beam.scale
         irradiance *= widening * widening
     normal = _normal(disparity, e, y, x, camera)
-    facing = wp.abs(wp.dot(normal, p)) / wp.length(normal) / l[2]
+    facing = wp.abs(wp.dot(normal, p)) / wp.length(normal) / point[2]
     radiance = power * irradiance * facing * reflectance[e, y, x] / wp.PI
     light[e, y, x] += wp.vec2(radiance, 0.0)
     lit[e, y, x] = wp.uint8(1)

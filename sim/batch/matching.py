@@ -8,12 +8,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-import warp as wp
 
-from starling.sim.batch import checks, cost, paths, refinement
+from starling.sim.batch import checks, cost, handoff, paths, refinement
+from starling.sim.batch.handoff import launch
 from starling.sim.sensor.matcher import CensusSemiGlobal, Matcher, Refinement
 from starling.sim.stereo import census, support
 
+wp: Any = handoff.import_warp()
+
+_GROUP = 32  # Threads that a GPU runs in step.
 _TEN_BIT_CODES = 4  # Codes of a 10-bit image per DN.
 
 
@@ -107,17 +110,11 @@ def match(left: Any, right: Any, rig: MatchRig) -> tuple[Any, Any]:
     texture = wp.empty((0, 0, 0), dtype=wp.vec2i, device=device)
     if setting.texture_dn > 0:
         texture = wp.empty(shape, dtype=wp.vec2i, device=device)
-        wp.launch(checks.sum_texture, shape, inputs=[left, texture], device=device)
+        launch(checks.sum_texture, shape, device, left, texture)
     disparity, reason = wp.empty_like(refined), wp.empty(shape, dtype=wp.uint8, device=device)
-    wp.launch(
-        checks.reject,
-        shape,
-        inputs=[refined, winners.left_best, winners.ambiguous, *compared, texture, rig.limits],
-        outputs=[disparity, reason],
-        device=device,
-    )
-    arguments = [rig.limits, disparity, reason]
-    wp.launch(checks.reject_outside, shape[:2], inputs=arguments, device=device)
+    accepted = (refined, winners.left_best, winners.ambiguous, *compared, texture, rig.limits)
+    launch(checks.reject, shape, device, *accepted, disparity, reason)
+    launch(checks.reject_outside, shape[:2], device, rig.limits, disparity, reason)
     _sink_islands(disparity, reason, rig)
     return disparity, reason
 
@@ -147,24 +144,17 @@ def _choose(left: Any, right: Any, rig: MatchRig) -> _Winners:
             paths.sweep(search),
             dim=(n, w if dy else h),
             inputs=[support_cost, total, h, w, dx, dy, *rig.penalties],
-            block_dim=search,
+            block_dim=-(-search // _GROUP) * _GROUP,
             device=device,
         )
     best, disparity, bend, ambiguous, best_r, disparity_r = (
         wp.empty(shape, dtype=dtype, device=device)
         for dtype in (wp.int16, float, float, wp.uint8, wp.int16, float)
     )
-    volumes = [support_cost, total, search, least]
-    wp.launch(
-        paths.choose_left,
-        shape,
-        inputs=[*volumes, rig.peaks],
-        outputs=[best, disparity, bend, ambiguous],
-        device=device,
-    )
-    wp.launch(
-        paths.choose_right, shape, inputs=volumes, outputs=[best_r, disparity_r], device=device
-    )
+    volumes = (support_cost, total, search, least)
+    chosen = (best, disparity, bend, ambiguous)
+    launch(paths.choose_left, shape, device, *volumes, rig.peaks, *chosen)
+    launch(paths.choose_right, shape, device, *volumes, best_r, disparity_r)
     return _Winners(best, disparity, bend, ambiguous, best_r, disparity_r)
 
 
@@ -178,35 +168,19 @@ def _fill_cost(left: Any, right: Any, rig: MatchRig, support_cost: Any, scratch:
         level = wp.empty(codes.shape, dtype=wp.uint16, device=device)
         bits = wp.empty(codes.shape, dtype=wp.uint64, device=device)
         scale = float(census.SUBLEVELS if rig.bits == 8 else census.SUBLEVELS / _TEN_BIT_CODES)
-        for kernel, arguments in (
-            (cost.smooth_rows, [codes, rig.presmooth, scale, smoothed]),
-            (cost.smooth_columns, [smoothed, rig.presmooth, level]),
-            (cost.compare, [level, rig.offsets, rig.search, bits]),
-        ):
-            wp.launch(kernel, codes.shape, inputs=arguments, device=device)
+        launch(cost.smooth_rows, codes.shape, device, codes, rig.presmooth, scale, smoothed)
+        launch(cost.smooth_columns, codes.shape, device, smoothed, rig.presmooth, level)
+        launch(cost.compare, codes.shape, device, level, rig.offsets, rig.search, bits)
         levels.append(level)
         words.append(bits)
     arms = wp.empty(left.shape, dtype=wp.vec4ub, device=device)
-    views = [words[0], levels[0], words[1], levels[1]]
-    for kernel, size, arguments in (
-        (cost.grow_arms, (n, h, w), [levels[0], rig.search, arms]),
-        (
-            cost.sum_cost_along_rows,
-            (n, h, search),
-            [*views, rig.brightness, rig.search, support_cost],
-        ),
-        (
-            cost.sum_means_along_columns,
-            (n, w, search),
-            [support_cost, arms, rig.row_shares, rig.search, scratch],
-        ),
-        (
-            cost.average_columns,
-            (n, h, w, search),
-            [scratch, arms, rig.column_shares, rig.search, support_cost],
-        ),
-    ):
-        wp.launch(kernel, size, inputs=arguments, device=device)
+    views = (words[0], levels[0], words[1], levels[1], rig.brightness, rig.search)
+    launch(cost.grow_arms, left.shape, device, levels[0], rig.search, arms)
+    launch(cost.sum_cost_along_rows, (n, h, search), device, *views, support_cost)
+    means = (arms, rig.row_shares, rig.search)
+    launch(cost.sum_means_along_columns, (n, w, search), device, support_cost, *means, scratch)
+    means = (arms, rig.column_shares, rig.search)
+    launch(cost.average_columns, (n, h, w, search), device, scratch, *means, support_cost)
 
 
 def _median(disparity: Any, setting: Refinement) -> Any:
@@ -214,8 +188,7 @@ def _median(disparity: Any, setting: Refinement) -> Any:
         return disparity
     filtered = wp.empty_like(disparity)
     kernel = refinement.median(setting.median_px)
-    device = disparity.device
-    wp.launch(kernel, disparity.shape, inputs=[disparity], outputs=[filtered], device=device)
+    launch(kernel, disparity.shape, disparity.device, disparity, filtered)
     return filtered
 
 
@@ -234,13 +207,9 @@ def _mean(disparity: Any, columns: int, rows: int, setting: Refinement, weight: 
         weight = wp.empty((0, 0, 0), dtype=float, device=device)
     for down, side in enumerate((columns, rows)):
         averaged, gathered = wp.empty_like(disparity), wp.empty_like(disparity)
-        wp.launch(
-            refinement.average,
-            disparity.shape,
-            inputs=[disparity, weight, side // 2, down, setting.smooth_step_px],
-            outputs=[averaged, gathered],
-            device=device,
-        )
+        window = (side // 2, down, setting.smooth_step_px)
+        arguments = (disparity, weight, *window, averaged, gathered)
+        launch(refinement.average, disparity.shape, device, *arguments)
         disparity, weight = averaged, gathered
     return disparity
 
@@ -255,16 +224,13 @@ def _sink_islands(disparity: Any, reason: Any, rig: MatchRig) -> None:
     """Apply locking and quantum, and remove small islands."""
     shape, device = disparity.shape, rig.device
     island = wp.empty(math.prod(shape), dtype=int, device=device)
-    wp.launch(checks.settle, shape, inputs=[rig.limits, disparity, island], device=device)
+    launch(checks.settle, shape, device, rig.limits, disparity, island)
     if not rig.matcher.checks.speckle_count:
         return
     count = wp.zeros_like(island)
-    for kernel, size, arguments in (
-        (checks.join_islands, shape, [disparity, rig.limits, island]),
-        (checks.count_islands, island.shape, [island, count]),
-        (checks.sink_islands, shape, [island, count, rig.limits, disparity, reason]),
-    ):
-        wp.launch(kernel, size, inputs=arguments, device=device)
+    launch(checks.join_islands, shape, device, disparity, rig.limits, island)
+    launch(checks.count_islands, island.shape, device, island, count)
+    launch(checks.sink_islands, shape, device, island, count, rig.limits, disparity, reason)
 
 
 def _gaussian(sigma_px: float) -> np.ndarray[Any, Any]:

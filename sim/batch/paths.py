@@ -2,17 +2,17 @@
 
 A path's costs of all disparities are a tile in the memory of a block of threads.
 """
-# pyright: reportInvalidTypeForm=false, reportArgumentType=false, reportCallIssue=false
-# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportAttributeAccessIssue=false
+# pyright: reportInvalidTypeForm=false
 
 from __future__ import annotations
 
 from functools import cache
 from typing import Any
 
-import warp as wp
-
+from starling.sim.batch import handoff
 from starling.sim.stereo.paths import WALL
+
+wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
 
 wp.set_module_options({"enable_backward": False})
 
@@ -76,7 +76,7 @@ def sweep(search: int) -> Any:
         before = wp.tile_view(state, offset=(0,), shape=(search,))
         same = wp.tile_view(state, offset=(1,), shape=(search,))
         after = wp.tile_view(state, offset=(2,), shape=(search,))
-        floor = int(0)
+        floor = wp.int32(0)
         for i in range(steps):
             y = i
             x = (path + dx * i) % w  # A diagonal that leaves the image enters at the other side.
@@ -120,7 +120,7 @@ class Peaks:
 def _vertex(below: int, middle: int, above: int) -> wp.vec2:  # pragma: no cover - compiled
     """Vertex in [-1, 1] px from the middle of a parabola through three costs, and curvature."""
     curvature = wp.max(below + above - 2 * middle, 0)
-    vertex = float(0.0)
+    vertex = wp.float32(0.0)
     if curvature > 0:
         vertex = wp.clamp(float(below - above) / float(2 * curvature), -1.0, 1.0)
     return wp.vec2(vertex, float(curvature))
@@ -156,7 +156,7 @@ def choose_left(
     w = best_at.shape[2]
     start = ((e * h + y) * w + x) * search
     lowest = int(_NONE)
-    best = int(0)
+    best = wp.int32(0)
     for d in range(search):
         value = int(total[start + d])
         if value < lowest:
@@ -206,7 +206,7 @@ def choose_right(
     w = best_at.shape[2]
     row = (e * h + y) * w
     lowest = int(_NONE)
-    best = int(-1)
+    best = wp.int32(-1)
     for d in range(search):
         column = x + least + d
         if column < w:

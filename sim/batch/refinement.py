@@ -2,15 +2,16 @@
 
 `starling.sim.stereo.subpixel` is the reference.
 """
-# pyright: reportInvalidTypeForm=false, reportArgumentType=false, reportCallIssue=false
-# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportAttributeAccessIssue=false
+# pyright: reportInvalidTypeForm=false
 
 from __future__ import annotations
 
 from functools import cache
 from typing import Any
 
-import warp as wp
+from starling.sim.batch import handoff
+
+wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
 
 wp.set_module_options({"enable_backward": False})
 
@@ -104,15 +105,15 @@ def average(
     h = disparity.shape[1]
     w = disparity.shape[2]
     centre = disparity[e, y, x]
-    total = float(0.0)
-    count = float(0.0)
+    total = wp.float32(0.0)
+    count = wp.float32(0.0)
     for k in range(-reach, reach + 1):
         row = y + k * down
         column = x + k * (1 - down)
         if row >= 0 and row < h and column >= 0 and column < w:
             off = disparity[e, row, column] - centre
             if wp.abs(off) <= step:  # False for NaN.
-                counts = float(1.0)
+                counts = wp.float32(1.0)
                 if weight.shape[0] > 0:
                     counts = weight[e, row, column]
                 total += off * counts

@@ -8,6 +8,7 @@ from starling.sim.sensor.matcher import CensusSemiGlobal
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.warp import depth_input
 
+_LARGEST_VOLUME = 2**31 - 1  # Kernels count with 32 bits.
 _ADVICE = "Corrupt each image by itself: corruptor(depth_m)."
 
 
@@ -30,6 +31,13 @@ def refuse_unsupported(sensor: Sensor, camera: depth_input.DepthCamera) -> None:
     if not isinstance(sensor.matcher.engine, CensusSemiGlobal):
         name, rule = "matcher.engine", "must be CensusSemiGlobal in a batch"
         raise errors.refuse(name, rule, type(sensor.matcher.engine).__name__, _ADVICE)
+    volume = sensor.width * sensor.height * sensor.matcher.search_px
+    if volume > _LARGEST_VOLUME:
+        name, rule = (
+            "width x height x matcher.search_px",
+            f"must be <= {_LARGEST_VOLUME} in a batch",
+        )
+        raise errors.refuse(name, rule, volume, "Search fewer disparities.")
     values: dict[str, tuple[object, object]] = {  # Value, and the neutral value.
         "kind": (sensor.kind, "stereo"),
         "projector.flicker": (sensor.projector.flicker, 0.0),

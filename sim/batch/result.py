@@ -2,18 +2,18 @@
 
 Images have the shape (n, h, w). `starling.sim.causes` explains the causes.
 """
-# pyright: reportInvalidTypeForm=false, reportArgumentType=false, reportCallIssue=false
-# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportAttributeAccessIssue=false
+# pyright: reportInvalidTypeForm=false
 
 from __future__ import annotations
 
 from typing import Any
 
-import warp as wp
-
 from starling.sim import causes
+from starling.sim.batch import handoff
 from starling.sim.reason import Reason
 from starling.sim.warp.kernels import SLACK_PX, SLACK_SHARE
+
+wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
 
 wp.set_module_options({"enable_backward": False})
 
@@ -76,8 +76,8 @@ def _light_cause(
     """Too little signal or saturation in the window, or neither."""
     h = radiance.shape[1]
     w = radiance.shape[2]
-    total = float(0.0)
-    burnt = int(0)
+    total = wp.float32(0.0)
+    burnt = wp.int32(0)
     for j in range(_WINDOW):
         for i in range(_WINDOW):
             row = wp.abs(y + j - _WINDOW // 2)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import warp as wp
 
 from starling.sim.arrays import Image
+from starling.sim.batch import handoff
 from starling.sim.batch.imaging import PixelChain, Spot
 from starling.sim.batch.light import EmitterBeam, PairCamera
 from starling.sim.geometry.pinhole import Pinhole
@@ -20,6 +20,8 @@ from starling.sim.render.emission import NEAREST_M
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Imager, Sensor
 from starling.sim.warp import layers
+
+wp: Any = handoff.import_warp()
 
 Side = Literal["left", "right"]
 
