@@ -14,7 +14,7 @@ from starling.sim.imaging.imager import converter, electrons_per_radiance
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.post.chain import LARGEST_CODE
-from starling.sim.warp import depth_input
+from starling.sim.warp import depth_input, suspicions
 
 wp: Any = handoff.import_warp()
 
@@ -56,7 +56,10 @@ class BatchRig:
 
 
 def build(sensor: Sensor, scene: Scene, device: Any) -> BatchRig:
-    """Copy the constants of a sensor to a Warp device."""
+    """Copy the constants of a sensor to a Warp device, and warn of parts without dots."""
+    matrix = np.array([[sensor.fx_px, 0, sensor.cx_px], [0, sensor.fy_px, sensor.cy_px], [0, 0, 1]])
+    camera = depth_input.DepthCamera(matrix, (sensor.height, sensor.width))
+    suspicions.warn_of_cameras(camera, sensor)
     return BatchRig(
         sensor=sensor,
         device=device,
