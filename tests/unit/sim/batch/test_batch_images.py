@@ -101,8 +101,9 @@ def test_images_without_noise_are_those_of_the_compiled_path(
 
 @pytest.mark.parametrize("changes", [(), ("post.far_m=1.4",), DARK])
 def test_reasons_and_depth_are_those_of_the_compiled_path(changes: tuple[str, ...]) -> None:
-    """Both paths match the infrared pair of the batch."""
-    sensor = steps.without_noise(steps.sensor(*changes))
+    """Both paths match the noisy infrared pair of the batch."""
+    noisy = steps.sensor(*changes)
+    sensor = dataclasses.replace(noisy, projector=noisy.projector.steady())
     corruptor, rig = build(sensor)
     depth = steps.depth_image()
     clean = wp.array(depth[None], dtype=float)
@@ -115,7 +116,10 @@ def test_reasons_and_depth_are_those_of_the_compiled_path(changes: tuple[str, ..
     layers = corruptor.shoot(depth).layers
     pair = simulate.infrared(layers, corruptor._scene, sensor)
     causes = geometric_causes(layers.truth, sensor) | photometric_causes(
-        sensor.left, pair.electrons, pair.left, exposure_s=pair.exposure.exposure_s
+        sensor.left,
+        pair.electrons,
+        codes_l.delivered.numpy()[0],
+        exposure_s=pair.exposure.exposure_s,
     )
     left, right = codes_l.matched.numpy()[0], codes_r.matched.numpy()[0]
     expected = measure(left, right, sensor, causes=causes)
