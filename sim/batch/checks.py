@@ -101,7 +101,7 @@ def reject(
     right: wp.array3d(dtype=float),
     texture: wp.array3d(dtype=wp.vec2i),
     limits: Limits,
-    kept: wp.array3d(dtype=float),
+    accepted: wp.array3d(dtype=float),
     reason: wp.array3d(dtype=wp.uint8),
 ):  # pragma: no cover - compiled
     """Apply the checks; the lowest code wins.
@@ -113,7 +113,7 @@ def reject(
         left, right: (n, h, w) disparities that the left-right check compares [px].
         texture: (n, h, w) of `sum_texture`; () accepts every texture.
         limits: thresholds.
-        kept: (n, h, w) filled with accepted disparities, NaN elsewhere.
+        accepted: (n, h, w) filled with disparities that pass, NaN elsewhere.
         reason: (n, h, w) filled with codes.
     """
     e, y, x = wp.tid()
@@ -133,47 +133,47 @@ def reject(
         code = _AMBIGUOUS
     if int(best[e, y, x]) > x:
         code = _OUTSIDE
-    kept[e, y, x] = disparity[e, y, x]
+    accepted[e, y, x] = disparity[e, y, x]
     if code > _VALID:
-        kept[e, y, x] = wp.NAN
+        accepted[e, y, x] = wp.NAN
     reason[e, y, x] = code
 
 
 @wp.kernel
 def reject_outside(
-    limits: Limits, kept: wp.array3d(dtype=float), reason: wp.array3d(dtype=wp.uint8)
+    limits: Limits, accepted: wp.array3d(dtype=float), reason: wp.array3d(dtype=wp.uint8)
 ):  # pragma: no cover - compiled
     """Reject matches left of the right image; a hole has the disparity of its right neighbour.
 
-    A thread has one row. `kept` and `reason` (n, h, w) are changed.
+    A thread has one row. `accepted` and `reason` (n, h, w) are changed.
     """
     e, y = wp.tid()
-    width = wp.min(2 * (limits.reach + int(wp.ceil(limits.border))), kept.shape[2])
+    width = wp.min(2 * (limits.reach + int(wp.ceil(limits.border))), accepted.shape[2])
     following = float(wp.NAN)
     for i in range(width):
         x = width - 1 - i
-        value = kept[e, y, x]
+        value = accepted[e, y, x]
         if wp.isfinite(value):
             following = value
         if following > float(x) - limits.border:  # False for NaN.
-            kept[e, y, x] = wp.NAN
+            accepted[e, y, x] = wp.NAN
             reason[e, y, x] = _OUTSIDE
 
 
 @wp.kernel
 def settle(
-    limits: Limits, kept: wp.array3d(dtype=float), island: wp.array(dtype=int)
+    limits: Limits, accepted: wp.array3d(dtype=float), island: wp.array(dtype=int)
 ):  # pragma: no cover - compiled
-    """Apply pixel locking and the quantum to `kept` (n, h, w), and start the islands.
+    """Apply pixel locking and the quantum to `accepted` (n, h, w), and start the islands.
 
     Args:
         limits: thresholds.
-        kept: (n, h, w) disparities [px].
+        accepted: (n, h, w) disparities [px].
         island: (n h w,) filled with each pixel's own index, -1 without disparity.
     """
     e, y, x = wp.tid()
-    i = (e * kept.shape[1] + y) * kept.shape[2] + x
-    value = kept[e, y, x]
+    i = (e * accepted.shape[1] + y) * accepted.shape[2] + x
+    value = accepted[e, y, x]
     island[i] = -1
     if wp.isnan(value):
         return
@@ -181,7 +181,7 @@ def settle(
         value -= limits.locking * wp.sin(2.0 * wp.PI * (value - wp.rint(value)))
     if limits.quantum > 0.0:
         value = wp.rint(value / limits.quantum) * limits.quantum
-    kept[e, y, x] = value
+    accepted[e, y, x] = value
     island[i] = i
 
 
@@ -195,7 +195,7 @@ def _root(island: wp.array(dtype=int), start: int) -> int:  # pragma: no cover -
 
 @wp.func
 def _unite(island: wp.array(dtype=int), first: int, second: int):  # pragma: no cover - compiled
-    """Unite two islands. The root is the least index, whatever the order of threads.
+    """Unite two islands. The root is the least index in any order of threads.
 
     Source: Playne and Hawick, IEEE TPDS 29(6), 2018, "A new algorithm for parallel
     connected-component labelling on GPUs".
@@ -215,28 +215,28 @@ def _unite(island: wp.array(dtype=int), first: int, second: int):  # pragma: no 
 
 @wp.kernel
 def join_islands(
-    kept: wp.array3d(dtype=float), limits: Limits, island: wp.array(dtype=int)
+    accepted: wp.array3d(dtype=float), limits: Limits, island: wp.array(dtype=int)
 ):  # pragma: no cover - compiled
     """Unite each pixel's island with those of its right and lower neighbours.
 
     Args:
-        kept: (n, h, w) disparities [px], compared as whole sixteenths.
+        accepted: (n, h, w) disparities [px], compared as whole sixteenths.
         limits: thresholds.
         island: (n h w,) of `settle`; each pixel leads to the root of its island.
     """
     e, y, x = wp.tid()
-    h = kept.shape[1]
-    w = kept.shape[2]
+    h = accepted.shape[1]
+    w = accepted.shape[2]
     i = (e * h + y) * w + x
     if island[i] < 0:
         return
-    fixed = int(kept[e, y, x] * 16.0)
+    fixed = int(accepted[e, y, x] * 16.0)
     if x + 1 < w and island[i + 1] >= 0:
-        off = wp.abs(int(kept[e, y, x + 1] * 16.0) - fixed)
+        off = wp.abs(int(accepted[e, y, x + 1] * 16.0) - fixed)
         if float(off) <= limits.step:
             _unite(island, i, i + 1)
     if y + 1 < h and island[i + w] >= 0:
-        off = wp.abs(int(kept[e, y + 1, x] * 16.0) - fixed)
+        off = wp.abs(int(accepted[e, y + 1, x] * 16.0) - fixed)
         if float(off) <= limits.step:
             _unite(island, i, i + w)
 
@@ -256,12 +256,12 @@ def sink_islands(
     island: wp.array(dtype=int),
     count: wp.array(dtype=int),
     limits: Limits,
-    kept: wp.array3d(dtype=float),
+    accepted: wp.array3d(dtype=float),
     reason: wp.array3d(dtype=wp.uint8),
 ):  # pragma: no cover - compiled
-    """Remove islands of few pixels from `kept` and `reason` (n, h, w)."""
+    """Remove islands of few pixels from `accepted` and `reason` (n, h, w)."""
     e, y, x = wp.tid()
-    i = (e * kept.shape[1] + y) * kept.shape[2] + x
+    i = (e * accepted.shape[1] + y) * accepted.shape[2] + x
     if island[i] >= 0 and count[_root(island, i)] <= limits.speckle:
-        kept[e, y, x] = wp.NAN
+        accepted[e, y, x] = wp.NAN
         reason[e, y, x] = _SPECKLE

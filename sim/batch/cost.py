@@ -142,7 +142,7 @@ def sum_cost_along_rows(
     Args:
         bits, level: (n, h, w) of the left image.
         bits_r, level_r: (n, h, w) of the right image.
-        limits: differences of brightness above each of which the cost rises by one bit [DN].
+        limits: the cost rises by one bit above each of these differences of brightness [DN].
         setting: sizes.
         sums: flat volume [bit].
     """

@@ -45,11 +45,8 @@ def sweep(search: int) -> Any:
 
     Launch it tiled, with (n, h) blocks for a direction along rows and (n, w) for the others.
 
-    Args of the kernel:
-        cost, total: flat volumes.
-        h, w: size of the images.
-        dx, dy: one of `DIRECTIONS`.
-        p1, p2: penalties in the unit of the cost.
+    The kernel takes the volumes of costs and totals, h, w, one of `DIRECTIONS`, and two penalties
+    in the unit of the cost.
 
     Args:
         search: number of disparities.

@@ -43,9 +43,7 @@ def comparisons(count: int) -> list[tuple[int, int]]:
 def median(side: int) -> Any:
     """Return the kernel of a median over a square window of 3 or 5 px.
 
-    Args of the kernel:
-        disparity: (n, h, w) [px]; NaN counts as 0 in a window, and stays.
-        out: (n, h, w) is filled.
+    The kernel fills an image (n, h, w) from another. NaN counts as 0 in a window, and stays.
 
     Args:
         side: side of the window [px].

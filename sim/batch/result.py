@@ -101,7 +101,7 @@ def _light_cause(
 
 @wp.kernel
 def conclude(
-    kept: wp.array3d(dtype=float),
+    accepted: wp.array3d(dtype=float),
     disparity: wp.array3d(dtype=float),
     right: wp.array3d(dtype=float),
     lit: wp.array3d(dtype=wp.uint8),
@@ -115,7 +115,7 @@ def conclude(
     """Triangulate, limit the range, and give each missing pixel its first cause.
 
     Args:
-        kept: (n, h, w) disparities of the matcher [px], NaN without disparity.
+        accepted: (n, h, w) disparities of the matcher [px], NaN without disparity.
         disparity, right: (n, h, w) true disparities of both views [px], 0 without a surface.
         lit: (n, h, w) of `light_by_beam`.
         radiance: (n, h, w) of the left image.
@@ -127,7 +127,7 @@ def conclude(
     """
     e, y, x = wp.tid()
     z = float(wp.NAN)
-    value = kept[e, y, x]
+    value = accepted[e, y, x]
     if value > 0.0:
         z = outcome.focal_baseline / value
     code = reason[e, y, x]

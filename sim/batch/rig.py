@@ -33,7 +33,7 @@ class LightRig:
     camera: Any  # `light.PairCamera`
     focal_baseline: float  # With the true baseline [px m].
     beams: tuple[tuple[Any, Any], ...]  # `light.EmitterBeam` and the levels of its pattern.
-    margin: int  # Columns beside an emitter's view [px].
+    margin: int  # Columns on each side of an emitter's view [px].
     power: float  # [W]
     irradiance: float  # Of the sky [W m^-2].
     gradient: float

@@ -134,13 +134,13 @@ def test_reasons_and_depth_are_those_of_the_compiled_path(changes: tuple[str, ..
 def test_reflectance_is_that_of_the_compiled_path(kind: str) -> None:
     corruptor, _ = build(steps.without_noise(steps.sensor("imager.auto_exposure_level=0.0")))
     depth = steps.depth_image()
-    given: dict[str, Any] = {
+    images_of: dict[str, Any] = {
         "image": np.linspace(0, 1, depth.size, dtype=np.float32).reshape(depth.shape),
         "rgb": np.random.default_rng(0).integers(0, 256, (*depth.shape, 3), np.uint8),
         "number": 0.9,
     }
-    expected = corruptor(depth, reflectance=given[kind])
-    ours = 0.9 if kind == "number" else wp.array(given[kind][None])
+    expected = corruptor(depth, reflectance=images_of[kind])
+    ours = 0.9 if kind == "number" else wp.array(images_of[kind][None])
     seen = corruptor.batch(wp.array(depth[None], dtype=float), reflectance=ours)
     off = np.abs(seen.ir_left.numpy()[0].astype(float) - expected.ir_left)
     assert np.quantile(off, 0.99) <= 1

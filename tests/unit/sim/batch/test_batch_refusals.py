@@ -33,8 +33,8 @@ def test_tensors_return_tensors() -> None:
         image = getattr(seen, name)
         assert image.dtype == types.get(name, torch.uint8)
         assert image.device == depth.device
-        kept = getattr(expected, name).numpy()
-        assert np.array_equal(image.numpy(), kept, equal_nan=kept.dtype.kind == "f")
+        image_warp = getattr(expected, name).numpy()
+        assert np.array_equal(image.numpy(), image_warp, equal_nan=image_warp.dtype.kind == "f")
 
 
 def test_arrays_need_no_torch() -> None:
