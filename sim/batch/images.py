@@ -16,7 +16,7 @@ wp: Any = handoff.import_warp()
 
 
 @dataclass(frozen=True, slots=True)
-class Draws:
+class SliceDraws:
     """Random streams of the environments of a slice."""
 
     seed: int
@@ -31,7 +31,7 @@ class Draws:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class LitView:
     """Surfaces and light of one imager, each (n, h, w)."""
 
     disparity: Any  # [px], 0 without a surface.
@@ -56,7 +56,7 @@ class Codes:
     matched: Any  # uint16, the matcher's.
 
 
-def light_views(clean: Any, reflectance: Any, rig: LightRig) -> tuple[View, View]:
+def light_views(clean: Any, reflectance: Any, rig: LightRig) -> tuple[LitView, LitView]:
     """Warp depth images (n, h, w) into the right view, and light both views.
 
     Args:
@@ -92,14 +92,14 @@ def light_views(clean: Any, reflectance: Any, rig: LightRig) -> tuple[View, View
     return left, right
 
 
-def _views(shape: tuple[int, ...], device: Any) -> View:
+def _views(shape: tuple[int, ...], device: Any) -> LitView:
     disparity, reflectance, radiance = (
         wp.empty(shape, dtype=dtype, device=device) for dtype in (float, float, wp.vec2)
     )
-    return View(disparity, reflectance, radiance, wp.zeros(shape, dtype=wp.uint8, device=device))
+    return LitView(disparity, reflectance, radiance, wp.zeros(shape, dtype=wp.uint8, device=device))
 
 
-def form(view: View, side: Side, rig: SideRig, draws: Draws) -> Formed:
+def form(view: LitView, side: Side, rig: SideRig, draws: SliceDraws) -> Formed:
     """Form the image of a view on its imager."""
     shape, device = view.light.shape, view.light.device
     n, h, w = shape
@@ -132,7 +132,7 @@ def expose(left: Formed, rule: ExposureRule, exposure_s: Any) -> None:
 
 
 def read_out(
-    formed: Formed, exposure_s: Any, side: Side, rig: SideRig, draws: Draws, delivered: Any
+    formed: Formed, exposure_s: Any, side: Side, rig: SideRig, draws: SliceDraws, delivered: Any
 ) -> Codes:
     """Convert an image to codes, with all noise of the imager.
 

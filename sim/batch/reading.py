@@ -116,7 +116,7 @@ def corrupt(
             part = slice(first, min(first + step, shape[0]))
             outputs = {name: getattr(out, name)[part] for name in BatchReading.__slots__}
             known = share if isinstance(share, float) else share[part]
-            draws = images.Draws(seed, frame, first)
+            draws = images.SliceDraws(seed, frame, first)
             _corrupt_slice(clean[part], known, constants, draws, BatchReading(**outputs))
         names = BatchReading.__slots__
         returned = {name: handoff.like(getattr(out, name), depth) for name in names}
@@ -144,7 +144,7 @@ def _share(reflectance: Any, clean: Any) -> Any:
 
 
 def _corrupt_slice(
-    clean: Any, reflectance: Any, constants: BatchRig, draws: images.Draws, out: BatchReading
+    clean: Any, reflectance: Any, constants: BatchRig, draws: images.SliceDraws, out: BatchReading
 ) -> None:
     """Corrupt a slice of the environments into a slice of the results."""
     left, right = images.light_views(clean, reflectance, constants.light)

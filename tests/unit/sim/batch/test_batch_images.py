@@ -107,7 +107,7 @@ def test_reasons_and_depth_are_those_of_the_compiled_path(changes: tuple[str, ..
     corruptor, rig = build(sensor)
     depth = steps.depth_image()
     clean = wp.array(depth[None], dtype=float)
-    views, draws = images.light_views(clean, 0.5, rig.light), images.Draws(0, 0, 0)
+    views, draws = images.light_views(clean, 0.5, rig.light), images.SliceDraws(0, 0, 0)
     formed_l = images.form(views[0], "left", rig.left, draws)
     formed_r = images.form(views[1], "right", rig.right, draws)
     seen = corruptor.batch(clean)
