@@ -36,6 +36,7 @@ def infrared(sensor: Sensor, seed: int) -> tuple[np.ndarray[Any, Any], np.ndarra
     [
         (),
         ("imager.dropped_bits=0",),
+        ("matcher.search_px=48",),  # A tile smaller than its block of threads.
         ("matcher.min_disparity_px=3", "matcher.checks.border_px=2.5"),
         ("matcher.checks.left_right_mean_px=0", "matcher.checks.uniqueness=3.0"),
         ("matcher.engine.second_peak=30.0", "matcher.engine.neighbour_peak=15.0"),
