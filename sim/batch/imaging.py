@@ -341,3 +341,7 @@ def digitise(
     delivered[e, y, x] = delivered.dtype(int(wp.clamp(wp.rint(level), 0.0, die.ceiling)))
     codes = wp.clamp(wp.rint(level * die.finer), 0.0, die.matched_ceiling)
     matched[e, y, x] = wp.uint16(int(codes))
+
+
+for _codes in (wp.uint8, wp.int32):  # Both are compiled together.
+    wp.overload(digitise, {"delivered": wp.array3d(dtype=_codes)})

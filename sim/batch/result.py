@@ -149,3 +149,7 @@ def conclude(
         if cause != _NONE:
             code = cause
     reason[e, y, x] = code
+
+
+for _codes in (wp.uint8, wp.int32):  # Both are compiled together.
+    wp.overload(conclude, {"delivered": wp.array3d(dtype=_codes)})
