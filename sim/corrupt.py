@@ -6,7 +6,7 @@ import dataclasses
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,9 @@ from starling.sim.stereo.depth import to_code
 from starling.sim.stereo.post.temporal import History
 from starling.sim.warp import depth_input, suspicions
 from starling.sim.warp.layers import DepthScene, layers
+
+if TYPE_CHECKING:  # Warp is an extra.
+    from starling.sim.batch.reading import BatchReading, BatchRig
 
 # Daylight in the imager's band [W m^-2 / lux], for an assumed band of 50 nm. ASTM G173 (AM1.5
 # global) has 0.89 W m^-2 nm^-1 at 850 nm, and 109 klux.
@@ -78,6 +81,7 @@ class Corruptor:
         self.sensor, self._scene = setting.apply(device, _SCENE, effects or {})
         refuse_impossible(self.sensor, 2)
         self._warned: tuple[int, ...] = ()  # Size of the images that were looked at.
+        self._rigs: dict[str, BatchRig] = {}  # Constants of batches, by device.
 
     def warm(self, shape: tuple[int, int]) -> None:
         """Compile and fill all tables, so that the first call is as fast as the others.
@@ -196,6 +200,40 @@ class Corruptor:
         )
         device = _searching(sensor, depth)
         return expose(rendered, scene, device, seed=seed, frame=frame, past=past)
+
+    def batch(
+        self, depth: Any, *, reflectance: Any = None, seed: int = 0, frame: int = 0
+    ) -> BatchReading:
+        """Corrupt depth images of many environments on their device, without a copy to the host.
+
+        All environments have the same sensor, and random numbers of their own. Memory beyond the
+        results is bounded by 2 GiB or one environment (`batch.reading.SLICE_BYTES`). The first
+        call compiles. Values are not checked: 0, negative numbers, NaN and infinity are no surface.
+
+        Args:
+            depth: (environments, h, w) float32 along the optical axis [m], a torch tensor or a Warp
+                array. Size and camera are those of the sensor.
+            reflectance: as in `starling.corrupt`, for all environments; arrays of the same kind
+                are (environments, h, w) float32 or (environments, h, w, 3) uint8.
+            seed: as in `starling.corrupt`.
+            frame: as in `starling.corrupt`.
+
+        Raises:
+            InputError: if `warp-lang` is not installed, the arrays have another shape or type, or
+                the sensor has settings that a batch cannot imitate.
+        """
+        from starling.sim.batch import handoff
+
+        handoff.import_warp()
+        from starling.sim.batch import reading  # The import needs Warp.
+
+        seed = errors.whole_number("seed", seed, 0, 2**63 - 1)
+        frame = errors.whole_number("frame", frame, 0, 2**63 - 1)
+        device = reading.admit(depth, self.sensor, self.camera_matrix).device
+        if device.alias not in self._rigs:
+            self._rigs[device.alias] = reading.build(self.sensor, self._scene, device)
+        rig = self._rigs[device.alias]
+        return reading.corrupt(depth, reflectance, rig, seed=seed, frame=frame)
 
 
 # The layers hold the surfaces; the body gives them a name.

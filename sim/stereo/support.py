@@ -95,7 +95,7 @@ def _shares(scale: int) -> NDArray[np.uint16]:
     return table
 
 
-def _limits(weight: int, cap_dn: int) -> NDArray[np.uint8]:
+def difference_limits(weight: int, cap_dn: int) -> NDArray[np.uint8]:
     """Return the differences above each of which the cost rises by one more bit [DN].
 
     Args:
@@ -149,7 +149,7 @@ class SupportCost:
             sizes,
             self.reach,
             self.least_px,
-            _limits(self.weight, self.cap_dn),
+            difference_limits(self.weight, self.cap_dn),
             (_ROW_SHARES, _COLUMN_SHARES),
             self._sums,
             (first, start, len(out)),

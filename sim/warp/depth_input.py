@@ -15,7 +15,7 @@ from starling.sim import arrays
 from starling.sim.arrays import Image
 from starling.sim.sensor.sensor import Sensor
 
-_NEAREST_M = 1e-3  # Nearer surfaces are errors of the renderer.
+NEAREST_SURFACE_M = 1e-3  # Nearer surfaces are errors of the renderer.
 _METRES = 50.0  # A larger median is in millimetres [m].
 _JUMP = 0.02  # A larger relative depth difference of neighbours separates surfaces.
 REFLECTANCE = 0.5  # Of unknown surfaces.
@@ -57,8 +57,8 @@ def checked_depth(
     if not known.size:
         raise errors.refuse(name, "must hold a surface", "none", "Is the camera in a wall?")
     nearest = float(known.min())
-    if nearest < np.float32(_NEAREST_M):
-        rule = f"must be 0 or >= {_NEAREST_M:g} m"
+    if nearest < np.float32(NEAREST_SURFACE_M):
+        rule = f"must be 0 or >= {NEAREST_SURFACE_M:g} m"
         raise errors.refuse(name, rule, f"{nearest:g}", "Write 0 where there is no surface.")
     middle = float(np.median(known))
     if middle > _METRES:

@@ -12,10 +12,10 @@ import numpy as np
 from starling.sim.render.emission import NEAREST_M
 
 _f4 = np.float32
-_SLACK_SHARE = _f4(1.002)  # A surface hides those behind it by more than this share,
-_SLACK_PX = _f4(0.35)  # and this disparity [px]; rasterisation errs by less.
-_INSET_PX = _f4(2)  # Reflectance of hidden surfaces is taken this far from the edge [px].
-_NEAREST_M = _f4(1e-4)  # Least distance from an emitter [m]; prevents division by zero.
+SLACK_SHARE = _f4(1.002)  # A surface hides those behind it by more than this share,
+SLACK_PX = _f4(0.35)  # and this disparity [px]; rasterisation errs by less.
+NEAREST_EMITTER_M = _f4(1e-4)  # Least distance from an emitter [m]; prevents division by zero.
+INSET_PX = _f4(2)  # Reflectance of hidden surfaces is taken this far from the edge [px].
 _FULL_BLUR_M = _f4(NEAREST_M)  # Defocus on closer surfaces is that at this distance.
 
 
@@ -82,8 +82,8 @@ def fill_row(out, source, nearer, nearer_source):  # pragma: no cover - compiled
         if before <= 0 and after <= 0:
             return
         from_left = after <= 0 or 0 < before <= after
-        left = source[x - 1] - _INSET_PX if x > 0 else _f4(0)
-        right = source[end] + _INSET_PX if end < n else _f4(n)
+        left = source[x - 1] - INSET_PX if x > 0 else _f4(0)
+        right = source[end] + INSET_PX if end < n else _f4(n)
         out[x:end], nearer[x:end] = (before, after) if from_left else (after, before)
         source[x:end], nearer_source[x:end] = (left, right) if from_left else (right, left)
         x = end
@@ -190,14 +190,14 @@ def light_rows(
             if scale != 1:
                 nx, ny = lx / scale, ly / scale
                 nz = np.sqrt(max(lx * lx + ly * ly + lz * lz - nx * nx - ny * ny, _f4(0)))
-            if lz < _NEAREST_M or nz < _NEAREST_M:
+            if lz < NEAREST_EMITTER_M or nz < NEAREST_EMITTER_M:
                 continue
             slope_x, slope_y = nx / nz, ny / nz
             if abs(slope_x) > half_x or abs(slope_y) > half_y:
                 continue
             column = _f4(x) + (place - from_emitter) * d + margin
             i = min(max(int(np.floor(column)), 0), shadow.shape[0] - 2)
-            if min(shadow[i], shadow[i + 1]) > d * _SLACK_SHARE + _SLACK_PX:
+            if min(shadow[i], shadow[i + 1]) > d * SLACK_SHARE + SLACK_PX:
                 continue
             tx, tv = slope_x * across + mid_x, slope_y * along + mid_y
             if count == 1:
@@ -326,4 +326,4 @@ def right_rows(
             if i < 0 or i >= w:
                 continue
             nearest = min(row[max(i - 1, 0)], row[i], row[min(i + 1, w - 1)])
-            seen[y, x] = nearest <= d * _SLACK_SHARE + _SLACK_PX
+            seen[y, x] = nearest <= d * SLACK_SHARE + SLACK_PX

@@ -161,7 +161,7 @@ def _hidden_from_emitters(
     """Disparities that each emitter sees (h, n), and the left margin of its view [px]."""
     views: list[tuple[Image, np.float32]] = []
     reach = float(disparity.max(initial=0.0))
-    for emitter in _emitters(sensor.projector):
+    for emitter in emitter_tables(sensor.projector):
         place = float(emitter[0]) / sensor.true_baseline_m
         margin = int(np.ceil(abs(place) * reach)) + 2
         out = np.zeros((sensor.height, sensor.width + 2 * margin), np.float32)
@@ -198,9 +198,9 @@ def _laser(
     irradiance = np.zeros(view.disparity.shape, np.float32)
     lit = np.zeros(view.disparity.shape, np.bool_)
     for number, seen in enumerate(hidden):
-        emitter = _emitters(sensor.projector)[number]
+        emitter = emitter_tables(sensor.projector)[number]
         constants = np.append(emitter, np.float32(emitter[0] / baseline))
-        pattern = _pattern(sensor.projector, number, sensor.fx_px)
+        pattern = pattern_levels(sensor.projector, number, sensor.fx_px)
 
         def fill(
             part: slice, constants: Any = constants, pattern: Any = pattern, seen: Any = seen
@@ -264,7 +264,7 @@ def _layers(
 
 
 @lru_cache(maxsize=8)
-def _emitters(projector: Projector) -> list[NDArray[np.float32]]:
+def emitter_tables(projector: Projector) -> list[NDArray[np.float32]]:
     """Origin, rotation by columns, half tangents and pattern scale of each emitter (15,)."""
     left_from_projector = frames.pose(projector.position_m, projector.rotation_deg)
     half = emission.half_tangents(projector)
@@ -279,7 +279,7 @@ def _emitters(projector: Projector) -> list[NDArray[np.float32]]:
 
 
 @lru_cache(maxsize=8)
-def _pattern(projector: Projector, number: int, fx_px: float) -> tuple[Any, ...]:
+def pattern_levels(projector: Projector, number: int, fx_px: float) -> tuple[Any, ...]:
     """Levels of an emitter's pattern, averaged over a pixel, and their defocus."""
     if projector.defocus_mrad_m:
         defocus = emission.defocus_levels(projector, number)

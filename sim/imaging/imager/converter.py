@@ -25,17 +25,19 @@ def smooth(signal: Image, sigma_px: float) -> Image:
     """
     if sigma_px == 0:
         return signal
-    kernel = _kernel(sigma_px)
+    kernel = smoothing_weights(sigma_px)
     averaged = cv2.sepFilter2D(signal, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REFLECT)
     return np.asarray(averaged, np.float32)
 
 
 def variance_share(sigma_px: float) -> float:
     """Return the share of independent noise's variance left after averaging along one axis."""
-    return 1.0 if sigma_px == 0 else float((_kernel(sigma_px).astype(np.float64) ** 2).sum())
+    return (
+        1.0 if sigma_px == 0 else float((smoothing_weights(sigma_px).astype(np.float64) ** 2).sum())
+    )
 
 
-def _kernel(sigma_px: float):
+def smoothing_weights(sigma_px: float):
     reach = max(int(np.ceil(4 * sigma_px)), 1)
     return np.asarray(cv2.getGaussianKernel(2 * reach + 1, sigma_px, cv2.CV_32F))
 
@@ -53,7 +55,7 @@ def convert(part: Imager, charge: Image) -> Readout:
     signal = charge * np.float32(part.dn_per_electron)
     if part.smoothing_px > 0:
         # The device averages codes, so the signal is clipped before averaging, not after it.
-        np.clip(signal, *_range(part), out=signal)
+        np.clip(signal, *clipping_range(part), out=signal)
         signal = smooth(signal, part.smoothing_px)
     signal = apply_gamma(signal, part.gamma, part.ceiling_dn)
     signal += np.float32(part.black_level_dn)
@@ -76,7 +78,7 @@ def apply_gamma(signal: Image, gamma: float, ceiling_dn: float) -> Image:
     return np.copysign(share, signal, out=share)
 
 
-def _range(part: Imager) -> tuple[np.float32, np.float32]:
+def clipping_range(part: Imager) -> tuple[np.float32, np.float32]:
     """Return the signals that map to code 0 and to the ceiling."""
     ends = np.array([[0, part.ceiling_dn]], np.float32) - np.float32(part.black_level_dn)
     low, high = apply_gamma(ends, 1 / part.gamma, part.ceiling_dn)[0]

@@ -97,12 +97,12 @@ def draw_speckle(
     """
     errors.in_interval("contrast", contrast, 1e-6, 1.0, "Leave speckle out where there is none.")
     errors.in_interval("grain_px", grain_px, 1e-6, 50.0, "It is about lambda N / pitch.")
-    taps = _taps(grain_px)
+    taps = taps_of_grain(grain_px)
     margin = len(taps) // 2
     noise = rng.standard_normal((shape[0] + 2 * margin, shape[1] + 2 * margin), np.float32)
     correlated = np.asarray(cv2.sepFilter2D(noise, cv2.CV_32F, taps, taps), np.float32)
     inner = correlated[margin : margin + shape[0], margin : margin + shape[1]]
-    return _looked_up(inner, _gamma_of_normal(contrast))
+    return _looked_up(inner, gamma_of_normal(contrast))
 
 
 def _pixel_covariance(lag_px: NDArray[np.float64], grain_px: float) -> NDArray[np.float64]:
@@ -121,7 +121,7 @@ def _pixel_covariance(lag_px: NDArray[np.float64], grain_px: float) -> NDArray[n
 
 
 @lru_cache(maxsize=8)
-def _taps(grain_px: float) -> NDArray[np.float32]:
+def taps_of_grain(grain_px: float) -> NDArray[np.float32]:
     """Filter along one axis that gives white noise the correlation of neighbouring pixels."""
     reach = int(np.ceil(2 + 3 * grain_px))
     lag = np.arange(-4 * reach, 4 * reach + 1, dtype=np.float64)
@@ -134,7 +134,7 @@ def _taps(grain_px: float) -> NDArray[np.float32]:
 
 
 @lru_cache(maxsize=16)
-def _gamma_of_normal(contrast: float) -> NDArray[np.float32]:
+def gamma_of_normal(contrast: float) -> NDArray[np.float32]:
     """Gamma variate of mean 1 for each of the standard normal deviates from -6 to 6."""
     normal = np.linspace(-_REACH, _REACH, _ENTRIES)
     looks = contrast**-2
@@ -145,7 +145,7 @@ def _gamma_of_normal(contrast: float) -> NDArray[np.float32]:
 
 @nb.njit(nogil=True, cache=True)
 def _looked_up(normal: Image, table: NDArray[np.float32]) -> Image:
-    """Interpolate in the table of `_gamma_of_normal`, pixel by pixel."""
+    """Interpolate in the table of `gamma_of_normal`, pixel by pixel."""
     out = np.empty(normal.shape, np.float32)
     last = len(table) - 1
     scale = np.float32(last / (2 * _REACH))

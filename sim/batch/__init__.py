@@ -1,0 +1,1 @@
+"""Depth images of many environments, corrupted on one device by NVIDIA Warp kernels."""

@@ -1,0 +1,267 @@
+"""Kernels that reject matches, and remove small islands of disparity.
+
+Images have the shape (n, h, w). `starling.sim.stereo.checks` is the reference. Codes of reasons are
+those of `starling.Reason`.
+"""
+# pyright: reportInvalidTypeForm=false
+
+from __future__ import annotations
+
+from typing import Any
+
+from starling.sim.batch import handoff
+from starling.sim.reason import Reason
+from starling.sim.stereo.checks import TEXTURE_PX
+
+wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
+
+wp.set_module_options({"enable_backward": False})
+
+_TEXTURE = wp.constant(TEXTURE_PX)
+_OUTSIDE = wp.constant(wp.uint8(int(Reason.OUTSIDE_OVERLAP)))
+_AMBIGUOUS = wp.constant(wp.uint8(int(Reason.AMBIGUOUS)))
+_LEFT_RIGHT = wp.constant(wp.uint8(int(Reason.LEFT_RIGHT)))
+_SUPPORT = wp.constant(wp.uint8(int(Reason.SUPPORT)))
+_SPECKLE = wp.constant(wp.uint8(int(Reason.SPECKLE)))
+_VALID = wp.constant(wp.uint8(0))
+
+
+@wp.struct
+class Limits:
+    """Thresholds of the checks."""
+
+    left_right: float  # Largest left-right difference [px].
+    jump: float  # Largest range of disparities in 3x3 pixels [px].
+    texture: float  # Least variance in the left window [codes^2].
+    border: float  # Least distance of a match from the right image's first column [px].
+    reach: int  # Largest searched disparity [px].
+    locking: float  # Amplitude of pixel locking [px].
+    quantum: float  # Step of the result [px]; 0 = no rounding.
+    speckle: int  # Islands of at most this many pixels are removed.
+    step: float  # A larger step separates two islands [1/16 px].
+
+
+@wp.func
+def _reflected(i: int, n: int) -> int:  # pragma: no cover - compiled
+    """Index in an image that is mirrored at its border, without repeating the edge."""
+    k = wp.abs(i)
+    if k >= n:
+        k = 2 * n - 2 - k
+    return wp.clamp(k, 0, n - 1)
+
+
+@wp.kernel
+def sum_texture(
+    codes: wp.array3d(dtype=wp.uint16), sums: wp.array3d(dtype=wp.vec2i)
+):  # pragma: no cover - compiled
+    """Sum codes and squared codes (n, h, w) along rows of the texture's window."""
+    e, y, x = wp.tid()
+    total = wp.vec2i(0, 0)
+    for k in range(_TEXTURE):
+        code = int(codes[e, y, _reflected(x + k - _TEXTURE // 2, codes.shape[2])])
+        total += wp.vec2i(code, code * code)
+    sums[e, y, x] = total
+
+
+@wp.func
+def _variance(
+    sums: wp.array3d(dtype=wp.vec2i), e: int, y: int, x: int
+) -> float:  # pragma: no cover - compiled
+    """Variance of the codes in the texture's window, from whole numbers [codes^2]."""
+    first = wp.int64(0)
+    second = wp.int64(0)
+    for k in range(_TEXTURE):
+        row = sums[e, _reflected(y + k - _TEXTURE // 2, sums.shape[1]), x]
+        first += wp.int64(row[0])
+        second += wp.int64(row[1])
+    count = wp.int64(_TEXTURE * _TEXTURE)
+    return float(second * count - first * first) / float(count * count)
+
+
+@wp.func
+def _range(
+    disparity: wp.array3d(dtype=float), e: int, y: int, x: int
+) -> float:  # pragma: no cover - compiled
+    """Range of disparities in 3x3 pixels [px]."""
+    low = disparity[e, y, x]
+    high = low
+    for j in range(wp.max(y - 1, 0), wp.min(y + 2, disparity.shape[1])):
+        for i in range(wp.max(x - 1, 0), wp.min(x + 2, disparity.shape[2])):
+            low = wp.min(low, disparity[e, j, i])
+            high = wp.max(high, disparity[e, j, i])
+    return high - low
+
+
+@wp.kernel
+def reject(
+    disparity: wp.array3d(dtype=float),
+    best: wp.array3d(dtype=wp.int16),
+    ambiguous: wp.array3d(dtype=wp.uint8),
+    left: wp.array3d(dtype=float),
+    right: wp.array3d(dtype=float),
+    texture: wp.array3d(dtype=wp.vec2i),
+    limits: Limits,
+    accepted: wp.array3d(dtype=float),
+    reason: wp.array3d(dtype=wp.uint8),
+):  # pragma: no cover - compiled
+    """Apply the checks; the lowest code wins.
+
+    Args:
+        disparity: (n, h, w) refined [px].
+        best: (n, h, w) whole winners [px].
+        ambiguous: (n, h, w) of `choose_left`.
+        left, right: (n, h, w) disparities that the left-right check compares [px].
+        texture: (n, h, w) of `sum_texture`; () accepts every texture.
+        limits: thresholds.
+        accepted: (n, h, w) filled with disparities that pass, NaN elsewhere.
+        reason: (n, h, w) filled with codes.
+    """
+    e, y, x = wp.tid()
+    w = disparity.shape[2]
+    code = _VALID
+    if texture.shape[0] > 0 and _variance(texture, e, y, x) < limits.texture:
+        code = _SUPPORT
+    if _range(disparity, e, y, x) > limits.jump:
+        code = _SUPPORT
+    target = x - int(wp.rint(left[e, y, x]))
+    if target >= 0 and target < w:
+        match = right[e, y, target]
+        near = match >= 0.0 and wp.abs(match - left[e, y, x]) <= limits.left_right
+        if not near:  # True for NaN.
+            code = _LEFT_RIGHT
+    if ambiguous[e, y, x] > _VALID:
+        code = _AMBIGUOUS
+    if int(best[e, y, x]) > x:
+        code = _OUTSIDE
+    accepted[e, y, x] = disparity[e, y, x]
+    if code > _VALID:
+        accepted[e, y, x] = wp.NAN
+    reason[e, y, x] = code
+
+
+@wp.kernel
+def reject_outside(
+    limits: Limits, accepted: wp.array3d(dtype=float), reason: wp.array3d(dtype=wp.uint8)
+):  # pragma: no cover - compiled
+    """Reject matches left of the right image; a hole has the disparity of its right neighbour.
+
+    A thread has one row. `accepted` and `reason` (n, h, w) are changed.
+    """
+    e, y = wp.tid()
+    width = wp.min(2 * (limits.reach + int(wp.ceil(limits.border))), accepted.shape[2])
+    following = float(wp.NAN)
+    for i in range(width):
+        x = width - 1 - i
+        value = accepted[e, y, x]
+        if wp.isfinite(value):
+            following = value
+        if following > float(x) - limits.border:  # False for NaN.
+            accepted[e, y, x] = wp.NAN
+            reason[e, y, x] = _OUTSIDE
+
+
+@wp.kernel
+def settle(
+    limits: Limits, accepted: wp.array3d(dtype=float), island: wp.array(dtype=int)
+):  # pragma: no cover - compiled
+    """Apply pixel locking and the quantum to `accepted` (n, h, w), and start the islands.
+
+    Args:
+        limits: thresholds.
+        accepted: (n, h, w) disparities [px].
+        island: (n h w,) filled with each pixel's own index, -1 without disparity.
+    """
+    e, y, x = wp.tid()
+    i = (e * accepted.shape[1] + y) * accepted.shape[2] + x
+    value = accepted[e, y, x]
+    island[i] = -1
+    if wp.isnan(value):
+        return
+    if limits.locking != 0.0:
+        value -= limits.locking * wp.sin(2.0 * wp.PI * (value - wp.rint(value)))
+    if limits.quantum > 0.0:
+        value = wp.rint(value / limits.quantum) * limits.quantum
+    accepted[e, y, x] = value
+    island[i] = i
+
+
+@wp.func
+def _root(island: wp.array(dtype=int), start: int) -> int:  # pragma: no cover - compiled
+    i = start
+    while island[i] != i:
+        i = island[i]
+    return i
+
+
+@wp.func
+def _unite(island: wp.array(dtype=int), first: int, second: int):  # pragma: no cover - compiled
+    """Unite two islands. The root is the least index in any order of threads.
+
+    Source: Playne and Hawick, IEEE TPDS 29(6), 2018, "A new algorithm for parallel
+    connected-component labelling on GPUs".
+    """
+    a = _root(island, first)
+    b = _root(island, second)
+    while a != b:
+        high = wp.max(a, b)
+        low = wp.min(a, b)
+        before = wp.atomic_min(island, high, low)
+        a = low
+        b = low
+        if before != high:  # Another thread moved the root meanwhile.
+            b = _root(island, before)
+            a = _root(island, low)
+
+
+@wp.kernel
+def join_islands(
+    accepted: wp.array3d(dtype=float), limits: Limits, island: wp.array(dtype=int)
+):  # pragma: no cover - compiled
+    """Unite each pixel's island with those of its right and lower neighbours.
+
+    Args:
+        accepted: (n, h, w) disparities [px], compared as whole sixteenths.
+        limits: thresholds.
+        island: (n h w,) of `settle`; each pixel leads to the root of its island.
+    """
+    e, y, x = wp.tid()
+    h = accepted.shape[1]
+    w = accepted.shape[2]
+    i = (e * h + y) * w + x
+    if island[i] < 0:
+        return
+    fixed = int(accepted[e, y, x] * 16.0)
+    if x + 1 < w and island[i + 1] >= 0:
+        off = wp.abs(int(accepted[e, y, x + 1] * 16.0) - fixed)
+        if float(off) <= limits.step:
+            _unite(island, i, i + 1)
+    if y + 1 < h and island[i + w] >= 0:
+        off = wp.abs(int(accepted[e, y + 1, x] * 16.0) - fixed)
+        if float(off) <= limits.step:
+            _unite(island, i, i + w)
+
+
+@wp.kernel
+def count_islands(
+    island: wp.array(dtype=int), count: wp.array(dtype=int)
+):  # pragma: no cover - compiled
+    """Count the pixels of each island at its root; `count` (n h w,) is zero before."""
+    i = wp.tid()
+    if island[i] >= 0:
+        wp.atomic_add(count, _root(island, i), 1)
+
+
+@wp.kernel
+def sink_islands(
+    island: wp.array(dtype=int),
+    count: wp.array(dtype=int),
+    limits: Limits,
+    accepted: wp.array3d(dtype=float),
+    reason: wp.array3d(dtype=wp.uint8),
+):  # pragma: no cover - compiled
+    """Remove islands of few pixels from `accepted` and `reason` (n, h, w)."""
+    e, y, x = wp.tid()
+    i = (e * accepted.shape[1] + y) * accepted.shape[2] + x
+    if island[i] >= 0 and count[_root(island, i)] <= limits.speckle:
+        accepted[e, y, x] = wp.NAN
+        reason[e, y, x] = _SPECKLE

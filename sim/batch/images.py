@@ -1,0 +1,155 @@
+"""From depth images to infrared images: light of both views, lens, electronics."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from starling.sim.batch import handoff, imaging, light
+from starling.sim.batch.handoff import launch
+from starling.sim.batch.rig import ExposureRule, LightRig, Side, SideRig
+
+wp: Any = handoff.import_warp()
+
+
+@dataclass(frozen=True, slots=True)
+class SliceDraws:
+    """Random streams of the environments of a slice."""
+
+    seed: int
+    frame: int
+    first: int  # Number of the slice's first environment.
+
+    def stream(self, stage: str, effect: str, frame: int) -> int:
+        """Seed of one effect, for Warp's generators; see `randomness.generator`."""
+        words = [self.seed, frame, zlib.crc32(stage.encode()), zlib.crc32(effect.encode())]
+        word = np.random.SeedSequence(words).generate_state(1)
+        return int(word.view(np.int32)[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LitView:
+    """Surfaces and light of one imager, each (n, h, w)."""
+
+    disparity: Any  # [px], 0 without a surface.
+    reflectance: Any
+    light: Any  # vec2: radiance of projector and sky [W m^-2 sr^-1].
+    lit: Any  # 1 where the projector's light arrives.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Formed:
+    """An image on an imager."""
+
+    radiance: Any  # (n, h, w) [W m^-2 sr^-1]
+    mean: Any  # (n,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Codes:
+    """Digital images of one imager, each (n, h, w)."""
+
+    delivered: Any
+    matched: Any  # uint16, the matcher's.
+
+
+def light_views(clean: Any, reflectance: Any, rig: LightRig) -> tuple[LitView, LitView]:
+    """Warp depth images (n, h, w) into the right view, and light both views.
+
+    Args:
+        clean: depth [m].
+        reflectance: a number, or an array (n, h, w).
+        rig: geometry and lights.
+    """
+    left, right = _views(clean.shape, clean.device), _views(clean.shape, clean.device)
+    (n, h, w), device = clean.shape, clean.device
+    shape = clean.shape
+    launch(light.fill_disparity, shape, device, clean, rig.focal_baseline, left.disparity)
+    if isinstance(reflectance, float):
+        left.reflectance.fill_(min(reflectance * rig.reflectance_scale, 1.0))
+    else:
+        scale = rig.reflectance_scale
+        launch(light.scale_reflectance, shape, device, reflectance, scale, left.reflectance)
+    seen = wp.zeros(shape, dtype=wp.uint64, device=device)
+    launch(light.see, shape, device, left.disparity, 1.0, 0, seen)
+    filled = (right.disparity, right.reflectance)
+    launch(light.fill_right, shape, device, seen, left.disparity, left.reflectance, *filled)
+    for view in (left, right):
+        surfaces = (view.disparity, view.reflectance, rig.camera)
+        sky = (rig.irradiance, rig.gradient, rig.up)
+        launch(light.light_by_sky, shape, device, *surfaces, *sky, view.light)
+    seen = wp.empty((n, h, w + 2 * rig.margin), dtype=wp.uint64, device=device)
+    for beam, levels in rig.beams:
+        seen.zero_()
+        launch(light.see, shape, device, left.disparity, beam.place, rig.margin, seen)
+        for place, view in ((0.0, left), (1.0, right)):
+            surfaces = (view.disparity, view.reflectance, rig.camera, place)
+            emitter = (beam, levels, seen, rig.margin, rig.power)
+            launch(light.light_by_beam, shape, device, *surfaces, *emitter, view.light, view.lit)
+    return left, right
+
+
+def _views(shape: tuple[int, ...], device: Any) -> LitView:
+    disparity, reflectance, radiance = (
+        wp.empty(shape, dtype=dtype, device=device) for dtype in (float, float, wp.vec2)
+    )
+    return LitView(disparity, reflectance, radiance, wp.zeros(shape, dtype=wp.uint8, device=device))
+
+
+def form(view: LitView, side: Side, rig: SideRig, draws: SliceDraws) -> Formed:
+    """Form the image of a view on its imager."""
+    shape, device = view.light.shape, view.light.device
+    n, h, w = shape
+    levels = len(rig.steps)
+    blurred = wp.empty((levels, *shape), dtype=wp.vec2, device=device)
+    for level in range(levels):
+        launch(imaging.spread_rows, shape, device, view.light, rig.weights, level, blurred)
+    normal = wp.empty((0, 0, 0), dtype=float, device=device)
+    if len(rig.quantiles):
+        border = len(rig.taps) - 1
+        normal = wp.empty((n, h + border, w + border), dtype=float, device=device)
+        seed = draws.stream("optics", f"speckle {side}", 0)  # Frames share the speckle.
+        launch(imaging.draw_normal, normal.shape, device, seed, draws.first, normal)
+    radiance = wp.empty(shape, dtype=float, device=device)
+    spot = (rig.weights, rig.steps, rig.spot)
+    grain = (normal, rig.taps, rig.quantiles)
+    arguments = (blurred, view.disparity, *spot, *grain, rig.shading, radiance)
+    launch(imaging.form, shape, device, *arguments)
+    sums = wp.empty((n, h), dtype=wp.float64, device=device)
+    mean = wp.empty(n, dtype=float, device=device)
+    launch(imaging.sum_rows, (n, h), device, radiance, sums)
+    launch(imaging.average, n, device, sums, w, mean)
+    return Formed(radiance, mean)
+
+
+def expose(left: Formed, rule: ExposureRule, exposure_s: Any) -> None:
+    """Fill the exposure times (n,) of both imagers, from the left image."""
+    numbers = (rule.aim, rule.signal, rule.longest_s)
+    launch(imaging.expose, left.mean.shape, left.mean.device, left.mean, *numbers, exposure_s)
+
+
+def read_out(
+    formed: Formed, exposure_s: Any, side: Side, rig: SideRig, draws: SliceDraws, delivered: Any
+) -> Codes:
+    """Convert an image to codes, with all noise of the imager.
+
+    Args:
+        formed: the image.
+        exposure_s: (n,) exposure times.
+        side: which imager.
+        rig: its electronics.
+        draws: random streams.
+        delivered: (n, h, w) is filled with the codes that the device delivers.
+    """
+    shape, device = formed.radiance.shape, formed.radiance.device
+    signal = wp.empty(shape, dtype=float, device=device)
+    matched = wp.empty(shape, dtype=wp.uint16, device=device)
+    seeds = [draws.stream("imager", f"{noise} {side}", draws.frame) for noise in ("noise", "row")]
+    image = (formed.radiance, formed.mean, exposure_s, rig.die, rig.fixed)
+    launch(imaging.collect, shape, device, *image, *seeds, draws.first, signal)
+    converter = (rig.smoothing, rig.die, delivered, matched)
+    launch(imaging.digitise, shape, device, signal, *converter)
+    return Codes(delivered, matched)

@@ -1,0 +1,81 @@
+"""The matcher of a batch against the compiled one, on equal infrared pairs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from starling.sim import simulate
+from starling.sim.corrupt import Corruptor
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.matching import match
+from tests.unit.sim.batch import steps
+
+wp: Any = pytest.importorskip("warp", reason="warp-lang is not installed")
+
+from starling.sim.batch import handoff, matching, refinement  # noqa: E402
+
+EQUAL_SHARE = 0.999  # Least share of pixels with the same reason.
+UNIT_PX = 1 / 32  # Largest difference of disparities: the device's step [px].
+
+
+def infrared(sensor: Sensor, seed: int) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Noisy pair that the matcher reads."""
+    corruptor = Corruptor(sensor, steps.MATRIX)
+    layers = corruptor.shoot(steps.depth_image()).layers
+    scene = corruptor._scene
+    pair = simulate.infrared(layers, scene, corruptor.sensor, seed=seed)
+    assert pair.matched_right is not None
+    return pair.matched_left, pair.matched_right
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (),
+        ("imager.dropped_bits=0",),
+        ("matcher.search_px=48",),  # A tile smaller than its block of threads.
+        ("matcher.min_disparity_px=3", "matcher.checks.border_px=2.5"),
+        ("matcher.checks.left_right_mean_px=0", "matcher.checks.uniqueness=3.0"),
+        ("matcher.engine.second_peak=30.0", "matcher.engine.neighbour_peak=15.0"),
+        ("matcher.refinement.median_px=0", "matcher.refinement.smooth_rows_px=5"),
+        ("matcher.refinement.median_px=3", "matcher.refinement.locking_px=0.05"),
+        ("matcher.engine.census_px=11", "matcher.engine.support_px=15"),
+        ("matcher.engine.presmooth_px=0.0", "matcher.engine.arm_step_dn=255.0"),
+        ("matcher.engine.difference_weight=0.5", "matcher.engine.tolerance_dn=0.0"),
+        ("matcher.checks.texture_dn=12.0", "matcher.checks.jump_px=1.0"),
+        ("matcher.checks.texture_dn=0.0", "matcher.checks.speckle_count=0"),
+        ("matcher.checks.speckle_count=2000", "matcher.checks.speckle_step_px=0.2"),
+        ("matcher.refinement.smooth_px=0", "matcher.refinement.quantum_px=0.0"),
+    ],
+)
+def test_equal_pairs_give_equal_disparities(changes: tuple[str, ...]) -> None:
+    sensor = steps.sensor(*changes)
+    handoff.import_warp()
+    pairs = [infrared(sensor, seed) for seed in (1, 2)]
+    left, right = (
+        wp.array(np.stack(views).astype(np.uint16)) for views in zip(*pairs, strict=True)
+    )
+    rig = matching.match_rig(sensor.matcher, min(sensor.left.matched_bits, 10), "cpu")
+    disparity, reason = (each.numpy() for each in matching.match(left, right, rig))
+    for number, pair in enumerate(pairs):
+        expected = match(*pair, sensor.matcher)
+        assert (reason[number] == expected.reason).mean() >= EQUAL_SHARE
+        both = np.isfinite(disparity[number]) & expected.valid
+        assert both.any()
+        off = np.abs(disparity[number] - expected.disparity_px)[both]
+        assert (off <= UNIT_PX).mean() >= EQUAL_SHARE
+    assert np.array_equal(np.isfinite(disparity), reason == 0)
+
+
+@pytest.mark.parametrize("count", [2, 9, 25])
+def test_exchanges_sort(count: int) -> None:
+    """A network sorts all numbers if it sorts all zeros and ones; a sample of them is drawn."""
+    values = np.random.default_rng(0).integers(0, 2, (500, count))
+    expected = np.sort(values, axis=1)
+    for low, high in refinement.comparisons(count):
+        pair = values[:, [low, high]]
+        values[:, low], values[:, high] = pair.min(1), pair.max(1)
+    assert np.array_equal(values, expected)
