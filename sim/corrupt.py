@@ -6,7 +6,7 @@ import dataclasses
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Scene
 from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import Shot, expose, refuse_impossible
-from starling.sim.stereo.depth import to_code
+from starling.sim.stereo.depth import DepthMap, to_code
 from starling.sim.stereo.post.temporal import History
 from starling.sim.warp import depth_input, suspicions
 from starling.sim.warp.layers import DepthScene, layers
@@ -54,6 +54,14 @@ class Reading:
     history: History | None  # Pass as `past` with the next frame, for a temporal filter.
 
 
+class HoleModel(Protocol):
+    """Model of what the physics misses."""
+
+    def __call__(self, shot: Shot, sensor: Sensor, *, seed: int, frame: int) -> DepthMap:
+        """Return the depth of a reading of the sensor, with further pixels without depth."""
+        ...
+
+
 class Corruptor:
     """Corrupts depth images of one camera with one sensor."""
 
@@ -63,6 +71,7 @@ class Corruptor:
         camera_matrix: NDArray[np.floating],
         *,
         effects: Mapping[str, Value] | None = None,
+        residual: HoleModel | None = None,
     ) -> None:
         """Check the camera and the effects.
 
@@ -70,6 +79,7 @@ class Corruptor:
             sensor: depth camera to imitate, or its name as for `starling.load_sensor`.
             camera_matrix: (3, 3) intrinsics of the depth images [px].
             effects: strengths as for `starling.apply_effects`.
+            residual: removes depth where a trained model does; from `starling.load_residual`.
 
         Raises:
             InputError: if the matrix is no camera matrix, or an effect needs surfaces that a depth
@@ -80,6 +90,7 @@ class Corruptor:
         device = presets.load(sensor) if isinstance(sensor, str) else sensor
         self.sensor, self._scene = setting.apply(device, _SCENE, effects or {})
         refuse_impossible(self.sensor, 2)
+        self._residual = residual
         self._warned: tuple[int, ...] = ()  # Size of the images that were looked at.
         self._rigs: dict[str, BatchRig] = {}  # Constants of batches, by device.
 
@@ -137,13 +148,15 @@ class Corruptor:
             frame=frame,
             past=past,
         )
-        truth = shot.layers.truth
+        truth, depth = shot.layers.truth, shot.depth
+        if self._residual is not None:
+            depth = self._residual(shot, self.sensor, seed=seed, frame=frame)
         return Reading(
             ir_left=shot.ir_left,
             ir_right=shot.ir_right,
-            depth_m=shot.depth.depth_m,
-            depth_u16=to_code(shot.depth.depth_m, self.sensor.post.depth_unit_m),
-            reason=shot.depth.reason,
+            depth_m=depth.depth_m,
+            depth_u16=to_code(depth.depth_m, self.sensor.post.depth_unit_m),
+            reason=depth.reason,
             lit=truth.lit,
             right_sees=truth.right_sees,
             true_depth_m=truth.depth_m,

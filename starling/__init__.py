@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from starling.calibration.fit_sensor import Calibration as Calibration
     from starling.diagnosis.diagnosis import Diagnosis as Diagnosis
     from starling.learning.completion.method import Completed as Completed
+    from starling.learning.residual import LearnedHoles
     from starling.patterns.errors import InputError as InputError
     from starling.patterns.pattern import Pattern as Pattern
     from starling.sim.captures.capture import CapturedScene as CapturedScene
@@ -80,6 +81,7 @@ __all__ = [
     "generate",
     "list_effects",
     "list_sensors",
+    "load_residual",
     "load_scene",
     "load_sensor",
     "match",
@@ -243,6 +245,7 @@ def corrupt(
     seed: int = 0,
     frame: int = 0,
     past: History | None = None,
+    residual: Path | str | None = None,
 ) -> Reading:
     """Turn a clean depth image of any simulator into a reading of a depth camera.
 
@@ -262,6 +265,7 @@ def corrupt(
         seed: seed of all noise; equal seeds give equal bits on one machine.
         frame: number of the frame; each frame has noise of its own.
         past: `history` of the frame before, for a temporal filter.
+        residual: model as for `load_residual`; none if None.
 
     Returns:
         Images in the sensor's own camera; load it with `camera_matrix` for that of the input.
@@ -279,7 +283,8 @@ def corrupt(
     """
     from starling.sim.corrupt import Corruptor
 
-    return Corruptor(sensor, camera_matrix)(
+    model = None if residual is None else load_residual(residual)
+    return Corruptor(sensor, camera_matrix, residual=model)(
         depth_m,
         reflectance=reflectance,
         ambient_lux=ambient_lux,
@@ -290,6 +295,28 @@ def corrupt(
         frame=frame,
         past=past,
     )
+
+
+def load_residual(model: Path | str = "hybrid") -> LearnedHoles:
+    """Load a model of pixels without depth that the physics misses, for a `Corruptor`.
+
+    Args:
+        model: `hybrid`, the shipped model for 640x360, or a folder of `starling train` with a
+            method on physics.
+
+    Raises:
+        InputError: if there is no such model, or its method ignores the physics.
+
+    Examples:
+        >>> camera_matrix = np.array([[600.0, 0, 319.5], [0, 600.0, 179.5], [0, 0, 1]])
+        >>> sensor = starling.load_sensor("d435", camera_matrix=camera_matrix, size=(640, 360))
+        >>> residual = starling.load_residual("hybrid")
+        >>> camera = starling.Corruptor(sensor, camera_matrix, residual=residual)
+        >>> reading = camera(np.full((360, 640), 1.2, np.float32))
+    """
+    from starling.learning import residual
+
+    return residual.load(model)
 
 
 def depth_from_zbuffer(zbuffer: NDArray[Any], near_m: float, far_m: float) -> NDArray[Any]:

@@ -1,0 +1,87 @@
+"""Learned residual of a simulated reading: pixels without depth that the physics misses."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from starling.learning import registry
+from starling.learning.commands.train_captures import trained
+from starling.learning.data.example import Example
+from starling.learning.data.simulated import summary
+from starling.learning.method import Predictor
+from starling.learning.sampling.sampling import TYPICAL, ndp
+from starling.patterns import errors
+from starling.sim.captures import writer
+from starling.sim.reason import Reason
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.simulate import Shot
+from starling.sim.stereo.depth import DepthMap
+
+_SHIPPED = {"hybrid": Path("hybrid-varied")}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LearnedHoles:
+    """Removes depth from simulated readings as a trained hybrid model predicts it."""
+
+    predictor: Predictor
+
+    def __call__(self, shot: Shot, sensor: Sensor, *, seed: int = 0, frame: int = 0) -> DepthMap:
+        """Return the depth of a reading with further pixels without depth.
+
+        Their reason is UNKNOWN, because the model gives none. No depth is added.
+
+        Args:
+            shot: reading of the sensor.
+            sensor: its sensor.
+            seed: seed of the pixels.
+            frame: time; pixels of nearby frames are correlated.
+
+        Raises:
+            InputError: if the sensor shrinks its depth.
+        """
+        if sensor.post.decimation != 1:
+            advice = "Decimate after the residual."
+            raise errors.refuse(
+                "post.decimation", "must be 1 with a residual", sensor.post.decimation, advice
+            )
+        physics = summary([shot], sensor)
+        example = Example(
+            scene="depth image",
+            room="depth image",
+            info=writer.info_of(sensor, source="corrupt", licence="as the image's", notes=""),
+            depth_m=shot.layers.truth.depth_m,
+            reflectance=np.clip(shot.layers.left.ambient * np.float32(np.pi), 0, 1),
+            physics=physics,
+        )
+        probability = self.predictor.probability(example)
+        drawn = ndp(probability, TYPICAL, seed=seed, frame=frame, physics=physics)
+        added = drawn & shot.depth.valid
+        return dataclasses.replace(
+            shot.depth,
+            disparity_px=np.where(added, np.float32(np.nan), shot.depth.disparity_px),
+            depth_m=np.where(added, np.float32(np.nan), shot.depth.depth_m),
+            valid=shot.depth.valid & ~added,
+            reason=np.where(added, np.uint32(Reason.UNKNOWN), shot.depth.reason),
+        )
+
+
+def load(model: Path | str) -> LearnedHoles:
+    """Load a residual.
+
+    Args:
+        model: `hybrid`, the shipped model for 640x360, or a folder of `starling train` with a
+            method on physics.
+
+    Raises:
+        InputError: if there is no such model, or its method ignores the physics.
+    """
+    method, predictor = trained(_SHIPPED.get(str(model), Path(model)))
+    if method not in registry.ON_PHYSICS:
+        rule = f"must be of a method on physics: {', '.join(sorted(registry.ON_PHYSICS))}"
+        raise errors.refuse("residual", rule, method, "Train another method.")
+    return LearnedHoles(predictor)
