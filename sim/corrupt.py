@@ -6,6 +6,7 @@ import dataclasses
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,7 @@ class Corruptor:
 
     def __init__(
         self,
-        sensor: Sensor | str,
+        sensor: Sensor | Path | str,
         camera_matrix: NDArray[np.floating],
         *,
         effects: Mapping[str, Value] | None = None,
@@ -74,9 +75,10 @@ class Corruptor:
                 image does not have.
         """
         self.camera_matrix = edits.checked_matrix(camera_matrix)
-        _refuse_effects(effects or {})
-        device = presets.load(sensor) if isinstance(sensor, str) else sensor
-        self.sensor, self._scene = setting.apply(device, _SCENE, effects or {})
+        settings = setting.checked({} if effects is None else effects)
+        _refuse_effects(settings)
+        device = presets.resolved(sensor)
+        self.sensor, self._scene = setting.apply(device, _SCENE, settings)
         refuse_impossible(self.sensor, 2)
         self._warned: tuple[int, ...] = ()  # Size of the images that were looked at.
 
@@ -89,8 +91,10 @@ class Corruptor:
         Raises:
             InputError: no height or no width.
         """
-        if min(shape) < 1:
+        if np.shape(shape) != (2,):
             raise errors.refuse("shape", "must be (height, width)", shape, "Give pixels.")
+        for name, side in zip(("height", "width"), shape, strict=True):
+            errors.whole_number(name, side, 1, 2**31, "Give pixels.")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             self(np.ones(shape, np.float32))

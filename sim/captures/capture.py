@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -60,11 +61,10 @@ class CapturedScene:
             InputError: if the frame does not exist or is empty, or an image is damaged or has a
                 wrong type or size.
         """
+        name, known = f"frame of {self.name}", f"There are: {', '.join(map(str, self.frames))}."
+        number = errors.whole_number(name, number, -sys.maxsize, sys.maxsize, known)
         if number not in self.frames:
-            known = ", ".join(map(str, self.frames))
-            raise errors.refuse(
-                f"frame of {self.name}", "must exist", number, f"There are: {known}."
-            )
+            raise errors.refuse(name, "must exist", number, known)
         folder = self.path / str(number)
         images = {
             name: self._image(folder, name)

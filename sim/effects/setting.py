@@ -70,7 +70,7 @@ def on_scene(scene: Scene, settings: Mapping[str, Value]) -> Scene:
 def _changes(settings: Mapping[str, Value]) -> dict[str, tuple[str, Value]]:
     """Return the effect's name and the new value by path."""
     changes: dict[str, tuple[str, Value]] = {}
-    for name, new in settings.items():
+    for name, new in checked(settings).items():
         effect, parameter = parameter_of(name)
         new = _admitted(effect, parameter, new)
         for path in _spread(parameter.paths):
@@ -83,6 +83,21 @@ def _changes(settings: Mapping[str, Value]) -> dict[str, tuple[str, Value]]:
                     "Drop one of them.",
                 )
     return changes
+
+
+def checked(settings: object) -> Mapping[str, Value]:
+    """Check that settings are strengths by name, and return them.
+
+    Raises:
+        InputError: if they are no mapping, a name is no text, or a strength is no number or text.
+    """
+    advice = "Give {NAME: STRENGTH}, such as {'lens_blur': 0.8}."
+    table = errors.instance("effects", settings, Mapping, advice)
+    for name, strength in table.items():
+        errors.instance("name of an effect", name, str, advice)
+        if not errors.is_number(strength):
+            errors.instance(f"effect {name}", strength, str, "Give a number or a choice.")
+    return {name: errors.plain(strength) for name, strength in table.items()}
 
 
 def value(parameter: Parameter, sensor: Sensor, scene: Scene | None = None) -> Value | None:
