@@ -389,6 +389,8 @@ def simulate_captures(
 def match(ir_left: NDArray[Any], ir_right: NDArray[Any] | None, sensor: Sensor) -> DepthMap:
     """Match a rectified infrared pair as a sensor does, and triangulate.
 
+    Images of another size than the sensor's give a warning.
+
     Args:
         ir_left: (h, w) uint8, or uint16 of as many bits as the sensor matches.
         ir_right: (h, w) of the same type; None for structured light.
@@ -407,13 +409,16 @@ def match(ir_left: NDArray[Any], ir_right: NDArray[Any] | None, sensor: Sensor) 
         >>> bool(depth.valid.mean() > 0.8)
         True
     """
+    from starling import arguments
     from starling.sim import arrays
     from starling.sim.sensor import presets
     from starling.sim.stereo.measurement import measure
 
     left = arrays.numbers("ir_left", ir_left)
     right = None if ir_right is None else arrays.numbers("ir_right", ir_right)
-    return measure(left, right, presets.loaded(sensor), causes={})
+    device = presets.loaded(sensor)
+    arguments.warn_of_size(left.shape, device)
+    return measure(left, right, device, causes={})
 
 
 def open_captures(path: Path | str) -> CaptureSet:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -57,6 +58,17 @@ def scene(value: object, camera: Sensor) -> Scene:
     if isinstance(value, Scene):
         return value
     return sources.load(text("scene", value, "Give its name, its file or a Scene."), camera)
+
+
+def warn_of_size(shape: tuple[int, ...], camera: Sensor) -> None:
+    """Warn of an image of another size than the sensor's: its focal length may be another."""
+    size = (camera.height, camera.width)
+    if shape != size:
+        warnings.warn(
+            f"ir_left is of size {shape}, and {camera.name} of {size}: depth is right for a crop "
+            f"only. Load the sensor with the images' camera_matrix.",
+            stacklevel=3,
+        )
 
 
 def captures(name: str, value: object) -> CaptureSet:

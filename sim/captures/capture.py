@@ -21,6 +21,8 @@ from starling.sim.captures.info import CaptureInfo
 from starling.sim.captures.png import GreyImage
 from starling.sim.scene import scene_file
 from starling.sim.scene.scene_file import SceneFile
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo import depth
 
 # Files of a scene: a folder with one of them, but without frames, is refused as incomplete.
@@ -110,6 +112,26 @@ class CapturedScene:
             InputError: if the file is no JSON object.
         """
         return _record(self.path / str(number))
+
+    def refuse_other_sensor(self, sensor: Sensor) -> None:
+        """Refuse a sensor that cannot have captured this scene: of another kind or image size.
+
+        Raises:
+            InputError: if kind or size differ.
+        """
+        device = self.info.sensor
+        kind = presets.load(device).kind if device in presets.names() else sensor.kind
+        if os.path.lexists(self.path / str(self.frames[0]) / "ir_right.png"):
+            kind, holds = "stereo", f"Scene {self.name} holds an infrared pair."
+        else:
+            holds = f"Scene {self.name} is of a {device}."
+        if sensor.kind != kind:
+            words = {"stereo": "a stereo camera's", "structured_light": "of structured light"}
+            raise errors.refuse("sensor", f"must be {words[kind]}", sensor.kind, holds)
+        if (sensor.height, sensor.width) != self.info.shape:
+            rule = f"must have images of {self.info.width}x{self.info.height}"
+            got = f"{sensor.width}x{sensor.height}"
+            raise errors.refuse("sensor", rule, got, f"Scene {self.name} has images of that size.")
 
     def truth_m(self) -> NDArray[np.float32] | None:
         """Read the reference depth z [m] (h, w), NaN where unknown; None without the file.

@@ -136,3 +136,8 @@ def test_a_sensor_of_numpy_scalars_is_written(tmp_path: Path) -> None:
     file = tmp_path / "camera.toml"
     file.write_text(presets.dumps(made), encoding="utf-8")
     assert starling.load_sensor(file).baseline_m == pytest.approx(0.05)
+
+
+def test_match_warns_of_images_of_another_size() -> None:
+    with pytest.warns(UserWarning, match=r"size \(32, 32\), and d435 of \(480, 848\)"):
+        starling.match(IMAGE, IMAGE, SENSOR)
