@@ -17,11 +17,12 @@ from starling.sim.arrays import Image, Labels, Mask
 from starling.sim.effects import Value, setting
 from starling.sim.geometry import frames
 from starling.sim.imaging.imager import Infrared
+from starling.sim.reason import Reason
 from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Scene
 from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import Shot, expose, refuse_impossible
-from starling.sim.stereo.depth import disparity_from_depth, to_code
+from starling.sim.stereo.depth import DepthMap, disparity_from_depth, to_code
 from starling.sim.stereo.post.temporal import History
 from starling.sim.stereo.semiglobal import Band
 from starling.sim.warp import depth_input, suspicions
@@ -162,11 +163,15 @@ class Corruptor:
         seed: int = 0,
         frame: int = 0,
         past: History | None = None,
+        empty: bool = False,
     ) -> Shot:
-        """Corrupt one depth image, as `starling.simulate` returns a reading: with all layers."""
-        sensor, clean = self.sensor, depth_input.checked_depth("depth_m", depth_m)
+        """Corrupt one depth image, as `starling.simulate` returns a reading: with all layers.
+
+        An image without a surface is refused; with `empty` all of its depth is missing.
+        """
+        sensor, clean = self.sensor, depth_input.checked_depth("depth_m", depth_m, empty=empty)
         camera = depth_input.DepthCamera(self.camera_matrix, clean.shape)
-        if clean.shape != self._warned:
+        if clean.shape != self._warned and np.isfinite(clean).any():
             self._warned = clean.shape
             suspicions.warn_of_cameras(camera, sensor)
             suspicions.warn_of_depth(clean, camera)
@@ -195,7 +200,8 @@ class Corruptor:
             sensor,
         )
         device, bands = _search(sensor, depth)
-        return expose(rendered, scene, device, seed=seed, frame=frame, past=past, bands=bands)
+        shot = expose(rendered, scene, device, seed=seed, frame=frame, past=past, bands=bands)
+        return shot if np.isfinite(clean).any() else _without_depth(shot, past)
 
 
 # The layers hold the surfaces; the body gives them a name.
@@ -224,6 +230,22 @@ def _refuse_effects(effects: Mapping[str, Value]) -> None:
                 effects[name],
                 "Simulate the scene itself: starling.simulate.",
             )
+
+
+def _without_depth(shot: Shot, past: History | None) -> Shot:
+    """Return a reading of no surface, without the false matches in its noise."""
+    shape = shot.depth.valid.shape
+    depth = DepthMap(
+        disparity_px=np.full(shape, np.nan, np.float32),
+        depth_m=np.full(shape, np.nan, np.float32),
+        valid=np.zeros(shape, np.bool_),
+        reason=np.full(shape, Reason.NO_SURFACE, np.uint32),
+        history=past,
+    )
+    registered_m = shot.registered_m
+    if registered_m is not None:
+        registered_m = np.full_like(registered_m, np.nan)
+    return dataclasses.replace(shot, depth=depth, registered_m=registered_m)
 
 
 def _lit_by(scene: Scene, lux: float) -> Scene:

@@ -417,8 +417,9 @@ def match(ir_left: NDArray[Any], ir_right: NDArray[Any] | None, sensor: Sensor) 
     left = arrays.numbers("ir_left", ir_left)
     right = None if ir_right is None else arrays.numbers("ir_right", ir_right)
     device = presets.loaded(sensor)
+    depth = measure(left, right, device, causes={})
     arguments.warn_of_size(left.shape, device)
-    return measure(left, right, device, causes={})
+    return depth
 
 
 def open_captures(path: Path | str) -> CaptureSet:

@@ -79,7 +79,7 @@ def test_paths_of_wrong_types_are_refused(value: Any) -> None:
 
 @pytest.mark.parametrize("effects", WRONG_EFFECTS)
 def test_effects_of_wrong_types_are_refused(effects: Any) -> None:
-    pattern = r"^(effects|name of an effect|effect lens_blur) must be of type \w+; got "
+    pattern = r"^(effects|name of an effect) must be of type |^lens_blur.* must be a number; got "
     for call in (
         lambda: api.apply_effects(SENSOR, SCENE, effects),
         lambda: api.simulate_captures("wall", SENSOR, "out", effects=effects),
