@@ -111,7 +111,7 @@ def one_of(name: str, value: object, known: Iterable[str]) -> None:
         InputError: if `value` is not one of `known`.
     """
     known = sorted(known)
-    if value in known:
+    if isinstance(value, str) and value in known:
         return
     near = difflib.get_close_matches(str(value), known, n=len(known), cutoff=0.0)
     listed = ", ".join(near + [name for name in known if name not in near])

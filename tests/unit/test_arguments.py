@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -130,12 +131,28 @@ def test_numpy_scalars_are_numbers() -> None:
 
 
 def test_a_sensor_of_numpy_scalars_is_written(tmp_path: Path) -> None:
-    import dataclasses
-
     made: Any = dataclasses.replace(SENSOR, baseline_m=np.float32(0.05), width=np.int64(848))
     file = tmp_path / "camera.toml"
     file.write_text(presets.dumps(made), encoding="utf-8")
     assert starling.load_sensor(file).baseline_m == pytest.approx(0.05)
+
+
+def test_scenes_refuse_parts_of_wrong_types() -> None:
+    (body, *_) = SCENE.bodies
+    changes: list[tuple[Any, dict[str, Any]]] = [
+        (SCENE, {"bodies": list(SCENE.bodies)}),
+        (SCENE, {"bodies": (body.mesh,)}),
+        (SCENE, {"ambient": 0.1}),
+        (SCENE, {"world_from_left": None}),
+        (body, {"mesh": None}),
+        (body, {"material": "wood"}),
+        (body.mesh, {"vertices": [[0, 0, 0]]}),
+        (body.material, {"rgb": 0.5}),
+        (body.material, {"kind": np.zeros(3)}),
+    ]
+    for part, change in changes:
+        with pytest.raises(starling.InputError, match=r"must be (of type|a known name)"):
+            dataclasses.replace(part, **change)
 
 
 def test_match_warns_of_images_of_another_size() -> None:
