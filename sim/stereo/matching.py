@@ -50,7 +50,9 @@ def match(
     """
     _admit(left, right)
     if isinstance(matcher.engine, CensusSemiGlobal):
-        disparity, causes = _census_semi_global(left, right, matcher, matcher.engine, memory, bands)
+        disparity, causes = _census_semi_global(
+            left, right, matcher, matcher.engine, memory, bands
+        )
     else:
         disparity, causes = opencv.compute(left, right, matcher, matcher.engine)
         disparity = subpixel.refine(disparity, matcher.refinement)
