@@ -115,8 +115,9 @@ def fit(
     to_score = _spread([scene for scene in scenes if scene.room in outside], most)
     rooms = tuple(dict.fromkeys(scene.room for scene in inside))
     with _timed(seconds, "load"):
+        for scene in inside:
+            scene.refuse_other_sensor(sensor)
         read_observations = observation.read_all(track(inside, "read"))
-        _check_kind(read_observations, sensor)
         # Checked first, because loading surfaces takes longer.
         warnings = checks.check(read_observations, sensor)
         if len(inside) < len(all_inside):
@@ -196,14 +197,6 @@ def _check_groups(free: Sequence[str]) -> None:
     for group in free:
         if group not in depth_only.GROUPS:
             errors.one_of("free", group, GROUPS)
-
-
-def _check_kind(observations: Sequence[Observation], sensor: Sensor) -> None:
-    """Refuse structured light, which has one imager, for a scene with an infrared pair."""
-    pairs = [item.name for item in observations if item.right is not None]
-    if pairs and sensor.kind != "stereo":
-        advice = f"Scene {pairs[0]} holds an infrared pair."
-        raise errors.refuse("sensor", "must be a stereo camera's", sensor.kind, advice)
 
 
 def _recovered(

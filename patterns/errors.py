@@ -10,9 +10,11 @@ import math
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import TypeGuard
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
+
+T = TypeVar("T")
 
 _LONGEST = 500  # Values longer than this are cut in messages [characters].
 
@@ -52,29 +54,52 @@ def naming(name: object) -> Iterator[None]:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value is a Python number, and no boolean."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    """Return whether a value is a real number of Python or numpy, and no boolean."""
+    kinds = (int, float, np.integer, np.floating)
+    return isinstance(value, kinds) and not isinstance(value, bool)
+
+
+def plain(value: Any) -> Any:
+    """Return a number of numpy as Python's number, and other values as they are."""
+    if isinstance(value, (np.integer, np.bool_)):
+        return value.item()
+    return float(value) if isinstance(value, np.floating) else value
+
+
+def instance(name: str, value: object, kinds: type[T] | tuple[type[T], ...], remedy: str) -> T:
+    """Check the type of a value and return the value.
+
+    Raises:
+        InputError: if the value is of no type in `kinds`.
+    """
+    if isinstance(value, kinds):
+        return value
+    types = kinds if isinstance(kinds, tuple) else (kinds,)
+    listed = " or ".join(kind.__name__ for kind in types)
+    raise refuse(name, f"must be of type {listed}", repr(value), remedy)
 
 
 def in_interval(
-    name: str, value: float, low: float, high: float, remedy: str = "Choose a value inside."
+    name: str, value: object, low: float, high: float, remedy: str = "Choose a value inside."
 ) -> None:
     """Refuse a value outside the closed interval [low, high], NaN and non-numbers included.
 
     Raises:
         InputError: if the value is not a finite real number, or is outside.
     """
+    value = plain(value)
     # The comparison comes first: `math.isfinite` overflows on very large integers.
     if not is_number(value) or not low <= value <= high or not math.isfinite(value):
         raise refuse(name, f"must be in [{low:g}, {high:g}]", repr(value), remedy)
 
 
-def positive(name: str, value: float, remedy: str = "Give a number above zero.") -> None:
+def positive(name: str, value: object, remedy: str = "Give a number above zero.") -> None:
     """Refuse a value that is not a finite number above zero.
 
     Raises:
         InputError: if the value is not a finite real number, or is <= 0.
     """
+    value = plain(value)
     if not is_number(value) or not 0 < value <= sys.float_info.max:
         raise refuse(name, "must be > 0", repr(value), remedy)
 
@@ -86,7 +111,7 @@ def one_of(name: str, value: object, known: Iterable[str]) -> None:
         InputError: if `value` is not one of `known`.
     """
     known = sorted(known)
-    if value in known:
+    if isinstance(value, str) and value in known:
         return
     near = difflib.get_close_matches(str(value), known, n=len(known), cutoff=0.0)
     listed = ", ".join(near + [name for name in known if name not in near])

@@ -6,6 +6,7 @@ import dataclasses
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -17,6 +18,7 @@ from starling.sim.arrays import Image, Labels, Mask
 from starling.sim.effects import Value, setting
 from starling.sim.geometry import frames
 from starling.sim.imaging.imager import Infrared
+from starling.sim.reason import Reason
 from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Scene
 from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
@@ -67,7 +69,7 @@ class Corruptor:
 
     def __init__(
         self,
-        sensor: Sensor | str,
+        sensor: Sensor | Path | str,
         camera_matrix: NDArray[np.floating],
         *,
         effects: Mapping[str, Value] | None = None,
@@ -86,9 +88,10 @@ class Corruptor:
                 image does not have.
         """
         self.camera_matrix = edits.checked_matrix(camera_matrix)
-        _refuse_effects(effects or {})
-        device = presets.load(sensor) if isinstance(sensor, str) else sensor
-        self.sensor, self._scene = setting.apply(device, _SCENE, effects or {})
+        settings = setting.checked({} if effects is None else effects)
+        _refuse_effects(settings)
+        device = presets.resolved(sensor)
+        self.sensor, self._scene = setting.apply(device, _SCENE, settings)
         refuse_impossible(self.sensor, 2)
         self._residual = residual
         self._warned: tuple[int, ...] = ()  # Size of the images that were looked at.
@@ -103,8 +106,10 @@ class Corruptor:
         Raises:
             InputError: no height or no width.
         """
-        if min(shape) < 1:
+        if np.shape(shape) != (2,):
             raise errors.refuse("shape", "must be (height, width)", shape, "Give pixels.")
+        for name, side in zip(("height", "width"), shape, strict=True):
+            errors.whole_number(name, side, 1, 2**31, "Give pixels.")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             self(np.ones(shape, np.float32))
@@ -177,11 +182,15 @@ class Corruptor:
         seed: int = 0,
         frame: int = 0,
         past: History | None = None,
+        empty: bool = False,
     ) -> Shot:
-        """Corrupt one depth image, as `starling.simulate` returns a reading: with all layers."""
-        sensor, clean = self.sensor, depth_input.checked_depth("depth_m", depth_m)
+        """Corrupt one depth image, as `starling.simulate` returns a reading: with all layers.
+
+        An image without a surface is refused; with `empty` all of its depth is missing.
+        """
+        sensor, clean = self.sensor, depth_input.checked_depth("depth_m", depth_m, empty=empty)
         camera = depth_input.DepthCamera(self.camera_matrix, clean.shape)
-        if clean.shape != self._warned:
+        if clean.shape != self._warned and np.isfinite(clean).any():
             self._warned = clean.shape
             suspicions.warn_of_cameras(camera, sensor)
             suspicions.warn_of_depth(clean, camera)
@@ -212,7 +221,8 @@ class Corruptor:
             sensor,
         )
         device = _searching(sensor, depth)
-        return expose(rendered, scene, device, seed=seed, frame=frame, past=past)
+        shot = expose(rendered, scene, device, seed=seed, frame=frame, past=past)
+        return shot if np.isfinite(clean).any() else _without_depth(shot, past)
 
     def batch(
         self, depth: Any, *, reflectance: Any = None, seed: int = 0, frame: int = 0
@@ -291,6 +301,22 @@ def _ambient(ambient: Ambient, lux: float | None, up: ArrayLike | None) -> Ambie
         raise errors.refuse("up", "must be a direction (3,)", direction.tolist(), advice)
     x, y, z = (direction / length).tolist()
     return dataclasses.replace(ambient, gradient=ambient.gradient or _GRADIENT, up=(x, y, z))
+
+
+def _without_depth(shot: Shot, past: History | None) -> Shot:
+    """Return a reading of no surface, without the false matches in its noise."""
+    shape = shot.depth.valid.shape
+    depth = DepthMap(
+        disparity_px=np.full(shape, np.nan, np.float32),
+        depth_m=np.full(shape, np.nan, np.float32),
+        valid=np.zeros(shape, np.bool_),
+        reason=np.full(shape, Reason.NO_SURFACE, np.uint32),
+        history=past,
+    )
+    registered_m = shot.registered_m
+    if registered_m is not None:
+        registered_m = np.full_like(registered_m, np.nan)
+    return dataclasses.replace(shot, depth=depth, registered_m=registered_m)
 
 
 def _searching(sensor: Sensor, depth_m: Image) -> Sensor:

@@ -41,6 +41,10 @@ QUANTITIES = {
     "laser_power": PlausibleRange(
         low=0, high=1e5, remedy="Give the device's own number, mW or percent."
     ),
+    # At 10 frames a second, 1e8 frames take four months.
+    "frames_of_a_set": PlausibleRange(
+        low=1, high=1e8, remedy="Split the plan into plans of other seeds."
+    ),
 }
 
 

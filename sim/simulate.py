@@ -257,7 +257,7 @@ def render_layers(
     If the sensor moves, the views of one exposure time are averaged. Between two of these views no
     point moves by more than `step_px`.
     """
-    errors.in_interval("samples", samples, 1, 4096, "16 are enough for most scenes.")
+    samples = errors.whole_number("samples", samples, 1, 4096, "16 are enough for most scenes.")
     seed = errors.whole_number("seed", seed, 0, 2**63 - 1)
     errors.one_of("quality", quality, _SUBPIXELS)
     render = partial(direct.layers, mi_scene, sensor, subpixels=_SUBPIXELS[quality])

@@ -105,7 +105,7 @@ def list_sensors() -> list[str]:
 
 
 def load_sensor(
-    name: str,
+    name: Path | str,
     *,
     edits: Iterable[str] = (),
     camera_matrix: NDArray[Any] | None = None,
@@ -128,16 +128,18 @@ def load_sensor(
         >>> sensor.baseline_m, sensor.projector.power_w
         (0.05015, 0.2)
     """
+    from starling import arguments
     from starling.sim.sensor import presets
     from starling.sim.sensor.edits import apply, with_camera
 
-    sensor = presets.load(name)
+    sensor = presets.load(arguments.text("name", name, "Give a preset or a sensor file."))
+    changes = arguments.texts("edits", edits, "Give a list: ['projector.power_w=0.2'].")
     if camera_matrix is not None:
         sensor = with_camera(sensor, camera_matrix, size)
-    return apply(sensor, edits)
+    return apply(sensor, changes)
 
 
-def load_scene(specifier: str, sensor: Sensor) -> Scene:
+def load_scene(specifier: Path | str, sensor: Sensor) -> Scene:
     """Load a scene.
 
     Args:
@@ -154,9 +156,12 @@ def load_scene(specifier: str, sensor: Sensor) -> Scene:
         >>> len(scene.bodies)
         1
     """
+    from starling import arguments
     from starling.sim.scene import sources
+    from starling.sim.sensor import presets
 
-    return sources.load(specifier, sensor)
+    name = arguments.text("specifier", specifier, "Give a name or a file.")
+    return sources.load(name, presets.loaded(sensor))
 
 
 def list_effects() -> list[str]:
@@ -191,14 +196,18 @@ def apply_effects(
         >>> blurred.left.lens.blur_px
         0.8
     """
+    from starling.patterns.errors import instance
     from starling.sim.effects import setting
+    from starling.sim.scene.scene import Scene
+    from starling.sim.sensor import presets
 
-    return setting.apply(sensor, scene, effects)
+    stage = instance("scene", scene, Scene, "Load it: starling.load_scene(NAME, SENSOR).")
+    return setting.apply(presets.loaded(sensor), stage, effects)
 
 
 def simulate(
-    scene: Scene | str,
-    sensor: Sensor | str,
+    scene: Scene | Path | str,
+    sensor: Sensor | Path | str,
     *,
     seed: int = 0,
     frame: int = 0,
@@ -225,17 +234,19 @@ def simulate(
         >>> bool((shot.depth.valid == (shot.depth.reason == starling.Reason.VALID)).all())
         True
     """
+    from starling import arguments
+    from starling.sim.sensor import presets
     from starling.sim.simulate import simulate
 
-    camera = load_sensor(sensor) if isinstance(sensor, str) else sensor
-    stage = load_scene(scene, camera) if isinstance(scene, str) else scene
+    camera = presets.resolved(sensor)
+    stage = arguments.scene(scene, camera)
     return simulate(stage, camera, seed=seed, frame=frame, samples=samples, quality=quality)
 
 
 def corrupt(
     depth_m: NDArray[Any],
     camera_matrix: NDArray[Any],
-    sensor: Sensor | str = "d435",
+    sensor: Sensor | Path | str = "d435",
     *,
     reflectance: float | NDArray[Any] | None = None,
     ambient_lux: float | None = None,
@@ -404,7 +415,7 @@ def from_ros(pose: NDArray[Any]) -> NDArray[Any]:
 
 
 def simulate_captures(
-    scene: str,
+    scene: Path | str,
     sensor: Sensor,
     out: Path | str,
     *,
@@ -435,17 +446,25 @@ def simulate_captures(
         >>> starling.open_captures("out/wall").scenes[0].frame(0).ir_left.shape
         (480, 848)
     """
-    from pathlib import Path
-
+    from starling import arguments
     from starling.sim.commands import simulate_captures
+    from starling.sim.sensor import presets
 
     return simulate_captures.simulate_captures(
-        scene, sensor, Path(out), frames=frames, seed=seed, effects=effects or {}, force=force
+        arguments.text("scene", scene, "Give its name or its file."),
+        presets.loaded(sensor),
+        arguments.path("out", out),
+        frames=frames,
+        seed=seed,
+        effects=effects,
+        force=force,
     )
 
 
 def match(ir_left: NDArray[Any], ir_right: NDArray[Any] | None, sensor: Sensor) -> DepthMap:
     """Match a rectified infrared pair as a sensor does, and triangulate.
+
+    Images of another size than the sensor's give a warning.
 
     Args:
         ir_left: (h, w) uint8, or uint16 of as many bits as the sensor matches.
@@ -465,12 +484,17 @@ def match(ir_left: NDArray[Any], ir_right: NDArray[Any] | None, sensor: Sensor) 
         >>> bool(depth.valid.mean() > 0.8)
         True
     """
+    from starling import arguments
     from starling.sim import arrays
+    from starling.sim.sensor import presets
     from starling.sim.stereo.measurement import measure
 
     left = arrays.numbers("ir_left", ir_left)
     right = None if ir_right is None else arrays.numbers("ir_right", ir_right)
-    return measure(left, right, sensor, causes={})
+    device = presets.loaded(sensor)
+    depth = measure(left, right, device, causes={})
+    arguments.warn_of_size(left.shape, device)
+    return depth
 
 
 def open_captures(path: Path | str) -> CaptureSet:
@@ -484,9 +508,10 @@ def open_captures(path: Path | str) -> CaptureSet:
         >>> [scene.name for scene in starling.open_captures("out/captures").scenes]
         ['wall']
     """
+    from starling import arguments
     from starling.sim.captures import capture
 
-    return capture.open_set(path)
+    return capture.open_set(arguments.path("path", path))
 
 
 def compare(real: CaptureSet | Path | str, simulated: CaptureSet | Path | str) -> dict[str, Any]:
@@ -509,9 +534,12 @@ def compare(real: CaptureSet | Path | str, simulated: CaptureSet | Path | str) -
         >>> sorted(starling.compare("out/1", "out/2")["metrics"])
         ['dot_contrast', 'mean_dn', 'ndp_iou', 'ndp_rate', 'nmad_px']
     """
+    from starling import arguments
     from starling.sim.commands import compare
 
-    return compare.compare(_opened(real), _opened(simulated))
+    return compare.compare(
+        arguments.captures("real", real), arguments.captures("simulated", simulated)
+    )
 
 
 def calibrate(
@@ -546,17 +574,17 @@ def calibrate(
         >>> bool(abs(fit.sensor.baseline_m - sensor.baseline_m) < 1e-3)
         True
     """
-    from pathlib import Path
-
+    from starling import arguments
     from starling.calibration.fit_sensor import fit
+    from starling.sim.sensor import presets
 
-    scenes = _opened(captures).scenes
+    rooms = None if heldout is None else arguments.texts("heldout", heldout, "Give a list.")
     return fit(
-        scenes,
-        sensor,
-        free=free,
-        folder=Path(folder),
-        heldout=heldout,
+        arguments.captures("captures", captures).scenes,
+        presets.loaded(sensor),
+        free=arguments.texts("free", free, "Give a list: ['baseline']."),
+        folder=arguments.path("folder", folder),
+        heldout=rooms,
         most_scenes=most_scenes,
     )
 
@@ -567,7 +595,7 @@ def diagnose(
     *,
     against: CaptureSet | Path | str | None = None,
     families: Sequence[str] | None = None,
-    cache: Path | None = None,
+    cache: Path | str | None = None,
     residual: bool = False,
 ) -> Diagnosis:
     """Find out where a simulation differs from captures, which effect explains it, how far.
@@ -595,14 +623,17 @@ def diagnose(
         >>> diagnosis.scenes
         ('clutter-1',)
     """
+    from starling import arguments
     from starling.diagnosis.diagnosis import diagnose
+    from starling.sim.sensor import presets
 
+    names = None if families is None else arguments.texts("families", families, "Give a list.")
     return diagnose(
-        _opened(captures),
-        sensor,
-        against=None if against is None else _opened(against),
-        families=families,
-        cache=cache,
+        arguments.captures("captures", captures),
+        presets.loaded(sensor),
+        against=None if against is None else arguments.captures("against", against),
+        families=names,
+        cache=None if cache is None else arguments.path("cache", cache),
         residual=residual,
     )
 
@@ -657,11 +688,10 @@ def generate(plan: Path | str, out: Path | str, *, workers: int = 1) -> dict[str
         >>> generated["frames"]
         2
     """
-    from pathlib import Path
-
+    from starling import arguments
     from starling.sim.datasets.generate import generate
 
-    return generate(Path(plan), Path(out), workers=workers)
+    return generate(arguments.path("plan", plan), arguments.path("out", out), workers=workers)
 
 
 def verify(out: Path | str, *, sample: int = 0) -> dict[str, Any]:
@@ -679,11 +709,10 @@ def verify(out: Path | str, *, sample: int = 0) -> dict[str, Any]:
         >>> starling.verify("out/verified", sample=1)["differing"]
         0
     """
-    from pathlib import Path
-
+    from starling import arguments
     from starling.sim.datasets.verify import verify
 
-    return verify(Path(out), sample=sample)
+    return verify(arguments.path("out", out), sample=sample)
 
 
 def draw(captures: Path | str, out: Path | str, *, frame: int = 0) -> dict[str, Any]:
@@ -701,17 +730,11 @@ def draw(captures: Path | str, out: Path | str, *, frame: int = 0) -> dict[str, 
         >>> _ = starling.simulate_captures("wall", starling.load_sensor("d435"), "out/drawn")
         >>> _ = starling.draw("out/drawn/wall", "out/wall.png")
     """
-    from pathlib import Path
-
+    from starling import arguments
     from starling.sim.commands import show_captures
 
-    return show_captures.show_captures(str(captures), Path(out), frame=frame)
-
-
-def _opened(captures: CaptureSet | Path | str) -> CaptureSet:
-    from starling.sim.captures.capture import CaptureSet
-
-    return captures if isinstance(captures, CaptureSet) else open_captures(captures)
+    source = arguments.text("captures", captures, "Give the folder of captures.")
+    return show_captures.show_captures(source, arguments.path("out", out), frame=frame)
 
 
 def __getattr__(name: str) -> Any:

@@ -33,6 +33,7 @@ def create(word: str) -> CompletionMethod:
         InputError: if there is no such method, weights are missing, damaged or not allowed, or
             required packages are not installed.
     """
+    errors.instance("method", word, str, f"Known: {', '.join(NAMES)}.")
     name, equals, weights = word.partition("=")
     errors.one_of("method", name, NAMES)
     if name in CLASSICAL:

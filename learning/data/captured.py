@@ -96,8 +96,11 @@ def example(scene: CapturedScene, *, simulation: Simulation | None = None) -> Ex
     Reflectance is the left infrared image, smoothed by a Gaussian of 12 px.
 
     Raises:
-        InputError: if it has no reference depth, or no depth of the device.
+        InputError: if it has no reference depth, or no depth of the device. Also if the simulated
+            sensor is of another kind or image size.
     """
+    if simulation is not None:
+        scene.refuse_other_sensor(simulation.sensor)
     truth_m, frame = _reference(scene), scene.frame(scene.frames[0])
     if frame.depth_m is None:
         raise _incomplete(scene, "depth.png")

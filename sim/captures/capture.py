@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +21,8 @@ from starling.sim.captures.info import CaptureInfo
 from starling.sim.captures.png import GreyImage
 from starling.sim.scene import scene_file
 from starling.sim.scene.scene_file import SceneFile
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo import depth
 
 # Files of a scene: a folder with one of them, but without frames, is refused as incomplete.
@@ -60,11 +63,10 @@ class CapturedScene:
             InputError: if the frame does not exist or is empty, or an image is damaged or has a
                 wrong type or size.
         """
+        name, known = f"frame of {self.name}", f"There are: {', '.join(map(str, self.frames))}."
+        number = errors.whole_number(name, number, -sys.maxsize, sys.maxsize, known)
         if number not in self.frames:
-            known = ", ".join(map(str, self.frames))
-            raise errors.refuse(
-                f"frame of {self.name}", "must exist", number, f"There are: {known}."
-            )
+            raise errors.refuse(name, "must exist", number, known)
         folder = self.path / str(number)
         images = {
             name: self._image(folder, name)
@@ -91,7 +93,7 @@ class CapturedScene:
         for names in (("ir_left", "ir_right", "depth"), ("ir_left", "ir_right"), ("ir_left",)):
             for number in self.frames:
                 paths = (self.path / str(number) / f"{name}.png" for name in names)
-                if all(os.path.lexists(path) for path in paths):
+                if all(_exists(path) for path in paths):
                     return self.frame(number)
         return self.frame(self.frames[0])
 
@@ -110,6 +112,26 @@ class CapturedScene:
             InputError: if the file is no JSON object.
         """
         return _record(self.path / str(number))
+
+    def refuse_other_sensor(self, sensor: Sensor) -> None:
+        """Refuse a sensor that cannot have captured this scene: of another kind or image size.
+
+        Raises:
+            InputError: if kind or size differ.
+        """
+        device = self.info.sensor
+        kind = presets.load(device).kind if device in presets.names() else sensor.kind
+        if _exists(self.path / str(self.frames[0]) / "ir_right.png"):
+            kind, holds = "stereo", f"Scene {self.name} holds an infrared pair."
+        else:
+            holds = f"Scene {self.name} is of a {device}."
+        if sensor.kind != kind:
+            words = {"stereo": "a stereo camera's", "structured_light": "of structured light"}
+            raise errors.refuse("sensor", f"must be {words[kind]}", sensor.kind, holds)
+        if (sensor.height, sensor.width) != self.info.shape:
+            rule = f"must have images of {self.info.width}x{self.info.height}"
+            got = f"{sensor.width}x{sensor.height}"
+            raise errors.refuse("sensor", rule, got, f"Scene {self.name} has images of that size.")
 
     def truth_m(self) -> NDArray[np.float32] | None:
         """Read the reference depth z [m] (h, w), NaN where unknown; None without the file.
@@ -136,11 +158,11 @@ class CapturedScene:
             InputError: as `starling.sim.scene.scene_file.read`.
         """
         path = self.path / scene_file.FILE
-        return scene_file.read(path) if os.path.lexists(path) else None
+        return scene_file.read(path) if _exists(path) else None
 
     def _image(self, folder: Path, name: str) -> GreyImage | None:
         path = folder / f"{name}.png"
-        if not os.path.lexists(path):
+        if not _exists(path):
             return None
         image = png.read(path, name, shape=self.info.shape)
         level, largest = self.info.black_level_dn, np.iinfo(image.dtype).max
@@ -220,7 +242,7 @@ def open_set(path: Path | str) -> CaptureSet:
             path,
             f"It {problem}: give a capture set or a scene in it.",
         )
-    if (path / capture_info.FILE).is_file():
+    if _exists(path / capture_info.FILE):
         info = _read_info(path / capture_info.FILE)
         folders = _scene_folders(path)
         if not folders:
@@ -271,9 +293,9 @@ def _scene(path: Path, info: CaptureInfo) -> CapturedScene:
             "scene", "must hold a frame folder", path, "Name it 0: SCENE/0/ir_left.png and so on."
         )
     camera_file = path / capture_info.OWN
-    info = _read_info(camera_file) if os.path.lexists(camera_file) else info
+    info = _read_info(camera_file) if _exists(camera_file) else info
     room = path / "room"
-    name = files.read_text(room).strip() if os.path.lexists(room) else path.name
+    name = files.read_text(room).strip() if _exists(room) else path.name
     return CapturedScene(
         name=path.name, room=name or path.name, path=path, info=info, frames=tuple(frames)
     )
@@ -309,9 +331,21 @@ def _list(path: Path) -> list[Path]:
         ) from error
 
 
+def _exists(path: Path) -> bool:
+    """Return whether there is a file, or refuse a folder that cannot be searched."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError as error:
+        rule = "must be a readable folder"
+        raise errors.refuse("captures", rule, path.parent, f"{error.strerror}.") from error
+    return True
+
+
 def _record(folder: Path) -> dict[str, Any]:
     path = folder / frame_record.FILE
-    return frame_record.parse(files.read_bytes(path), path) if os.path.lexists(path) else {}
+    return frame_record.parse(files.read_bytes(path), path) if _exists(path) else {}
 
 
 def _check_pair(folder: Path, left: GreyImage | None, right: GreyImage | None, name: str) -> None:

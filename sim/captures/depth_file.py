@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -75,6 +76,9 @@ def read(path: Path, unit: str = "") -> Image:
         got = f"{image.shape} {image.dtype}"
         raise errors.refuse(str(path), "must hold (h, w) numbers", got, "Save one channel.")
     default = "m" if image.dtype.kind == "f" else "mm"
+    if image.dtype.itemsize == 1 and not unit:
+        message = "8-bit depth images are taken as millimetres, up to 0.255 m. Give their unit."
+        warnings.warn(message, stacklevel=1)  # One place, so that it is shown once.
     return np.asarray(image * np.float64(_step(unit or default)), np.float32)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -65,8 +66,8 @@ def corrupt_captures(
         InputError: if an image, the camera or the folder is invalid; no partial output remains.
     """
     started = time.perf_counter()
-    errors.in_interval("frames", frames, 1, 100_000, "Give a count inside.")
-    errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
+    frames = errors.whole_number("frames", frames, 1, 100_000, "Give a count inside.")
+    seed = errors.whole_number("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     images = _images(path, frames)
     capture.refuse_not_utf8(Path(_scene_name(images)))
     pictures = _pictures(rgb, len(images))
@@ -152,6 +153,7 @@ def _write_scene(
     unit_m, past = corruptor.sensor.post.depth_unit_m, None
     scene_number = scene_seed(seed, name)
     rates, levels, shot, shape = [], [], None, None
+    bare: list[str] = []  # Images without a surface.
     for number, image in enumerate(track(list(images), "simulate")):
         hint = _hint(pictures[number])
         depth_m = depth_file.read(image, unit)
@@ -160,9 +162,16 @@ def _write_scene(
             rule = f"must be {shape}, as {images[0].name}"
             remedy = "A camera matrix belongs to one size."
             raise errors.refuse(str(image), rule, depth_m.shape, remedy)
+        if not (np.isfinite(depth_m) & (depth_m != 0)).any():
+            bare.append(image.name)
         with errors.naming(image):
             shot = corruptor.shoot(
-                depth_m, reflectance=hint, seed=scene_number, frame=number, past=past
+                depth_m,
+                reflectance=hint,
+                seed=scene_number,
+                frame=number,
+                past=past,
+                empty=len(bare) < len(images),
             )
         past = shot.depth.history
         if number == 0:
@@ -186,6 +195,12 @@ def _write_scene(
         )
         rates.append(1 - shot.depth.valid.mean())
         levels.append(shot.ir_left.mean())
+    if bare:
+        warnings.warn(
+            f"{len(bare)} of {len(images)} depth images have no surface, {bare[0]} first. "
+            "Their frames have no depth.",
+            stacklevel=3,
+        )
     assert shot is not None  # `images` has at least one.
     return {name: scene_figures(rates, levels, shot)}
 

@@ -92,6 +92,7 @@ def match_captures(
 
 
 def _match(scene: CapturedScene, sensor: Sensor) -> depth.DepthMap:
+    scene.refuse_other_sensor(sensor)
     frame = scene.frame(scene.frames[0])
     if frame.ir_left is None or (frame.ir_right is None and sensor.kind == "stereo"):
         raise errors.refuse(
@@ -99,13 +100,6 @@ def _match(scene: CapturedScene, sensor: Sensor) -> depth.DepthMap:
             "must hold ir_left.png and ir_right.png",
             scene.path,
             "Matching needs an infrared pair.",
-        )
-    if frame.ir_right is not None and sensor.kind != "stereo":
-        raise errors.refuse(
-            "sensor",
-            "must be a stereo camera's",
-            sensor.kind,
-            f"Scene {scene.name} holds an infrared pair.",
         )
     depth_map = measurement.measure(frame.ir_left, frame.ir_right, sensor, causes={})
     if frame.ir_right is not None and depth_map.valid.mean() < _LITTLE:

@@ -96,11 +96,11 @@ def simulate_captures(
     """
     from starling.sim.simulate import refuse_impossible
 
-    errors.in_interval("frames", frames, 1, 100_000, "Give a count inside.")
-    errors.in_interval("samples", samples, 0, 4096, "16 are enough for most scenes.")
-    errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
+    frames = errors.whole_number("frames", frames, 1, 100_000, "Give a count inside.")
+    samples = errors.whole_number("samples", samples, 0, 4096, "16 are enough for most scenes.")
+    seed = errors.whole_number("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     started = time.perf_counter()
-    effects = dict(effects or {})
+    effects = dict(setting.checked({} if effects is None else effects))
     camera = setting.on_sensor(sensor, effects)
     _refuse_samples_of_nothing(samples, effects)
     refuse_impossible(camera, frames)

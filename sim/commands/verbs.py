@@ -137,6 +137,7 @@ def simulate(
     from starling.sim.console import progress
     from starling.sim.effects import setting
     from starling.sim.sensor import resolve
+    from starling.sim.sensor.edits import OF_CAMERA, path_of
 
     camera = resolve.load(
         sensor,
@@ -147,6 +148,8 @@ def simulate(
         note=progress.note_on_stderr,
     )
 
+    strengths = setting.parse(effect)
+    setting.warn_of_edits(strengths, map(path_of, edits))
     options = {
         "sensor": sensor,
         "device_preset": device_preset,
@@ -161,9 +164,8 @@ def simulate(
                 "samples, empty, quality", rule, got, "They are for scenes: leave them out."
             )
         from starling.sim.commands import corrupt_captures
-        from starling.sim.sensor.edits import OF_CAMERA
 
-        replaced = [each for each in edits if each.partition("=")[0].strip() in OF_CAMERA]
+        replaced = [each for each in edits if path_of(each) in OF_CAMERA]
         if own_camera and replaced:
             rule = "must not change the camera that --own-camera replaces"
             raise refuse("set", rule, replaced[0], "Leave one of the two out.")
@@ -179,7 +181,7 @@ def simulate(
                 own_camera=own_camera,
                 frames=frames,
                 seed=seed,
-                effects=setting.parse(effect),
+                effects=strengths,
                 force=force,
                 options={
                     **options,
@@ -204,7 +206,7 @@ def simulate(
             seed=seed,
             samples=samples,
             quality=quality,
-            effects=setting.parse(effect),
+            effects=strengths,
             empty=empty,
             force=force,
             options=options,

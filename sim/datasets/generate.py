@@ -60,8 +60,8 @@ def generate(
             record of a complete task is damaged, or a file of a scene is missing and the plan says
             `missing = "stop"`. Complete tasks remain.
     """
-    errors.in_interval("workers", workers, 0, 4096)
-    errors.in_interval("shard_frames", shard_frames, 1, 10**6)
+    workers = errors.whole_number("workers", workers, 0, 4096)
+    shard_frames = errors.whole_number("shard_frames", shard_frames, 1, 10**6)
     if ray and workers:
         raise errors.refuse("workers", "must be 0 with ray", workers, "The cluster has its own.")
     started = time.perf_counter()

@@ -14,7 +14,7 @@ from typing import Any, Literal, Protocol, TypeVar, get_args
 import numpy as np
 
 from starling.patterns import errors
-from starling.sim import files, randomness
+from starling.sim import files, quantities, randomness
 from starling.sim.console.names import distinct_names
 from starling.sim.datasets import draw
 from starling.sim.datasets.draw import Draw, Fixed, refuse_unknown, text, weight
@@ -96,6 +96,8 @@ def from_table(table: Mapping[str, Any], folder: Path) -> Plan:
             ("samples", 0, 0),
         )
     }
+    total = numbers["scenes"] * numbers["views"] * numbers["frames"]
+    quantities.check("scenes x views x frames", total, "frames_of_a_set")
     missing = table.get("missing", "stop")
     errors.one_of("missing", missing, get_args(Missing))
     return Plan(

@@ -5,19 +5,20 @@ from __future__ import annotations
 import dataclasses
 import re
 import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import chain
 from typing import Any
 
 from starling.patterns import errors
 from starling.sim import effects
 from starling.sim.effects.effect import Effect, Parameter, Value, written
 from starling.sim.scene.scene import Scene
-from starling.sim.sensor import edits, structure
+from starling.sim.sensor import edits, overlaps, structure
 from starling.sim.sensor.sensor import Sensor
 
 _SCENE = "scene."
-_BOTH = "imager."
 _AXES = ("x", "y", "z")
 
 
@@ -70,10 +71,10 @@ def on_scene(scene: Scene, settings: Mapping[str, Value]) -> Scene:
 def _changes(settings: Mapping[str, Value]) -> dict[str, tuple[str, Value]]:
     """Return the effect's name and the new value by path."""
     changes: dict[str, tuple[str, Value]] = {}
-    for name, new in settings.items():
+    for name, new in checked(settings).items():
         effect, parameter = parameter_of(name)
         new = _admitted(effect, parameter, new)
-        for path in _spread(parameter.paths):
+        for path in chain.from_iterable(map(overlaps.spread, parameter.paths)):
             first_name, first_value = changes.setdefault(path, (name, new))
             if first_value != new:
                 raise errors.refuse(
@@ -85,13 +86,35 @@ def _changes(settings: Mapping[str, Value]) -> dict[str, tuple[str, Value]]:
     return changes
 
 
+def checked(settings: object) -> Mapping[str, Value]:
+    """Check that settings are strengths by name, and return them.
+
+    Raises:
+        InputError: if they are no mapping, or a name is no text.
+    """
+    advice = "Give {NAME: STRENGTH}, such as {'lens_blur': 0.8}."
+    table = errors.instance("effects", settings, Mapping, advice)
+    for name in table:
+        errors.instance("name of an effect", name, str, advice)
+    return {name: errors.plain(strength) for name, strength in table.items()}
+
+
+def warn_of_edits(settings: Mapping[str, Value], paths: Iterable[str]) -> None:
+    """Warn of edits of a sensor, by path, whose field an effect sets."""
+    for path in paths:
+        for name in settings:
+            if overlaps.replaced(path, parameter_of(name)[1].paths):
+                message = f"effect {name} sets {path} as well, and wins over the edit."
+                warnings.warn(message, stacklevel=2)
+
+
 def value(parameter: Parameter, sensor: Sensor, scene: Scene | None = None) -> Value | None:
     """Return the current value of a parameter.
 
     It is None if the sensor has no such field (other matchers have other fields). It is also None
     if the field belongs to the scene and `scene` is None.
     """
-    path = _spread(parameter.paths)[0]
+    path = overlaps.spread(parameter.paths[0])[0]
     tree = scene if path.startswith(_SCENE) else sensor
     if tree is None:
         return None
@@ -104,7 +127,7 @@ def value(parameter: Parameter, sensor: Sensor, scene: Scene | None = None) -> V
 
 def whole(parameter: Parameter, sensor: Sensor) -> bool:
     """Return whether a parameter's field accepts only whole numbers."""
-    path = _spread(parameter.paths)[0]
+    path = overlaps.spread(parameter.paths[0])[0]
     if path.startswith(_SCENE):
         return False
     try:
@@ -172,21 +195,12 @@ def _admitted(effect: Effect, parameter: Parameter, new: Value) -> Value:
     """Check a value: a finite number, or one of the choices."""
     name = f"{effect.name}.{parameter.name}"
     if parameter.choices:
-        if new not in parameter.choices:
+        if not (isinstance(new, str) or errors.is_number(new)) or new not in parameter.choices:
             known = ", ".join(map(written, parameter.choices))
             raise errors.refuse(name, f"must be one of {known}", new, "Choose one of them.")
     elif not errors.is_number(new) or not abs(new) <= sys.float_info.max:
         raise errors.refuse(name, "must be a number", repr(new), f"Its unit is {parameter.unit}.")
     return new
-
-
-def _spread(paths: Iterable[str]) -> list[str]:
-    """Expand `imager.` to the paths of both imagers."""
-    return [
-        side + path.removeprefix(_BOTH) if path.startswith(_BOTH) else path
-        for path in paths
-        for side in (("left.", "right.") if path.startswith(_BOTH) else ("",))
-    ]
 
 
 def _in_scene(scene: Scene, path: str, new: Value) -> Scene:

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from starling.patterns import regular_file
+from starling.sim.scene.polygons import warn_of_concave
 
 _FREE_FORM = {"curv", "curv2", "surf"}  # Curves and surfaces, which are not triangles.
 
@@ -39,13 +39,10 @@ def refuse_damaged(path: Path) -> None:
     if ignored:
         names = ", ".join(sorted(ignored))
         warnings.warn(f"{path}: {names} not used; triangles only. Convert them.", stacklevel=3)
-    wide = [corners for corners in polygons if len(corners) > 3]
-    count = _count_concave(np.array(points, np.float64), wide) if wide else 0
-    if count:
-        warnings.warn(
-            f"{path}: {count} concave faces are cut wrongly. Triangulate the mesh on export.",
-            stacklevel=3,
-        )
+    lengths = {len(corners) for corners in polygons} - {3}
+    if lengths:
+        wide = [[p for p in polygons if len(p) == length] for length in lengths]
+        warn_of_concave(path, np.array(points, np.float64), map(np.array, wide))
 
 
 def _statements(data: bytes) -> Iterator[list[str]]:
@@ -66,17 +63,3 @@ def _corner(value: str, count: int) -> int:
     if number == 0 or vertex < 0:
         raise ValueError(f"a face has the vertex {number}, which is missing")
     return vertex
-
-
-def _count_concave(points: NDArray[np.float64], polygons: list[list[int]]) -> int:
-    """Count polygons that a fan of triangles about the first corner leaves."""
-    count = 0
-    for length in {len(corners) for corners in polygons}:
-        corners = np.array([polygon for polygon in polygons if len(polygon) == length])
-        spokes = points[corners[:, 1:]] - points[corners[:, :1]]
-        areas = np.cross(spokes[:, :-1], spokes[:, 1:])  # (n, triangles, 3), twice the area.
-        covered = np.linalg.norm(areas, axis=2).sum(axis=1)
-        true = np.linalg.norm(areas.sum(axis=1), axis=1)
-        opposed = np.einsum("ntk,nk->nt", areas, areas.sum(axis=1)) < 0  # Bent faces have none.
-        count += int((opposed.any(axis=1) & (covered > 1.001 * true)).sum())
-    return count

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import regular_file
+from starling.sim.scene.polygons import warn_of_concave
 
 _TYPES = {
     "char": "i1",
@@ -50,8 +51,19 @@ class _Element:
     properties: list[_Property] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class _Faces:
+    """Vertices of the file, and its faces of more than three corners."""
+
+    vertices: int
+    points: dict[str, NDArray[np.float64]] = field(default_factory=dict)  # By name: x, y, z.
+    polygons: list[NDArray[np.int64]] = field(default_factory=list)
+
+
 def refuse_damaged(path: Path) -> None:
     """Refuse a file whose rows contradict its header, or whose faces name missing vertices.
+
+    Concave faces, which the reader cuts wrongly, give a warning.
 
     Raises:
         ValueError: if the file is damaged; the message says how.
@@ -62,12 +74,15 @@ def refuse_damaged(path: Path) -> None:
     if match is None:
         raise ValueError("a PLY starts with ply and its header ends with end_header")
     order, elements = _header(match[1].decode().splitlines())
-    count = sum(element.rows for element in elements if element.name == "vertex")
+    faces = _Faces(sum(element.rows for element in elements if element.name == "vertex"))
     body = data[match.end() :]
     if order is None:
-        _refuse_text(body.decode(), elements, count)
+        _refuse_text(body.decode(), elements, faces)
     else:
-        _refuse_binary(body, elements, count)
+        _refuse_binary(body, elements, faces)
+    if faces.polygons and {"x", "y", "z"} <= faces.points.keys():
+        points = np.stack([faces.points[axis] for axis in "xyz"], axis=1)
+        warn_of_concave(path, points, faces.polygons)
 
 
 def _header(lines: list[str]) -> tuple[str | None, list[_Element]]:
@@ -103,7 +118,7 @@ def _is_property(words: list[str]) -> bool:
     return len(words) == 3 and words[1] in _TYPES
 
 
-def _refuse_text(text: str, elements: list[_Element], vertices: int) -> None:
+def _refuse_text(text: str, elements: list[_Element], faces: _Faces) -> None:
     rows = [line.split() for line in text.rstrip().splitlines()]
     expected = sum(element.rows for element in elements)
     if len(rows) != expected:
@@ -114,11 +129,14 @@ def _refuse_text(text: str, elements: list[_Element], vertices: int) -> None:
         start += element.rows
         for length in {len(row) for row in part}:
             table = np.array([row for row in part if len(row) == length], dtype=np.float64)
-            _refuse_cells(table, element.properties, element.name, vertices)
+            _refuse_cells(table, element.properties, element.name, faces)
+            if element.name == "vertex" and not any(entry.count for entry in element.properties):
+                names = [entry.name for entry in element.properties]
+                faces.points.update(zip(names, table.T, strict=True))
 
 
 def _refuse_cells(
-    table: NDArray[np.float64], properties: list[_Property], element: str, vertices: int
+    table: NDArray[np.float64], properties: list[_Property], element: str, faces: _Faces
 ) -> None:
     """Check rows (n, values) of equally many values, property by property."""
     if not properties and table.shape[1]:
@@ -130,7 +148,7 @@ def _refuse_cells(
     first, rest = properties[0], properties[1:]
     if first.count is None:
         _refuse_numbers(table[:, :1], first.dtype, first.name)
-        _refuse_cells(table[:, 1:], rest, element, vertices)
+        _refuse_cells(table[:, 1:], rest, element, faces)
         return
     _refuse_numbers(table[:, :1], first.count, f"{first.name} (length)")
     for count in np.unique(table[:, 0]).astype(int):
@@ -139,8 +157,8 @@ def _refuse_cells(
             raise ValueError(f"a row of {element} has too few values")
         values = part[:, 1 : 1 + count]
         _refuse_numbers(values, first.dtype, first.name)
-        _refuse_corners(values, first.name, vertices)
-        _refuse_cells(part[:, 1 + count :], rest, element, vertices)
+        _refuse_corners(values, first.name, faces)
+        _refuse_cells(part[:, 1 + count :], rest, element, faces)
 
 
 def _refuse_numbers(values: NDArray[np.float64], dtype: np.dtype, name: str) -> None:
@@ -153,17 +171,19 @@ def _refuse_numbers(values: NDArray[np.float64], dtype: np.dtype, name: str) -> 
         raise ValueError(f"{name} holds {rule}, not {values[outside][0]:g}")
 
 
-def _refuse_corners(corners: NDArray, name: str, vertices: int) -> None:
+def _refuse_corners(corners: NDArray, name: str, faces: _Faces) -> None:
     """Check the vertices (n, corners) of faces."""
     if name not in _CORNERS or not len(corners):
         return
     if corners.shape[1] < 3:
         raise ValueError(f"a face has {corners.shape[1]} vertices")
-    if not 0 <= corners.min() <= corners.max() < vertices:
+    if not 0 <= corners.min() <= corners.max() < faces.vertices:
         raise ValueError("a triangle has a vertex that is missing")
+    if corners.shape[1] > 3:
+        faces.polygons.append(corners.astype(np.int64))
 
 
-def _refuse_binary(body: bytes, elements: list[_Element], vertices: int) -> None:
+def _refuse_binary(body: bytes, elements: list[_Element], faces: _Faces) -> None:
     start = 0
     for element in elements:
         if not element.rows:
@@ -187,7 +207,9 @@ def _refuse_binary(body: bytes, elements: list[_Element], vertices: int) -> None
             if len(np.unique(lengths)) > 1:
                 raise ValueError(f"lists of different length in {entry.name} need the text format")
             if entry.count is not None:
-                _refuse_corners(table[entry.name], entry.name, vertices)
+                _refuse_corners(table[entry.name], entry.name, faces)
+            elif element.name == "vertex":
+                faces.points[entry.name] = table[entry.name][:, 0].astype(np.float64)
         start = end
     if start != len(body):
         raise ValueError(f"{len(body) - start} bytes follow its last row")

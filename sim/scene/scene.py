@@ -15,6 +15,7 @@ from starling.sim.sensor.projector import Projector
 
 BRIGHTEST_W_M2 = 2e3  # Upper limit of the light of sky or sun, above full sunlight.
 
+_TUPLE = "Give a tuple."
 Kind = Literal["diffuse", "glossy", "metal", "mirror", "glass"]
 
 
@@ -34,7 +35,7 @@ class Material:
         errors.in_interval(f"reflectance of {self.name}", self.reflectance, 0.0, 1.0)
         errors.in_interval(f"roughness of {self.name}", self.roughness, 0.01, 1.0)
         errors.in_interval(f"ior of {self.name}", self.ior, 1.0, 3.0)
-        for value in self.rgb or ():
+        for value in () if self.rgb is None else errors.instance("rgb", self.rgb, tuple, _TUPLE):
             errors.in_interval(f"rgb of {self.name}", value, 0.0, 1.0)
 
 
@@ -49,6 +50,7 @@ class Mesh:
 
     def __post_init__(self) -> None:
         for name, array in (("vertices", self.vertices), ("faces", self.faces)):
+            errors.instance(f"mesh {name}", array, np.ndarray, "Give a numpy array.")
             if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
                 raise errors.refuse(
                     f"mesh {name}", "must be (n, 3) with n > 0", array.shape, "Is the mesh empty?"
@@ -74,6 +76,11 @@ class Body:
     texture: NDArray[np.float32] | None = None  # (h, w) reflectance that replaces the material's
     # (h, w) local ambient light over the scene's, due to shadows and near lamps; None: 1.
     ambient_share: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        errors.instance("name of a body", self.name, str, "Give text.")
+        errors.instance(f"mesh of {self.name}", self.mesh, Mesh, "Give a starling.sim Mesh.")
+        errors.instance(f"material of {self.name}", self.material, Material, "Give a Material.")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -181,6 +188,18 @@ class ModelError:
             errors.in_interval("model_error.turn_deg", value, -45.0, 45.0)
 
 
+_PARTS: dict[str, type] = {  # Type of each part of a scene.
+    "name": str,
+    "ambient": Ambient,
+    "sun": Sun,
+    "other_projector": Projector,
+    "finish": Finish,
+    "motion": Motion,
+    "model_error": ModelError,
+    "world_from_left": np.ndarray,
+}
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Scene:
     """A complete scene. The world frame is arbitrary; lengths are in metres."""
@@ -207,6 +226,12 @@ class Scene:
     shadow_tolerance: float = 1e-3
 
     def __post_init__(self) -> None:
+        errors.instance("scene.bodies", self.bodies, tuple, _TUPLE)
+        errors.instance("scene.shapes", self.shapes, tuple, _TUPLE)
+        for body in self.bodies:
+            errors.instance("entry of scene.bodies", body, Body, "Give bodies.")
+        for name, kind in _PARTS.items():
+            errors.instance(f"scene.{name}", getattr(self, name), kind, f"Give a {kind.__name__}.")
         if not self.bodies and not self.shapes:
             raise errors.refuse("scene", "must hold at least one body", self.name, "Add a body.")
         errors.in_interval("scene.interreflection", self.interreflection, 0.0, 1.0)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from starling.patterns import errors
 from starling.sim import arrays
-from starling.sim.sensor import matcher, structure
+from starling.sim.sensor import matcher, overlaps, structure
 from starling.sim.sensor.imager import EXPOSURE
 from starling.sim.sensor.sensor import Sensor
 
@@ -43,7 +43,13 @@ def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
     if unused:
         message = f"{', '.join(unused)} not used: both imagers take the left one's."
         warnings.warn(message, stacklevel=2)
+    overlaps.warn_of_edits([path for path, _ in values])
     return with_values(sensor, values)
+
+
+def path_of(edit: str) -> str:
+    """Return the path of an edit `PATH=VALUE`."""
+    return edit.partition("=")[0].strip()
 
 
 def with_values(sensor: Sensor, values: Iterable[tuple[str, Any]]) -> Sensor:

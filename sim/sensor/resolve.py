@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
 from starling.sim.captures import capture
 from starling.sim.console.progress import Note, ignore_note
-from starling.sim.sensor import presets
-from starling.sim.sensor.edits import apply
+from starling.sim.sensor import overlaps, presets
+from starling.sim.sensor.edits import apply, path_of
 from starling.sim.sensor.sensor import Sensor
 
 
@@ -19,7 +19,7 @@ def load(
     captures: str = "",
     device_preset: str | None = None,
     emitter: Literal["on", "off"] | None = None,
-    edits: Iterable[str] = (),
+    edits: Sequence[str] = (),
     note: Note = ignore_note,
 ) -> Sensor:
     """Load a sensor; apply the geometry of its captures, then device controls, then edits.
@@ -50,7 +50,9 @@ def load(
         if not (name.endswith(".toml") and info.are_of(sensor)):
             sensor = info.geometry_into(sensor)
     if device_preset is not None or emitter is not None:
-        sensor = _with_controls(sensor, device_preset, emitter, note)
+        controlled = _with_controls(sensor, device_preset, emitter, note)
+        overlaps.warn_of_controls(sensor, controlled, [path_of(edit) for edit in edits])
+        sensor = controlled
     return presets.with_absolute_patterns(apply(sensor, edits), Path.cwd())
 
 

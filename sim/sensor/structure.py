@@ -34,10 +34,11 @@ def to_table(tree: Any) -> dict[str, Any]:
             table[field.name] = inner
         elif isinstance(value, tuple):
             table[field.name] = [
-                to_table(item) if dataclasses.is_dataclass(item) else item for item in value
+                to_table(item) if dataclasses.is_dataclass(item) else errors.plain(item)
+                for item in value
             ]
         else:
-            table[field.name] = value
+            table[field.name] = errors.plain(value)
     return table
 
 
@@ -191,6 +192,7 @@ def _tree(classes: list[type], value: Any, name: str) -> Any:
 
 
 def _scalar(hint: type, value: Any, name: str) -> Any:
+    value = errors.plain(value)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if type(value) is not hint:

@@ -30,7 +30,11 @@ class DepthCamera:
 
 
 def checked_depth(
-    name: str, depth_m: NDArray[np.floating], *, shape: tuple[int, ...] | None = None
+    name: str,
+    depth_m: NDArray[np.floating],
+    *,
+    shape: tuple[int, ...] | None = None,
+    empty: bool = False,
 ) -> Image:
     """Return depth [m] as float32, NaN without a surface (0, NaN and infinity), or refuse it.
 
@@ -38,6 +42,7 @@ def checked_depth(
         name: name of the image in the user's words.
         depth_m: (h, w) image [m].
         shape: size that it must have; None for any.
+        empty: allow an image without a surface.
     """
     depth = arrays.numbers(name, depth_m)
     if depth.ndim != 2:
@@ -54,6 +59,8 @@ def checked_depth(
         )
     out[(out == 0) | ~np.isfinite(out)] = np.nan
     known = out[np.isfinite(out)]
+    if not known.size and empty:
+        return out
     if not known.size:
         raise errors.refuse(name, "must hold a surface", "none", "Is the camera in a wall?")
     nearest = float(known.min())

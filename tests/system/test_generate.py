@@ -301,8 +301,8 @@ def test_set_of_another_plan_is_refused(plan: Path, whole: Path, tmp_path: Path)
     ):
         pass
     for flags, message in (
-        ({"workers": -1}, "workers must be in"),
-        ({"shard_frames": 0}, "shard_frames must be in"),
+        ({"workers": -1}, "workers must be an integer in"),
+        ({"shard_frames": 0}, "shard_frames must be an integer in"),
         ({"ray": "local", "workers": 1}, "workers must be 0 with ray"),
         ({"ray": "here"}, "ray must be HOST:PORT or local"),
         ({"ray": "127.0.0.1:1"}, "ray must answer; got 127.0.0.1:1"),

@@ -223,7 +223,7 @@ def test_simulate_a_builtin_scene(capsys: Capsys, tmp_path: Path) -> None:
         assert _run(*requested, capsys=capsys)[0] == 0
         frame = json.loads((out / "wall" / "0" / "frame.json").read_text())
         assert frame["samples"] == samples
-    assert "frames must be in" in _refused(
+    assert "frames must be an integer in" in _refused(
         "simulate", "wall", "--sensor", "d435", "--out", out, "--frames", "0", capsys=capsys
     )
 

@@ -45,6 +45,24 @@ def load(name: str) -> Sensor:
     return _read(_path(name))
 
 
+def loaded(sensor: object) -> Sensor:
+    """Return a sensor as it is.
+
+    Raises:
+        InputError: for a value that is no sensor, such as a name.
+    """
+    return errors.instance("sensor", sensor, Sensor, "Load it: starling.load_sensor(NAME).")
+
+
+def resolved(sensor: object) -> Sensor:
+    """Return a sensor as it is, or load it by its name.
+
+    Raises:
+        InputError: as `load`, and for other values.
+    """
+    return load(os.fspath(sensor)) if isinstance(sensor, (str, Path)) else loaded(sensor)
+
+
 def _path(name: str) -> Path:
     if name.endswith(".toml"):
         return Path(name)

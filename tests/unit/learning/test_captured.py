@@ -284,3 +284,14 @@ def test_an_existing_cache_folder_is_kept(tmp_path):
     remaining = captured.caching(plain, tmp_path / "one")
     assert remaining.cache == tmp_path / "one"
     assert captured.caching(remaining, tmp_path / "two") is remaining
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("kind", "structured_light"), ("width", SENSOR.width + 16)]
+)
+def test_a_simulated_sensor_of_another_camera_is_refused(captures, field, value):
+    place = (SENSOR.baseline_m, 0.0, 0.0)
+    edits = [(field, value), ("projector.position_m", place)]
+    simulation = Simulation(sensor=with_values(SENSOR, edits), draws=2)
+    with pytest.raises(InputError, match=r"sensor must (be a stereo camera's|have images of)"):
+        captured.example(captures.scenes[0], simulation=simulation)

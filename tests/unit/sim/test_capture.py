@@ -228,6 +228,17 @@ def test_unreadable_folder_is_refused(small_set: Path, monkeypatch: pytest.Monke
         capture.open_set(small_set)
 
 
+def test_unreadable_frame_is_refused(small_set: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (scene, *_) = capture.open_set(small_set).scenes
+
+    def refuse(self: Path) -> os.stat_result:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "lstat", refuse)
+    with pytest.raises(InputError, match=r"readable folder; got .*/a/0\. Permission denied"):
+        scene.frame(0)
+
+
 def test_room_must_be_text(small_set: Path) -> None:
     (small_set / "a" / "room").write_bytes(b"\xff")
     with pytest.raises(InputError, match="room must be UTF-8 text"):

@@ -207,7 +207,7 @@ def test_a_folder_is_one_moving_scene_and_filters_go_on(tmp_path: Path) -> None:
         ({"rgb": "pictures"}, "rgb must hold 2 pictures, as many as depth images; got 1 in"),
         ({"path": "nowhere.txt"}, r"scene must hold depth images \(.npy, .png, .exr\)"),
         ({"path": "."}, r"scene must hold depth images .*; got .*/drive"),
-        ({"seed": -1}, "seed must be in"),
+        ({"seed": -1}, "seed must be an integer in"),
         ({"out": "drive/out"}, "out must"),
     ],
 )
@@ -230,9 +230,34 @@ def test_images_of_two_sizes_are_refused(tmp_path: Path) -> None:
     np.save(folder / "2.npy", depth()[:90])
     with pytest.raises(InputError, match=r"2.npy must be \(96, 128\), as 1.npy; got \(90, 128"):
         corrupt_captures(folder, SENSOR, tmp_path / "out", camera_matrix=CAMERA)
-    np.save(folder / "2.npy", depth() * 0)
-    with pytest.raises(InputError, match=r"2.npy: depth_m must hold a surface"):
+
+
+@pytest.mark.parametrize("empty", [0, 1])
+def test_an_image_without_a_surface_is_a_frame_without_depth(tmp_path: Path, empty: int) -> None:
+    folder = tmp_path / "drive"
+    folder.mkdir()
+    for number in range(2):
+        np.save(folder / f"{number}.npy", depth() * (number != empty))
+    with pytest.warns(
+        UserWarning, match=f"^1 of 2 depth images have no surface, {empty}.npy first"
+    ):
         corrupt_captures(folder, SENSOR, tmp_path / "out", camera_matrix=CAMERA)
+    (scene,) = capture.open_set(tmp_path / "out").scenes
+    for number in range(2):
+        depth_m = scene.frame(number).depth_m
+        assert depth_m is not None and np.isnan(depth_m).all() == (number == empty)
+    for number in range(2):
+        np.save(folder / f"{number}.npy", depth() * 0)
+    with pytest.raises(InputError, match=r"npy: depth_m must hold a surface"):
+        corrupt_captures(folder, SENSOR, tmp_path / "all", camera_matrix=CAMERA)
+    assert not (tmp_path / "all").exists()
+
+
+def test_bytes_without_a_unit_give_a_warning(tmp_path: Path) -> None:
+    np.save(tmp_path / "d.npy", np.full((4, 4), 200, np.uint8))
+    with pytest.warns(UserWarning, match="8-bit depth images are taken as millimetres"):
+        assert depth_file.read(tmp_path / "d.npy")[0, 0] == pytest.approx(0.2)
+    assert depth_file.read(tmp_path / "d.npy", "0.01")[0, 0] == pytest.approx(2)
     assert not (tmp_path / "out").exists()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import sqlite3
@@ -154,6 +155,19 @@ def test_structured_light_is_refused_for_an_infrared_pair(small_set: Path) -> No
     sensor = resolve.load("kinect-v1", captures=str(small_set), edits=["imager.bit_depth=8"])
     with pytest.raises(InputError, match="sensor must be a stereo camera's; got structured_light"):
         match_captures(str(small_set), sensor)
+
+
+def test_a_sensor_of_another_camera_than_the_captures_is_refused(small_set: Path) -> None:
+    wide = resolve.load("d435", captures=str(small_set), edits=["width=80"])
+    with pytest.raises(InputError, match=r"sensor must have images of 160x48; got 80x48\. Scene a"):
+        match_captures(str(small_set), wide)
+    (scene,) = capture.open_set(small_set / "a").scenes
+    (small_set / "a" / "0" / "ir_right.png").unlink()
+    kinect = dataclasses.replace(scene.info, sensor="kinect-v1")
+    with pytest.raises(
+        InputError, match=r"must be of structured light; got stereo\. Scene a is of"
+    ):
+        dataclasses.replace(scene, info=kinect).refuse_other_sensor(presets.load("d435"))
 
 
 def test_match_writes_the_geometry_of_its_depth(tmp_path: Path, small_set: Path) -> None:

@@ -142,3 +142,32 @@ def test_binary_of_both_byte_orders_is_read(tmp_path: Path, order: str):
     (tmp_path / "box.ply").write_bytes(header + vertices + faces.tobytes())
     ((_, mesh),) = sources.mesh_parts(tmp_path / "box.ply")
     assert np.array_equal(mesh.faces, BOX.faces)
+
+
+def _polygon(points: str, corners: str, form: str) -> bytes:
+    """A PLY of one face with points in the plane z = 1."""
+    rows = [[float(word) for word in point.split()] for point in points.split(",")]
+    face = [int(word) for word in corners.split()]
+    header = (
+        f"ply\nformat {form} 1.0\nelement vertex {len(rows)}\nproperty float x\n"
+        "property float y\nproperty float z\nelement face 1\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    ).encode()
+    if form == "ascii":
+        lines = [f"{x} {y} 1" for x, y in rows] + [f"{len(face)} {corners}"]
+        return header + "\n".join(lines).encode()
+    places = np.array([[x, y, 1] for x, y in rows], "<f4").tobytes()
+    return header + places + bytes([len(face)]) + np.array(face, "<i4").tobytes()
+
+
+NOTCHED = "-1 -1,1 -1,0 0,1 1,-1 1"
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_concave_face_gives_a_warning(tmp_path: Path, form: str):
+    path = tmp_path / "a.ply"
+    path.write_bytes(_polygon(NOTCHED, "1 2 3 4 0", form))
+    with pytest.warns(UserWarning, match="a.ply: 1 concave faces are cut wrongly. Triangulate"):
+        sources.mesh_parts(path)
+    path.write_bytes(_polygon(NOTCHED, "2 3 4 0 1", form))  # A fan about the notch covers it.
+    assert sum(len(mesh.faces) for _, mesh in sources.mesh_parts(path)) == 3

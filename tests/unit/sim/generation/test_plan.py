@@ -207,3 +207,11 @@ def test_files_and_captures_are_drawn_too(tmp_path: Path, small_set: Path):
     }
     assert known.pop("a") is True and known and not any(known.values())
     assert dataclasses.is_dataclass(result)
+
+
+def test_sets_of_too_many_frames_are_refused(tmp_path: Path):
+    plan = {**SMALL, "scenes": 10**5, "views": 10**3, "frames": 2}
+    with pytest.raises(
+        InputError, match=r"scenes x views x frames must be in \[1, 1e\+08\]; got 2"
+    ):
+        plans.from_table(plan, tmp_path)
