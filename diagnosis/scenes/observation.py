@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # Loads a compiler.
     from starling.sim.simulate import InfraredPair
     from starling.sim.stereo.memory import Memory
 
+MOST_REPEATS = 50  # Read of a scene; a simulation renders as many, and keeps them in memory.
 Images = NDArray[np.unsignedinteger]
 Maps = NDArray[np.float32]
 
@@ -123,7 +124,7 @@ def _contents(observation: _Repeats, kind: type[_Repeats]) -> dict[str, Any]:
 
 
 def read_observation(scene: CapturedScene, sensor: Sensor) -> SceneObservation:
-    """Read the repeats of a captured scene, and match its infrared pairs.
+    """Read the first repeats of a captured scene, and match its infrared pairs.
 
     If some repeats have both infrared and depth, only these are read. Features in time depend on
     the number of repeats, and depth is compared with the pair that it was computed from.
@@ -135,7 +136,7 @@ def read_observation(scene: CapturedScene, sensor: Sensor) -> SceneObservation:
     Raises:
         InputError: as `CapturedScene.frame`, or if there is neither a pair nor depth.
     """
-    frames = [scene.frame(number) for number in scene.frames]
+    frames = [scene.frame(number) for number in scene.frames[:MOST_REPEATS]]
     if frames[0].record.get("counts", "repeats") != "repeats":
         frames = frames[:1]  # Time steps differ in scene and noise; they are no repeats.
     unlit = [_unlit(frame) for frame in frames] if sensor.projector.power_w == 0 else []

@@ -76,6 +76,14 @@ def test_pair_and_depth_are_of_the_same_repeat():
     assert exposure.exposure_s == 2.0
 
 
+@pytest.mark.parametrize("beyond", [-1, 0, 1])
+def test_only_the_first_repeats_are_read(beyond: int) -> None:
+    count = observation.MOST_REPEATS + beyond
+    frames = [Frame(number=n, depth_m=depth(1.0 + n)) for n in range(count)]
+    read_back = read(*frames)
+    assert read_back.repeats == min(count, observation.MOST_REPEATS)
+
+
 def test_without_complete_repeats_pairs_take_priority_over_depth():
     bare = Frame(number=0, depth_m=depth(1.0))
     pair = Frame(number=1, ir_left=image(50), ir_right=image(60))
