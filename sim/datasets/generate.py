@@ -80,7 +80,14 @@ def generate(
             results = (
                 run_on_ray(parsed, info, out, remaining, ray)
                 if ray
-                else run_locally(parsed, info, out, remaining, workers or cores())
+                else run_locally(
+                    parsed,
+                    info,
+                    out,
+                    remaining,
+                    workers or cores(),
+                    on_disk=layout == "folders",
+                )
             )
             with closing(results):  # Workers end before the folder is given free.
                 for result in _tracked(results, remaining, track):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import os
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -41,11 +42,14 @@ class RenderedView:
     """One view's files, by path in the capture set, and the index rows of its frames."""
 
     name: str
-    files: Mapping[str, bytes]
+    files: Mapping[str, bytes]  # Empty if they are on disk.
     rows: tuple[Row, ...]
+    staged: Path | None = None  # Folder that holds the files.
 
 
-def render(plan: Plan, number: int, info: CaptureInfo, out: Path) -> RenderedView:
+def render(
+    plan: Plan, number: int, info: CaptureInfo, out: Path, *, on_disk: bool = False
+) -> RenderedView:
     """Render a view's frames.
 
     Args:
@@ -53,9 +57,12 @@ def render(plan: Plan, number: int, info: CaptureInfo, out: Path) -> RenderedVie
         number: number of the view.
         info: camera of the set; a different camera is written to the view's folder.
         out: folder of the set; paths of meshes are written relative to it.
+        on_disk: write each frame's files to a folder in `out` at once, so that the memory does not
+            grow with the frames.
 
     Raises:
         InputError: if a scene's file is missing or damaged.
+        OSError: if a file cannot be written.
     """
     planned = view(plan, number)
     sensor = camera(planned)
@@ -65,19 +72,40 @@ def render(plan: Plan, number: int, info: CaptureInfo, out: Path) -> RenderedVie
     view_info = info_of(sensor)
     if view_info != info:
         files.write(f"{planned.name}/{capture_info.OWN}", capture_info.dumps(view_info))
-    rows = []
+    rows, written = [], {}
+    # Named by the process: a process that outlives its run never writes to the folder of another.
+    staged = out / f".{planned.name}.{os.getpid()}.partial" if on_disk else None
     shots = sequence(
         stage, sensor, frames=plan.frames, seed=planned.seed, samples=plan.samples or _SAMPLES
     )
-    listed = 0  # Files listed in rows so far; the first frame's row lists the view's shared files.
     for repeat, shot in enumerate(shots):
         if repeat == 0:
             _write_view(files, plan, planned, stage.scene, sensor, shot)
         _write_frame(files, plan, planned, repeat, sensor, stage.scene, loaded, shot)
-        new = dict(list(files.content.items())[listed:])
-        listed += len(new)
+        new = files.take()  # The first frame's row lists the view's shared files.
         rows.append(_row(plan, planned, repeat, shot, new))
-    return RenderedView(name=planned.name, files=files.content, rows=tuple(rows))
+        if staged is None:
+            written |= new
+        else:
+            write_files(staged, planned.name, new)
+    return RenderedView(name=planned.name, files=written, rows=tuple(rows), staged=staged)
+
+
+def write_files(folder: Path, name: str, files: Mapping[str, bytes]) -> None:
+    """Write a view's files to a folder that is not yet in its place.
+
+    Args:
+        folder: the folder.
+        name: name of the view; paths of the files begin with it.
+        files: contents by path in the capture set.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
+    for path, data in files.items():
+        file = folder / Path(path).relative_to(name)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(data)
 
 
 def camera(planned: PlannedView) -> Sensor:
@@ -245,6 +273,11 @@ class MemoryFolder:
     def write(self, name: str, data: bytes | str) -> None:
         """Store one file; text is encoded as UTF-8."""
         self.content[name] = data.encode() if isinstance(data, str) else data
+
+    def take(self) -> dict[str, bytes]:
+        """Return all files, and forget them."""
+        content, self.content = self.content, {}
+        return content
 
     def write_by(self, name: str, writer: Callable[[Path], object]) -> None:
         """Store the file that `writer` writes at the path passed to it."""

@@ -19,6 +19,7 @@ from starling.sim.captures import info as capture_info
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.console import output, record
 from starling.sim.datasets import index, shard
+from starling.sim.datasets.render_view import RenderedView, write_files
 from starling.sim.datasets.workers import Task, TaskResult
 from starling.sim.sensor import structure
 
@@ -122,7 +123,7 @@ class SetFolder:
             else:
                 where = ""
                 for view in result.views:
-                    self._write_folder(view.name, view.files)
+                    self._place(view)
             summary = {
                 "rows": [{**row, "shard": where} for row in result.rows],
                 "skipped": list(result.skipped),
@@ -142,6 +143,7 @@ class SetFolder:
         Raises:
             InputError: as `put`, or if pyarrow is not installed.
         """
+        self._remove_partial()
         results = [_read_part(part) for part in self._parts()]
         frames = [row for result in results for row in result["rows"]]
         skipped = [view for result in results for view in result["skipped"]]
@@ -161,6 +163,11 @@ class SetFolder:
         with output.refused(self.path):
             shutil.rmtree(self.path / _PARTS)
 
+    def _remove_partial(self) -> None:
+        """Remove folders of views that a killed process did not finish."""
+        for partial in self.path.glob(".*.partial"):
+            shutil.rmtree(partial, ignore_errors=True)
+
     @property
     def finished(self) -> bool:
         """Whether the index and the record exist."""
@@ -169,15 +176,15 @@ class SetFolder:
     def _write(self, name: str, data: bytes) -> None:
         output.write_file(self.path / name, data, force=True)
 
-    def _write_folder(self, name: str, files: Mapping[str, bytes]) -> None:
-        part = self.path / f".{name}.partial"
-        shutil.rmtree(part, ignore_errors=True)
-        for path, data in files.items():
-            file = part / Path(path).relative_to(name)
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(data)
-        shutil.rmtree(self.path / name, ignore_errors=True)  # Left by an incomplete task.
-        part.rename(self.path / name)
+    def _place(self, view: RenderedView) -> None:
+        """Move a view's folder to its place, after writing it if its files are in memory."""
+        part = view.staged
+        if part is None:
+            part = self.path / f".{view.name}.partial"
+            shutil.rmtree(part, ignore_errors=True)
+            write_files(part, view.name, view.files)
+        shutil.rmtree(self.path / view.name, ignore_errors=True)  # Left by an incomplete task.
+        part.rename(self.path / view.name)
 
 
 def _read_part(path: Path) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from typing import Any
 
 from starling.patterns import errors
 from starling.sim.captures.info import CaptureInfo
+from starling.sim.console import output
 from starling.sim.console.threads import Workers, single_threaded
 from starling.sim.datasets.plan import Plan
 from starling.sim.datasets.render_view import RenderedView, Row, render
@@ -63,17 +64,20 @@ def tasks(plan: Plan, frames: int) -> list[Task]:
     ]
 
 
-def make(plan: Plan, info: CaptureInfo, out: Path, task: Task) -> TaskResult:
+def make(
+    plan: Plan, info: CaptureInfo, out: Path, task: Task, *, on_disk: bool = False
+) -> TaskResult:
     """Render a task's views (arguments as in `render_view.render`).
 
     Raises:
         InputError: as `render_view.render`, if the plan says `missing = "stop"`.
+        OSError: as `render_view.render`.
     """
     views: list[RenderedView] = []
     skipped: list[dict[str, Any]] = []
     for number in task.views:
         try:
-            views.append(render(plan, number, info, out))
+            views.append(render(plan, number, info, out, on_disk=on_disk))
         except errors.InputError as error:
             if plan.missing == "stop":
                 raise
@@ -82,7 +86,13 @@ def make(plan: Plan, info: CaptureInfo, out: Path, task: Task) -> TaskResult:
 
 
 def run_locally(
-    plan: Plan, info: CaptureInfo, out: Path, tasks: Sequence[Task], workers: int
+    plan: Plan,
+    info: CaptureInfo,
+    out: Path,
+    tasks: Sequence[Task],
+    workers: int,
+    *,
+    on_disk: bool = False,
 ) -> Generator[TaskResult]:
     """Run tasks and yield their results in the order of the tasks.
 
@@ -90,16 +100,17 @@ def run_locally(
         plan, info, out: as in `render_view.render`.
         tasks: tasks of the plan.
         workers: largest number of processes; each uses one thread.
+        on_disk: as in `render_view.render`.
 
     Raises:
-        InputError: as `make`, or if a process died.
+        InputError: as `make`, or if a process died or could not write.
     """
     workers = max(1, min(workers, len(tasks)))
     waiting: deque[Future[TaskResult]] = deque()
-    with _one_thread(), Workers(workers) as pool:
+    with output.refused(out), _one_thread(), Workers(workers) as pool:
         try:
             for task in tasks:
-                waiting.append(pool.submit(make, plan, info, out, task))
+                waiting.append(pool.submit(make, plan, info, out, task, on_disk=on_disk))
                 if len(waiting) >= (1 + _QUEUED) * workers:
                     yield waiting.popleft().result()
             while waiting:

@@ -86,9 +86,15 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Render in this process, as a worker takes seconds to start."""
 
     def run(
-        plan: Plan, info: CaptureInfo, out: Path, tasks: Sequence[Task], workers_most: int
+        plan: Plan,
+        info: CaptureInfo,
+        out: Path,
+        tasks: Sequence[Task],
+        workers_most: int,
+        *,
+        on_disk: bool,
     ) -> Iterator[TaskResult]:
-        return (workers.make(plan, info, out, task) for task in tasks)
+        return (workers.make(plan, info, out, task, on_disk=on_disk) for task in tasks)
 
     monkeypatch.setattr(generation, "run_locally", run)
 
@@ -219,9 +225,10 @@ def test_killed_worker_stops_the_run_without_losses(plan: Path, whole: Path):
         "from starling.sim.datasets import workers\n"
         "from starling.sim.datasets.generate import generate\n"
         "from starling.sim.datasets.workers import make\n"
-        "def die(plan, info, out, task):\n"
+        "def die(plan, info, out, task, *, on_disk):\n"
+        "    result = make(plan, info, out, task, on_disk=on_disk)\n"
         "    if task.number == 2: os.kill(os.getpid(), 9)\n"
-        "    return make(plan, info, out, task)\n"
+        "    return result\n"
         "workers.make = die\n"
         "if __name__ == '__main__':\n"
         "    generate(Path(sys.argv[1]), Path(sys.argv[2]), workers=1, shard_frames=4)\n"
@@ -238,6 +245,7 @@ def test_killed_worker_stops_the_run_without_losses(plan: Path, whole: Path):
     )
     assert "worker must live as long as the run" in done.stderr
     assert not (out / "starling.json").exists()
+    assert list(out.glob(".*.partial"))  # Views that the worker wrote.
     generate(plan, out, workers=1, shard_frames=4)
     assert content(out) == content(whole)
 
