@@ -20,7 +20,8 @@ def warn_of_concave(
         points: (n, 3) vertices of the file.
         polygons: (m, corners) vertices of faces, each array of equally many corners.
     """
-    count = sum(_count_concave(points, corners) for corners in polygons)
+    with np.errstate(all="ignore"):  # Huge vertices are judged elsewhere.
+        count = sum(_count_concave(points, corners) for corners in polygons)
     if count:
         warnings.warn(
             f"{path}: {count} concave faces are cut wrongly. Triangulate the mesh on export.",

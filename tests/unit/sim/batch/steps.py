@@ -27,7 +27,7 @@ def depth_image() -> Image:
 def sensor(*changes: str, name: str = "d435") -> Sensor:
     """A stock sensor with the camera of `depth_image`, which searches 64 disparities."""
     seen = edits.with_camera(presets.load(name), MATRIX, (WIDTH, HEIGHT))
-    return edits.apply(seen, ["matcher.search_px=64", *changes])
+    return edits.apply(edits.apply(seen, ["matcher.search_px=64"]), changes)
 
 
 def without_noise(noisy: Sensor) -> Sensor:
