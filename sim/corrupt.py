@@ -190,7 +190,8 @@ class Corruptor:
         """
         sensor, clean = self.sensor, depth_input.checked_depth("depth_m", depth_m, empty=empty)
         camera = depth_input.DepthCamera(self.camera_matrix, clean.shape)
-        if clean.shape != self._warned and np.isfinite(clean).any():
+        seen = not empty or bool(np.isfinite(clean).any())  # Else an empty image was refused.
+        if clean.shape != self._warned and seen:
             self._warned = clean.shape
             suspicions.warn_of_cameras(camera, sensor)
             suspicions.warn_of_depth(clean, camera)
@@ -222,7 +223,7 @@ class Corruptor:
         )
         device = _searching(sensor, depth)
         shot = expose(rendered, scene, device, seed=seed, frame=frame, past=past)
-        return shot if np.isfinite(clean).any() else _without_depth(shot, past)
+        return shot if seen else _without_depth(shot, past)
 
     def batch(
         self, depth: Any, *, reflectance: Any = None, seed: int = 0, frame: int = 0

@@ -10,7 +10,7 @@ import numpy as np
 from starling.patterns import errors
 from starling.sim.batch import handoff, images, light, matching, refusals, result, rig
 from starling.sim.batch.handoff import launch
-from starling.sim.imaging.imager import converter, electrons_per_radiance
+from starling.sim.imaging.imager import electrons_per_radiance, noise
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.post.chain import LARGEST_CODE
@@ -172,11 +172,8 @@ def _triangulation(sensor: Sensor) -> Any:
     outcome.power = sensor.projector.power_w
     outcome.electrons = electrons_per_radiance(imager, sensor.projector.wavelength_nm, 1.0)
     outcome.dark = imager.dark_current_e_s
-    share = converter.variance_share(imager.smoothing_px)
-    alone = imager.read_noise_e**2 + imager.dsnu_e**2
-    along = imager.row_noise_e**2 + imager.column_noise_e**2
-    outcome.shot = imager.shot_noise**2 * share * share
+    outcome.shot, steady = noise.variances(imager)
     step_e = 1 / imager.dn_per_electron
-    outcome.steady = share * (share * alone + along) + step_e * step_e / 12
+    outcome.steady = steady + step_e * step_e / 12
     outcome.saturation = float(imager.saturation_dn)
     return outcome

@@ -143,7 +143,8 @@ class SetFolder:
         Raises:
             InputError: as `put`, or if pyarrow is not installed.
         """
-        self._remove_partial()
+        with output.refused(self.path):
+            _remove_partial(self.path)  # Left by workers that failed or were killed.
         results = [_read_part(part) for part in self._parts()]
         frames = [row for result in results for row in result["rows"]]
         skipped = [view for result in results for view in result["skipped"]]
@@ -162,11 +163,6 @@ class SetFolder:
         self._write(output.RECORD, contents[output.RECORD])  # It marks the set as finished.
         with output.refused(self.path):
             shutil.rmtree(self.path / _PARTS)
-
-    def _remove_partial(self) -> None:
-        """Remove folders of views that a killed process did not finish."""
-        for partial in self.path.glob(".*.partial"):
-            shutil.rmtree(partial, ignore_errors=True)
 
     @property
     def finished(self) -> bool:
@@ -285,11 +281,16 @@ def opened(path: Path, plan: str, layout: Layout) -> Iterator[SetFolder]:
         with output.refused(path):
             if (path / output.RECORD).is_file():
                 shutil.rmtree(path / _PARTS)
-            for partial in [*path.glob(".*.partial"), *(path / _PARTS).glob(".*.partial")]:
-                shutil.rmtree(partial) if partial.is_dir() else partial.unlink()
+            _remove_partial(path)
         if not begun:
             output.write_file(plan_file, plan.encode())
         yield SetFolder(path, layout)
+
+
+def _remove_partial(path: Path) -> None:
+    """Remove what an earlier run began to write."""
+    for partial in [*path.glob(".*.partial"), *(path / _PARTS).glob(".*.partial")]:
+        shutil.rmtree(partial) if partial.is_dir() else partial.unlink()
 
 
 def _others(path: Path) -> list[Path]:

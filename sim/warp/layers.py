@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from starling.sim.arrays import Image, Mask
 from starling.sim.geometry import frames
+from starling.sim.imaging.imager.converter import smoothing_weights
 from starling.sim.render import emission
 from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.render.skylight import MATT_TILT
@@ -298,6 +299,5 @@ def pattern_levels(projector: Projector, number: int, fx_px: float) -> tuple[Any
 def _taps(variance: float) -> Image:
     """Filter of this variance [texel^2]; a sampled Gaussian below 0.5 would have less."""
     if variance > 0.5:
-        sigma = float(np.sqrt(variance))
-        return np.asarray(cv2.getGaussianKernel(2 * int(np.ceil(4 * sigma)) + 1, sigma), np.float32)
+        return smoothing_weights(float(np.sqrt(variance)))
     return np.array([variance / 2, 1 - variance, variance / 2], np.float32)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import cv2
 import numba as nb
@@ -37,7 +37,8 @@ def variance_share(sigma_px: float) -> float:
     )
 
 
-def smoothing_weights(sigma_px: float):
+def smoothing_weights(sigma_px: float) -> Any:
+    """Return the Gaussian's weights along one axis (2 ceil(4 sigma) + 1, 1), for sigma > 0."""
     reach = max(int(np.ceil(4 * sigma_px)), 1)
     return np.asarray(cv2.getGaussianKernel(2 * reach + 1, sigma_px, cv2.CV_32F))
 

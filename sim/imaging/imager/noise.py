@@ -25,11 +25,16 @@ def noise_e(part: Imager, electrons: Image, exposure_s: float) -> Image:
         exposure_s: integration time [s].
     """
     mean = np.maximum(electrons, 0) + np.float32(part.dark_current_e_s * exposure_s)
+    shot, steady = variances(part)
+    return np.sqrt(np.float32(shot) * mean + np.float32(steady))
+
+
+def variances(part: Imager) -> tuple[float, float]:
+    """Return the variance for each electron of the mean, and that without light [electrons^2]."""
     alone = part.read_noise_e**2 + part.dsnu_e**2
     along = part.row_noise_e**2 + part.column_noise_e**2
     share = converter.variance_share(part.smoothing_px)
-    shot = np.float32(part.shot_noise**2 * share * share)
-    return np.sqrt(shot * mean + np.float32(share * (share * alone + along)))
+    return part.shot_noise**2 * share * share, share * (share * alone + along)
 
 
 def shot_and_read(part: Imager, charge: Image, *, die: Die, seed: int, frame: int) -> Image:
