@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import cv2
@@ -67,8 +68,14 @@ def depth_edges(disparity_px: NDArray) -> NDArray[np.bool_]:
 
 
 def reached_pixels(truth_px: NDArray) -> NDArray[np.bool_]:
-    """Pixels of known truth outside the left band, where no-depth pixels are compared."""
+    """Pixels of known truth outside the left band, where no-depth pixels are compared.
+
+    Images that the left band covers are reported by a warning.
+    """
     reached = np.isfinite(truth_px)
+    if reached.shape[1] <= LEFT_BAND_PX:
+        message = f"images of {reached.shape[1]} columns: the first {LEFT_BAND_PX} are not compared"
+        warnings.warn(f"{message}. Take wider images.", stacklevel=1)
     reached[:, :LEFT_BAND_PX] = False
     return reached
 
@@ -83,7 +90,12 @@ def scored_pixels(truth_px: NDArray) -> NDArray[np.bool_]:
 
 
 def hole_overlap(first_px: NDArray, second_px: NDArray, where: NDArray[np.bool_]) -> float:
-    """Intersection over union of two maps' no-depth pixels in `where`; 1 without any."""
+    """Intersection over union of two maps' no-depth pixels in `where`.
+
+    1 if neither map has one, NaN if `where` is empty.
+    """
+    if not where.any():
+        return float("nan")
     first, second = ~np.isfinite(first_px) & where, ~np.isfinite(second_px) & where
     union = np.count_nonzero(first | second)
     return np.count_nonzero(first & second) / union if union else 1.0

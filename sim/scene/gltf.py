@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 import warnings
 from pathlib import Path
@@ -25,6 +26,10 @@ _PLACES = {  # Keys whose numbers count or point.
 }
 _WIDTHS = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}  # Bytes of a component type.
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_KINDS = {  # Types and component types that the format allows.
+    "POSITION": {("VEC3", 5126)},
+    "indices": {("SCALAR", 5121), ("SCALAR", 5123), ("SCALAR", 5125)},
+}
 _FAN = 6  # Primitive mode of triangle fans.
 
 
@@ -64,7 +69,7 @@ def _refuse_extensions(header: dict[str, Any]) -> None:
 
 
 def _refuse_negative(part: object, key: str = "") -> None:
-    """Refuse negative counts and places: as indices they would count from the end."""
+    """Refuse truth values, and negative counts and places, which would count from the end."""
     if isinstance(part, dict):
         for name, value in part.items():
             if name not in ("extras", "extensions"):
@@ -72,8 +77,8 @@ def _refuse_negative(part: object, key: str = "") -> None:
     elif isinstance(part, list):
         for value in part:
             _refuse_negative(value, key)
-    elif key in _PLACES and isinstance(part, int) and part < 0:
-        raise ValueError(f"{key} is {part}")
+    elif key in _PLACES and isinstance(part, int) and (isinstance(part, bool) or part < 0):
+        raise ValueError(f"{key} is {json.dumps(part)}")
 
 
 def _refuse_cut(header: dict[str, Any], rest: bytes) -> None:
@@ -111,9 +116,15 @@ def _size(parts: list[dict[str, Any]], entry: dict[str, Any], key: str) -> int:
 def _refuse_primitive(primitive: dict[str, Any], header: dict[str, Any]) -> None:
     if primitive.get("mode") == _FAN:
         raise ValueError("triangle fans are not supported; export triangles")
-    places = (primitive["attributes"].get("POSITION"), primitive.get("indices"))
-    for place in places:
-        accessor = header["accessors"][place] if place is not None else {}
+    places = {"POSITION": primitive["attributes"].get("POSITION")}
+    places["indices"] = primitive.get("indices")
+    for name, place in places.items():
+        if place is None:
+            continue
+        accessor = header["accessors"][place]
+        kind = (accessor["type"], accessor["componentType"])
+        if kind not in _KINDS[name]:
+            raise ValueError(f"{name} must not be of type {kind[0]}, {kind[1]}")
         if "sparse" in accessor:
             raise ValueError(f"accessor {place} is sparse, which is not supported")
         if accessor.get("normalized"):

@@ -71,6 +71,17 @@ def _positions(header: dict[str, Any]) -> dict[str, Any]:
         (lambda header: _positions(header).update(sparse={}), r"accessor \d is sparse"),
         (lambda header: _positions(header).update(normalized=True), r"accessor \d is normalized"),
         (lambda header: _primitive(header).pop("attributes"), "attributes"),
+        (lambda header: _primitive(header).update(indices=True), "indices is true"),
+        (
+            lambda header: _primitive(header).update(
+                indices=_primitive(header)["attributes"]["POSITION"]
+            ),
+            "indices must not be of type VEC3, 5126",
+        ),
+        (
+            lambda header: _positions(header).update(componentType=5125),
+            "POSITION must not be of type VEC3, 5125",
+        ),
     ],
 )
 def test_what_would_be_read_wrongly_is_refused(tmp_path: Path, edit: Edit, reason: str):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -29,6 +30,21 @@ def test_edges_reach_two_pixels_and_holes_are_no_edges():
     assert not metrics.depth_edges(np.full((5, 5), np.nan)).any()
     vertical = metrics.depth_edges(step_scene().T)
     np.testing.assert_array_equal(np.unique(np.nonzero(vertical)[0]), range(197, 203))
+
+
+@pytest.mark.parametrize("columns", [128, 129])
+def test_images_within_the_left_band_are_reported(columns: int):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        reached = metrics.reached_pixels(np.ones((4, columns)))
+    assert reached.any() == (columns == 129)
+    assert [str(w.message)[:21] for w in caught] == ["images of 128 columns"] * (columns == 128)
+
+
+def test_no_overlap_without_pixels_to_compare():
+    holes = np.full((2, 2), np.nan)
+    assert np.isnan(metrics.hole_overlap(holes, holes, np.zeros((2, 2), bool)))
+    assert metrics.hole_overlap(np.ones((2, 2)), np.ones((2, 2)), np.ones((2, 2), bool)) == 1
 
 
 def test_scored_pixels_are_known_right_of_the_band_and_off_the_edges():
