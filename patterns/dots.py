@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from starling.patterns.errors import in_interval, positive, refuse
+from starling.patterns.errors import in_interval, numbers, positive, refuse
 from starling.patterns.field import Field
 
 SIGMA_PER_FWHM = 1 / math.sqrt(8 * math.log(2))
@@ -110,7 +110,7 @@ def check_dots(dots: np.ndarray) -> np.ndarray:
     Raises:
         InputError: if the shape is not (n, 3), or a row is not finite or has negative power.
     """
-    dots = np.asarray(dots, dtype=np.float64)
+    dots = numbers("dots", dots).astype(np.float64)
     if dots.ndim != 2 or dots.shape[1] != 3:
         raise refuse("dots", "must have shape (n, 3)", dots.shape, "Give x_px, y_px, power.")
     bad = ~np.isfinite(dots).all(axis=1) | (dots[:, 2] < 0)

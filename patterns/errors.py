@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 T = TypeVar("T")
 
@@ -77,6 +78,28 @@ def instance(name: str, value: object, kinds: type[T] | tuple[type[T], ...], rem
     types = kinds if isinstance(kinds, tuple) else (kinds,)
     listed = " or ".join(kind.__name__ for kind in types)
     raise refuse(name, f"must be of type {listed}", repr(value), remedy)
+
+
+def numbers(name: str, values: Any) -> NDArray[Any]:
+    """Return an array of real numbers, NaN where it is masked.
+
+    Args:
+        name: name of the values in the user's words.
+        values: array, list, or tensor of any library that numpy reads.
+
+    Raises:
+        InputError: if the values are no real numbers, or lists of unequal length.
+    """
+    rule = "must be an array of real numbers"
+    try:
+        if isinstance(values, np.ma.MaskedArray):
+            return np.ma.filled(values.astype(np.float64), np.nan)
+        array = np.asarray(values)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise refuse(name, rule, type(values).__name__, f"{error}") from error
+    if array.dtype.kind not in "fiu":
+        raise refuse(name, rule, f"{array.shape} {array.dtype}", "Convert it.")
+    return array
 
 
 def in_interval(

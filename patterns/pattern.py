@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from starling.patterns.dots import check_dots, draw
-from starling.patterns.errors import in_interval, positive, refuse
+from starling.patterns.errors import in_interval, instance, numbers, positive, refuse
 from starling.patterns.field import SMALLEST_SIDE_PX, Field
 
 
@@ -43,6 +43,7 @@ class Pattern:
 
     def __post_init__(self) -> None:
         Field(self.fov_x_deg, self.fov_y_deg)
+        instance("name", self.name, str, "Give kind and origin of the pattern.")
         image = check_image(self.image)
         mean = float(image.mean(dtype=np.float64))
         if image.dtype != np.float32 or abs(mean - 1) > 1e-4:
@@ -57,6 +58,8 @@ class Pattern:
             if self.fwhm_mrad is None or self.background is None:
                 value = f"{self.fwhm_mrad}, {self.background}"
                 raise refuse("fwhm_mrad and background", "must come with dots", value, "Give both.")
+            positive("fwhm_mrad", self.fwhm_mrad, "Give the spot's full width at half maximum.")
+            in_interval("background", self.background, 0.0, 1.0, "Give the light not in dots.")
             self._store("dots", check_dots(self.dots))
 
     def _store(self, name: str, array: np.ndarray) -> None:
@@ -111,7 +114,14 @@ class Pattern:
             InputError: if a parameter is out of range or no dot falls inside the field.
         """
         in_interval("background", background, 0.0, 0.99, "Give the share of light not in dots.")
-        shape = field.shape(width_px)
+        shape = instance("field", field, Field, "Give a Field.").shape(width_px)
+        x, y, power = (
+            numbers(name, values).astype(np.float64)
+            for name, values in (("x", x), ("y", y), ("power", power))
+        )
+        if x.ndim != 1 or not x.shape == y.shape == power.shape:
+            rule, got = "must be (n,), of one length", f"{x.shape}, {y.shape}, {power.shape}"
+            raise refuse("x, y and power", rule, got, "Give one number for each dot.")
         x_px, y_px = field.pixels(x, y, shape)
         dots = check_dots(np.stack([x_px, y_px, power], axis=1))[field.holds(x, y)]
         if not dots[:, 2].any():
@@ -144,10 +154,10 @@ class Pattern:
         """Irradiance [W/m^2] (h, w) of `power_w` of light on a plane at `depth_m`.
 
         Raises:
-            InputError: if power or depth is not a finite number above zero.
+            InputError: if power or depth is outside [1e-6, 1e6].
         """
-        positive("power_w", power_w, "Give the projector's optical power in watts.")
-        positive("depth_m", depth_m, "Give the plane's depth along the axis in metres.")
+        in_interval("power_w", power_w, 1e-6, 1e6, "Give the projector's optical power in watts.")
+        in_interval("depth_m", depth_m, 1e-6, 1e6, "Give the plane's depth in metres.")
         return self.image * np.float32(power_w / (self.field.area_m2 * depth_m**2))
 
     def __eq__(self, other: object) -> bool:
@@ -174,7 +184,7 @@ def check_image(image: np.ndarray) -> np.ndarray:
         InputError: if it is not 2-D, smaller than 32x32, not real, negative, not finite or all
             zero.
     """
-    image = np.asarray(image)
+    image = numbers("image", image)
     if image.ndim != 2 or min(image.shape) < SMALLEST_SIDE_PX:
         raise refuse(
             "image",
@@ -182,8 +192,6 @@ def check_image(image: np.ndarray) -> np.ndarray:
             image.shape,
             "Give one grey channel at the projector's resolution.",
         )
-    if image.dtype.kind not in "uif":
-        raise refuse("image", "must hold real numbers", image.dtype, "Convert it to float32.")
     low, high = float(image.min()), float(image.max())
     if not (np.isfinite(low) and np.isfinite(high)) or low < 0 or high == 0:
         raise refuse(

@@ -2,38 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.patterns.errors import numbers as numbers
 from starling.patterns.errors import refuse
 
 Image = NDArray[np.float32]  # (h, w) or (h, w, n).
 Mask = NDArray[np.bool_]  # (h, w), True where a statement holds.
 Labels = NDArray[np.uint32]  # (h, w) codes or object numbers.
-
-
-def numbers(name: str, values: Any) -> NDArray[Any]:
-    """Return an array of real numbers, NaN where it is masked.
-
-    Args:
-        name: name of the values in the user's words.
-        values: array, list, or tensor of any library that numpy reads.
-
-    Raises:
-        InputError: if the values are no real numbers, or lists of unequal length.
-    """
-    rule = "must be an array of real numbers"
-    try:
-        if isinstance(values, np.ma.MaskedArray):
-            return np.ma.filled(values.astype(np.float64), np.nan)
-        array = np.asarray(values)
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise refuse(name, rule, type(values).__name__, f"{error}") from error
-    if array.dtype.kind not in "fiu":
-        raise refuse(name, rule, f"{array.shape} {array.dtype}", "Convert it.")
-    return array
 
 
 def filled(values: Image, known: Mask) -> Image:

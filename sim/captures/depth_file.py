@@ -79,7 +79,8 @@ def read(path: Path, unit: str = "") -> Image:
     if image.dtype.itemsize == 1 and not unit:
         message = "8-bit depth images are taken as millimetres, up to 0.255 m. Give their unit."
         warnings.warn(message, stacklevel=1)  # One place, so that it is shown once.
-    return np.asarray(image * np.float64(_step(unit or default)), np.float32)
+    with np.errstate(over="ignore"):  # Larger depths become infinite, which is no surface.
+        return np.asarray(image * np.float64(_step(unit or default)), np.float32)
 
 
 def _step(unit: str) -> float:
@@ -101,7 +102,7 @@ def _npy(path: Path) -> NDArray[Any]:
     try:
         regular_file.refuse_others(path)
         mapped = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError, OverflowError) as error:
+    except (OSError, ValueError, EOFError, OverflowError, TypeError) as error:
         rule = "must be a whole NumPy array"
         raise errors.refuse("depth image", rule, path, f"{error}.") from error
     if not isinstance(mapped, np.ndarray):
@@ -118,6 +119,7 @@ def _exr(path: Path) -> NDArray[Any]:
         regular_file.refuse_others(path)
         with OpenEXR.File(str(path), header_only=True) as file:
             windows = [_windows(part.header) for part in file.parts]
+            stated = [{each.name for each in part.header["channels"]} for part in file.parts]
         for (left, top, right, bottom), _ in windows:
             _refuse_size(path, (bottom - top + 1, right - left + 1))
         with OpenEXR.File(str(path), separate_channels=True) as file:
@@ -127,6 +129,9 @@ def _exr(path: Path) -> NDArray[Any]:
     except (OSError, RuntimeError, ValueError, TypeError, KeyError, IndexError) as error:
         rule = "must be a whole OpenEXR file"
         raise errors.refuse("depth image", rule, path, f"{error}.") from error
+    if [set(part) for part in parts] != stated:  # The library omits what it cannot read.
+        rule = "must be a whole OpenEXR file"
+        raise errors.refuse("depth image", rule, path, "Is it cut short, or of mipmap tiles?")
     number, name = _depth_channel(path, parts)
     data, display = windows[number]
     if data != display:

@@ -1,5 +1,7 @@
 """The pattern: its invariants and input checks."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,10 @@ def of_dots(**changes):
     return Pattern.from_dots(**(arguments | changes))
 
 
+def changed(**fields: object) -> Pattern:
+    return dataclasses.replace(small(), **fields)
+
+
 @pytest.mark.parametrize(
     ("act", "message"),
     [
@@ -92,7 +98,7 @@ def of_dots(**changes):
         (lambda: Pattern.from_image(grey(np.nan), **FOV, name=""), r"values in \[nan, nan\]\."),
         (
             lambda: Pattern.from_image(grey(1j, complex), **FOV, name=""),
-            r"image must hold real num",
+            r"image must be an array of real num",
         ),
         (
             lambda: Pattern.from_image(grey(1), fov_x_deg=0.0, fov_y_deg=40.0, name=""),
@@ -102,8 +108,15 @@ def of_dots(**changes):
         (lambda: of_dots(x=np.array([2.0])), r"pattern must hold a dot with power; got none\."),
         (lambda: of_dots(power=np.array([0.0])), r"pattern must hold a dot with power; got none"),
         (lambda: of_dots(x=np.array([np.nan])), r"dots must be finite"),
-        (lambda: small().irradiance_w_m2(0.0), r"power_w must be > 0; got 0\.0\."),
-        (lambda: small().irradiance_w_m2(1.0, -1.0), r"depth_m must be > 0; got -1\.0\."),
+        (lambda: small().irradiance_w_m2(0.0), r"power_w must be in .*; got 0\.0\."),
+        (lambda: small().irradiance_w_m2(1.0, 1e308), r"depth_m must be in .*; got 1e\+308\."),
+        (lambda: of_dots(x=[0.1, 0.2]), r"x, y and power must be \(n,\), of one length"),
+        (lambda: of_dots(x="a"), r"x must be an array of real numbers"),
+        (lambda: of_dots(field=40), r"field must be of type Field"),
+        (lambda: changed(fwhm_mrad="a"), r"fwhm_mrad must be > 0"),
+        (lambda: changed(background=-1), r"background must be in \[0, 1\]"),
+        (lambda: changed(name=5), r"name must be of type str"),
+        (lambda: changed(dots="a"), r"dots must be an array of real numbers"),
     ],
 )
 def test_refusals(act, message):

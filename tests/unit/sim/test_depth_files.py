@@ -126,6 +126,21 @@ def _objects(path: Path) -> None:
     np.save(path, np.array([{}], object), allow_pickle=True)
 
 
+def _cut(path: Path) -> None:
+    """Cut the last byte, whereupon OpenEXR omits the part of depth."""
+    parts = [
+        OpenEXR.Part({"type": OpenEXR.scanlineimage}, {name: depth()}, name) for name in ("R", "Z")
+    ]
+    OpenEXR.File(parts).write(str(path))
+    path.write_bytes(path.read_bytes()[:-1])
+
+
+def _truth_values_as_shape(path: Path) -> None:
+    np.save(path, depth())
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"(96, 128), }  ", b"(True, 128), }", 1))
+
+
 @pytest.mark.parametrize(
     ("name", "make", "message"),
     [
@@ -144,6 +159,8 @@ def _objects(path: Path) -> None:
             "must have one channel, or one of Z",
         ),
         ("a.exr", _cropped, "must not be cropped"),
+        ("a.exr", _cut, "must be a whole OpenEXR file; got .*cut short"),
+        ("a.npy", _truth_values_as_shape, "must be a whole NumPy array"),
         ("a.exr", _coloured, "must have one channel"),
         ("a.exr", lambda path: write_exr(path, {"Y": depth(), "RY": depth()}), "one channel"),
         ("a.exr", lambda path: write_parts(path, "X"), "must have one channel"),
