@@ -1,7 +1,7 @@
 """The command line: `starling VERB`. Each package keeps its verbs; this module finds and runs them.
 
-Exit codes: 0 done, 1 refused (one line on standard error), 2 bad flags, 130 and 143 stopped by a
-signal. Imports that take time stand in functions, as an interrupt of them is to be caught as well.
+Exit codes: 0 done, 1 refused (one line on standard error), 2 bad flags, 129, 130 and 143 stopped by
+a signal. Imports that take time stand in functions, as an interrupt of them is to be caught too.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ def _end(arguments: list[str]) -> int:
             warnings.showwarning = shell.warn
             return _run(arguments)
     except SystemExit as stop:
-        if stop.code == shell.TERMINATED:
-            return _report_stop(shell.TERMINATED)
+        if isinstance(stop.code, int) and stop.code in shell.TERMINATED:
+            return _report_stop(stop.code)
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except Exception as error:
         if "--debug" in arguments:

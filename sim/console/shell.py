@@ -13,13 +13,15 @@ from typing import Any
 
 from starling.patterns.errors import InputError, refuse
 
-TERMINATED = 143  # Exit code after SIGTERM: 128 and its number.
+TERMINATED = {129, 143}  # Exit codes after SIGHUP and SIGTERM: 128 and their numbers.
 _AGAIN_S = 0.1  # A signal during an import is sent again after this time [s].
 
 
 @contextmanager
 def stopped_by_signals() -> Iterator[None]:
-    """Turn SIGTERM into `SystemExit`, as SIGINT is `KeyboardInterrupt`: partial output is removed.
+    """Turn SIGTERM and SIGHUP into `SystemExit`, so that partial output is removed.
+
+    SIGINT is `KeyboardInterrupt`.
 
     A repeated signal is ignored, as it would end the removal. A signal that the caller ignores
     stays ignored. A signal waits for the end of an import: trimesh catches all exceptions in its.
@@ -27,7 +29,8 @@ def stopped_by_signals() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():  # Only it receives signals.
         yield
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
     for number, handler in before.items():
         if handler != signal.SIG_IGN:
             signal.signal(number, _stop)
@@ -44,9 +47,9 @@ def _stop(number: int, frame: FrameType | None) -> None:
         threading.Timer(_AGAIN_S, signal.pthread_kill, (main, number)).start()
         return
     signal.signal(number, signal.SIG_IGN)
-    if number == signal.SIGTERM:
-        sys.exit(TERMINATED)
-    raise KeyboardInterrupt
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    sys.exit(128 + number)
 
 
 def _imports(frame: FrameType | None) -> bool:

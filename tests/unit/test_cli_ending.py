@@ -35,7 +35,9 @@ def test_warnings_are_one_line(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) 
     assert (code, json.loads(out), err) == (0, {"a": 1}, "starling: warning: slow\n")
 
 
-@pytest.mark.parametrize(("number", "exit_code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(
+    ("number", "exit_code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130), (signal.SIGHUP, 129)]
+)
 def test_signal_leaves_nothing(tmp_path: Path, number: int, exit_code: int) -> None:
     """A process stopped while it writes removes partial output, however often it is told to."""
     code = INTERRUPTIBLE + (
