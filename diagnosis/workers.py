@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 from starling.diagnosis.scenes.fit_scene import Nuisances
 from starling.diagnosis.scenes.scene_model import SceneModel, load_scene_model
+from starling.diagnosis.scenes.shelf import temporary_folder, use_folder
 from starling.sim.console.threads import Workers, cores
 from starling.sim.sensor.sensor import Sensor
 
@@ -46,8 +48,10 @@ class WorkerPool:
         fitted = {scene.name: scene.nuisances for scene in (*training, *held_out)}
         self._held = partition(names, other_names, min(cores(), _MOST))
         self._submitted = [0] * len(self._held)  # Number of jobs given to each worker.
+        self._folder = temporary_folder()
         self._pools = [
-            Workers(1, _begin, (captures, sensor, scenes, against, fitted)) for scenes in self._held
+            Workers(1, _begin, (captures, sensor, scenes, against, fitted, self._folder.name))
+            for scenes in self._held
         ]
 
     def submit(self, scene: str, work: Any, *arguments: Any) -> Future[Any]:
@@ -70,6 +74,7 @@ class WorkerPool:
         """Stop the workers."""
         for pool in self._pools:
             pool.__exit__(kind, error, trace)
+        self._folder.cleanup()
 
 
 def partition(scenes: Sequence[str], held_out: Sequence[str], count: int) -> list[tuple[str, ...]]:
@@ -101,10 +106,12 @@ def _begin(
     scenes: tuple[str, ...],
     against: Path | None,
     fitted: Mapping[str, Nuisances],
+    folder: str,
 ) -> None:
     from starling.diagnosis.scenes.selection import pair_scenes
     from starling.sim.captures import capture
 
+    use_folder(Path(tempfile.mkdtemp(dir=folder)))
     reference_set = None if against is None else capture.open_set(against)
     for scene, reference in pair_scenes(capture.open_set(captures), reference_set).pairs:
         if scene.name in scenes:

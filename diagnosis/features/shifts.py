@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.diagnosis.features import bins
+from starling.diagnosis.scenes.shelf import MOST_HELD
 from starling.diagnosis.scenes.strata import Image, Strata
 
 REACH_PX = 4  # Largest displacement at which the correlation is computed.
@@ -31,7 +32,6 @@ _LOWEST = 0.05  # Lower limit of a peak's neighbour, relative to the peak.
 _REACH = range(-REACH_PX, REACH_PX + 1)
 _ROWS = 32  # Rows of one block, whose products fit into the memory near the processor.
 _SEARCH_ROWS = 90  # Number of rows of the search; the peak is fitted to all rows.
-_SCENES = 16  # Scenes whose standardised expected images are cached.
 
 Place = tuple[int, int]  # Displacement down and right [px].
 
@@ -70,7 +70,7 @@ def standardise(image: Image) -> Image:
     return np.asarray((fine - mean) / np.sqrt(np.maximum(variance, 1e-3)), np.float32)
 
 
-@lru_cache(maxsize=_SCENES)
+@lru_cache(maxsize=MOST_HELD)
 def _standardised_expected(strata: Strata) -> Image:
     """Standardise the expected image; cached because all observations of a scene use it."""
     return standardise(strata.expected)

@@ -12,6 +12,7 @@ from starling.diagnosis.howfar.reduction import GapReduction, gap_reductions
 from starling.diagnosis.scenes.observation import SceneObservation
 from starling.diagnosis.scenes.request import CAPTURED
 from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.scenes.shelf import shelve
 from starling.diagnosis.which import null
 from starling.diagnosis.which.likelihood import Likelihood
 from starling.diagnosis.which.null import BaseSamples
@@ -93,7 +94,7 @@ def evaluate_reduction(
     together = dict(reported)
     if together and together not in trials:
         trials.append(together)
-    base = [_draws(scene, {}) for scene in segments[0].table.scene_models]
+    base = shelve(_draws(scene, {}) for scene in segments[0].table.scene_models)
     measured = {
         tuple(trial): _reductions(segments, base, trial)
         for trial in track(trials, "held-out scenes")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -31,6 +31,7 @@ from starling.diagnosis.scenes.observation import (
     without_extra_bits,
 )
 from starling.diagnosis.scenes.request import Request, Source, simulation
+from starling.diagnosis.scenes.shelf import MOST_HELD, Shelved
 from starling.diagnosis.scenes.strata import Strata, projector_tangents, stratify
 from starling.diagnosis.transfer import transfer
 from starling.diagnosis.transfer.transfer import Pair, SimulatedPairs, TransferBase
@@ -64,32 +65,29 @@ _NOISELESS = (  # Settings that remove noise and speckle.
     ("projector.speckle_contrast", 0.0),
 )
 
+_Bases = dict[int, tuple[list[TransferBase], list[TransferBase]]]
 _RenderKey = tuple[int | None, tuple[tuple[str, Value], ...]]  # Seed of faulty dots, effects.
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(kw_only=True, eq=False, repr=False)
 class SceneModel:
     """One scene with what was captured of it; its base is rendered once."""
 
     name: str
     room: str
-    scene: Scene
     sensor: Sensor  # The base, with the nuisance parameters fitted to this scene.
-    strata: Strata
-    real: SceneObservation  # The captured observation.
     frames: int  # Repeats of a simulated observation.
-    against: SceneObservation | None  # Captured reference observation; None: simulated reference.
-    estimates: Estimates  # Alternative scenes that the captures also permit.
     nuisances: Nuisances  # Fitted to this scene; effects depart from them.
-    _stage: MitsubaScene = field(repr=False)
-    _layers: Layers = field(repr=False)
-    _memory: Memory = field(repr=False)  # Matching costs of the captured pairs.
+    scene: Shelved[Scene] = Shelved()
+    strata: Shelved[Strata] = Shelved()
+    real: Shelved[SceneObservation] = Shelved()  # The captured observation.
+    against: Shelved[SceneObservation | None] = Shelved()  # Captured reference; None: simulated.
+    estimates: Shelved[Estimates] = Shelved()  # Alternative scenes that the captures also permit.
+    _layers: Shelved[Layers] = Shelved()
+    _memory: Shelved[Memory] = Shelved(changes=True)  # Matching costs of the captured pairs.
     # The last rendering with effects: it serves several noise seeds and devices.
-    _last: dict[_RenderKey, Layers] = field(default_factory=dict, repr=False)
-    # Bases of the effect transfer onto captured pairs, by noise seed.
-    _bases: dict[int, tuple[list[TransferBase], list[TransferBase]]] = field(
-        default_factory=dict, repr=False
-    )
+    _last: Shelved[dict[_RenderKey, Layers]] = Shelved(changes=True)
+    _bases: Shelved[_Bases] = Shelved(changes=True)  # Of the transfer to pairs, by noise seed.
 
     def request(self, settings: Mapping[str, Value], *, seed: int, device: int = 0) -> Request:
         """Request a simulation of those outputs that were captured.
@@ -156,11 +154,8 @@ class SceneModel:
         if not 0 < request.estimate <= len(self.estimates):
             return self
         scene = self.estimates[request.estimate - 1]()
-        stage = MitsubaScene(scene)
-        layers = _render(stage, self.sensor)
-        return dataclasses.replace(
-            self, scene=scene, _stage=stage, _layers=layers, _last={}, _bases={}
-        )
+        layers = _render(_stage(scene), self.sensor)
+        return dataclasses.replace(self, scene=scene, _layers=layers, _last={}, _bases={})
 
     def _with_device(self, request: Request) -> SceneModel:
         """Replace the device by another of its kind, with other fixed patterns and faulty dots."""
@@ -174,7 +169,7 @@ class SceneModel:
                 projector, faults_seed=projector.faults_seed + request.device
             ),
         )
-        layers = _render(self._stage, sensor) if projector.faulty else self._layers
+        layers = _render(_stage(self.scene), sensor) if projector.faulty else self._layers
         return dataclasses.replace(self, sensor=sensor, _layers=layers, _bases={})
 
     def _simulate(self, request: Request) -> SceneObservation:
@@ -217,7 +212,7 @@ class SceneModel:
         key = sensor.projector.faults_seed if sensor.projector.faulty else None, rendered
         if key not in self._last:
             self._last.clear()
-            self._last[key] = _render(self._stage.with_scene(scene), sensor)
+            self._last[key] = _render(_stage(self.scene).with_scene(scene), sensor)
         return self._last[key]
 
     def _transfer(self, captured: StereoObservation, request: Request) -> StereoObservation:
@@ -258,6 +253,12 @@ class SceneModel:
 def _sensor_with(base: Sensor, settings: tuple[tuple[str, Value], ...]) -> Sensor:
     """Apply effects to a sensor; cached because all scenes need the same sensors in turn."""
     return setting.on_sensor(base, dict(settings))
+
+
+@lru_cache(maxsize=MOST_HELD)
+def _stage(scene: Scene) -> MitsubaScene:
+    """Load a scene in Mitsuba; the last ones are cached because effects render them again."""
+    return MitsubaScene(scene)
 
 
 def _render(stage: MitsubaScene, sensor: Sensor) -> Layers:
@@ -364,10 +365,8 @@ def build_scene_model(
     Raises:
         InputError: if depth is unknown everywhere.
     """
-    stage = MitsubaScene(scene)
-    layers = _render(stage, sensor)
-    if truth_m is None:
-        truth_m = layers.truth.depth_m
+    layers = _render(_stage(scene), sensor)
+    truth_m = layers.truth.depth_m if truth_m is None else truth_m
     if not np.isfinite(truth_m).any():
         raise refuse(f"scene {name}", "must have reference depth", "none", "Leave it out.")
     info = info_of(sensor, source="diagnosis", licence="-", notes="")
@@ -388,9 +387,10 @@ def build_scene_model(
         against=None,
         estimates=estimates,
         nuisances=fitted or {},
-        _stage=stage,
         _layers=layers,
         _memory=Memory(_pair_count(real, None)),
+        _last={},
+        _bases={},
     )
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -78,6 +79,10 @@ class Strata:
     _cache: dict[tuple[str, ...], list[tuple[str, Pixels]]] = field(
         default_factory=dict, repr=False
     )
+
+    def __getstate__(self) -> list[Any]:
+        """Leave out the cache, which is twice as large as the rest."""
+        return [{} if each.name == "_cache" else getattr(self, each.name) for each in fields(self)]
 
     @property
     def interior(self) -> Mask:

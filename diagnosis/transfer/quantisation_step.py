@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,14 +27,15 @@ def estimate_step_px(maps: Sequence[NDArray[np.floating]]) -> float | None:
     Returns:
         Step [px], between 1/48 and 1/2; None if there is none.
     """
-    known = [values for disparity in maps if (values := disparity[disparity < _NEAR_PX]).size]
-    if not known:
+    largest = [float(values.max()) for values in _near(maps)]
+    if not largest:
         return None
-    bins = int(max(values.max() for values in known) / _BIN_PX) + 2
-    counts = [
-        np.bincount(np.rint(values / _BIN_PX).astype(int), minlength=bins) for values in known
-    ]
-    share = np.mean([count / count.sum() for count in counts], axis=0)
+    bins = int(max(largest) / _BIN_PX) + 2
+    share = np.zeros(bins)
+    for values in _near(maps):
+        count = np.bincount(np.rint(values / _BIN_PX).astype(int), minlength=bins)
+        share += count / count.sum()
+    share /= len(largest)
     size = 1 << (_PERIODS * bins).bit_length()
     mean = np.fft.rfft(share, size).real
     frequency = np.arange(len(mean)) / (size * _BIN_PX)
@@ -44,3 +45,11 @@ def estimate_step_px(maps: Sequence[NDArray[np.floating]]) -> float | None:
     first = int(np.argmax(mean > _EQUAL_PEAK * mean.max()))
     top = first + int(np.argmax(mean[first : first + _PERIODS]))
     return float(1 / frequency[top])
+
+
+def _near(maps: Sequence[NDArray[np.floating]]) -> Iterator[NDArray[np.floating]]:
+    """Yield the disparities of each scene that has some of use."""
+    for disparity in maps:
+        values = disparity[disparity < _NEAR_PX]
+        if values.size:
+            yield values

@@ -77,11 +77,12 @@ def bin_gaps(
     total, pixels = 0.0, 0
     for scene, (before, after, strata) in enumerate(zip(first, second, scene_strata, strict=True)):
         change = after.astype(np.int8) - before.astype(np.int8)
+        scene_masks = materials[scene] if materials else {}
         total += float(change[strata.counted].sum())
         pixels += int(strata.counted.sum())
         for column, (name, word) in enumerate(keys):
             if name == MATERIAL:
-                where = materials[scene].get(word, np.zeros(change.shape, bool))
+                where = scene_masks.get(word, np.zeros(change.shape, bool))
             else:
                 where = strata.covariates[name].mask(word)
             count = np.count_nonzero(where)

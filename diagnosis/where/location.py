@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
+from starling.diagnosis.scenes.observation import SceneObservation
 from starling.diagnosis.scenes.scene_model import SceneModel
-from starling.diagnosis.scenes.strata import Image, Mask, Strata
+from starling.diagnosis.scenes.shelf import Derived, shelve
+from starling.diagnosis.scenes.strata import Mask, Strata
 from starling.diagnosis.where import covariates, maps, rules, swap
 from starling.diagnosis.where.covariates import BinGap
 from starling.diagnosis.where.levels import level_ratios
@@ -16,6 +19,8 @@ from starling.diagnosis.where.maps import BodyGap, GapMap
 from starling.diagnosis.where.rules import GapRule
 from starling.diagnosis.where.swap import StageFigures
 from starling.sim.scene.scene import Scene
+
+T = TypeVar("T")
 
 WRONG_PX = 1.0  # Disparity error above which a pixel counts as wrong.
 
@@ -33,9 +38,21 @@ class GapLocation:
     levels: dict[str, float]  # By room: median ratio of captured to base level, before any effect.
 
 
-def _wrong(disparity_px: Image, strata: Strata) -> Mask:
-    """Return the mask (h, w) of pixels with wrong depth."""
-    return np.asarray(np.abs(disparity_px - strata.disparity_px) > WRONG_PX)
+def _without_depth(observations: Sequence[SceneObservation]) -> Sequence[Mask]:
+    """Return the mask (h, w) of pixels without depth of each scene."""
+    return Derived(len(observations), lambda scene: ~np.isfinite(observations[scene].depth_px[0]))
+
+
+def _with_wrong_depth(
+    observations: Sequence[SceneObservation], scene_strata: Sequence[Strata]
+) -> Sequence[Mask]:
+    """Return the mask (h, w) of pixels with wrong depth of each scene."""
+
+    def mask(scene: int) -> Mask:
+        error_px = observations[scene].depth_px[0] - scene_strata[scene].disparity_px
+        return np.asarray(np.abs(error_px) > WRONG_PX)
+
+    return Derived(len(observations), mask)
 
 
 def locate_gap(scene_models: Sequence[SceneModel]) -> GapLocation:
@@ -46,42 +63,37 @@ def locate_gap(scene_models: Sequence[SceneModel]) -> GapLocation:
     Args:
         scene_models: at least one.
     """
-    base = [
+    base = shelve(
         scene_model.against or scene_model.observe(scene_model.request({}, seed=0))
         for scene_model in scene_models
-    ]
+    )
     rooms = [scene_model.room for scene_model in scene_models]
-    real, scene_strata = (
-        [scene_model.real for scene_model in scene_models],
-        [scene_model.strata for scene_model in scene_models],
+    count = len(scene_models)
+    real = Derived(count, lambda scene: scene_models[scene].real)
+    scene_strata = Derived(count, lambda scene: scene_models[scene].strata)
+    first, second = (_without_depth(observations) for observations in (base, real))
+    wrong = [_with_wrong_depth(observations, scene_strata) for observations in (base, real)]
+    masks = Derived(
+        count, lambda scene: material_masks(scene_models[scene].scene, scene_strata[scene])
     )
-    first, second = (
-        [~np.isfinite(observation.depth_px[0]) for observation in observations]
-        for observations in (base, real)
-    )
-    wrong = [
-        [
-            _wrong(observation.depth_px[0], strata)
-            for observation, strata in zip(observations, scene_strata, strict=True)
-        ]
-        for observations in (base, real)
-    ]
-    masks = [material_masks(scene_model.scene, scene_model.strata) for scene_model in scene_models]
     several = len(set(rooms)) > 1
     # An estimated scene is a single body, so it has no separate objects.
     separable = [
         number for number, scene_model in enumerate(scene_models) if not scene_model.estimates
     ]
-    known = [(scene_models[number].name, scene_models[number].scene) for number in separable]
+
+    def separate(items: Sequence[T]) -> Sequence[T]:
+        return Derived(len(separable), lambda number: items[separable[number]])
+
+    named_scenes = Derived(
+        count, lambda scene: (scene_models[scene].name, scene_models[scene].scene)
+    )
     return GapLocation(
         parts=swap.stage_figures(base, real, scene_strata, rooms),
         maps=tuple(maps.gap_maps(base, real, scene_strata, rooms)) if several else (),
         bodies=tuple(
             maps.body_gaps(
-                known,
-                [base[number] for number in separable],
-                [real[number] for number in separable],
-                [scene_strata[number] for number in separable],
+                separate(named_scenes), separate(base), separate(real), separate(scene_strata)
             )
         ),
         hole_bins=tuple(covariates.bin_gaps(first, second, scene_strata, rooms, masks)),

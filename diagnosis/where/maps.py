@@ -75,13 +75,9 @@ def gap_maps(
         rooms: room of each scene.
     """
     maps = []
-    scenes = list(zip(base, real, scene_strata, strict=True))
-    differences = [_differences(*scene) for scene in scenes]
+    by_scene = [_by_frame(*scene) for scene in zip(base, real, scene_strata, strict=True)]
     for frame in (CAMERA, PROJECTOR):
-        gaps = [
-            _by_cell(*scene, difference, frame)
-            for scene, difference in zip(scenes, differences, strict=True)
-        ]
+        gaps = [frames[frame] for frames in by_scene]
         for quantity in dict.fromkeys(name for gap in gaps for name in gap):
             each = [gap.get(quantity, _UNKNOWN) for gap in gaps]
             maps.append(_over_rooms(quantity, frame, room_means(np.stack(each), rooms)))
@@ -122,6 +118,16 @@ def body_gaps(
                 )
             )
     return sorted(gaps, key=lambda gap: -gap.pixels)
+
+
+def _by_frame(
+    base: SceneObservation, real: SceneObservation, strata: Strata
+) -> dict[Frame, dict[str, NDArray[np.float64]]]:
+    """Return the gap of each quantity per cell, in each frame."""
+    differences = _differences(base, real, strata)
+    return {
+        frame: _by_cell(base, real, strata, differences, frame) for frame in (CAMERA, PROJECTOR)
+    }
 
 
 def _by_cell(

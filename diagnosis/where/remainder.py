@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from starling.diagnosis.scenes.observation import SceneObservation, StereoObservation
 from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.scenes.shelf import Derived, shelve
 from starling.diagnosis.scenes.strata import Mask
 from starling.diagnosis.where import frames, maps
 from starling.diagnosis.where.frames import FixedFrame
@@ -53,9 +54,11 @@ def remainder_places(
     if not segments or any(scene.against is not None for scene in scenes):
         return {}
     simulated, repeated = (
-        [scene.observe(scene.request(settings, seed=seed)) for scene in scenes] for seed in (0, 1)
+        shelve(scene.observe(scene.request(settings, seed=seed)) for scene in scenes)
+        for seed in (0, 1)
     )
-    real, strata = [scene.real for scene in scenes], [scene.strata for scene in scenes]
+    real = Derived(len(scenes), lambda scene: scenes[scene].real)
+    strata = Derived(len(scenes), lambda scene: scenes[scene].strata)
     rooms = [scene.room for scene in scenes]
     gap_maps = maps.gap_maps(simulated, real, strata, rooms) if len(set(rooms)) > 1 else []
     return {
@@ -63,11 +66,11 @@ def remainder_places(
             frame=frames.segment_frame(gap_maps, segment),
             zone=strongest_zone(gap_maps, _QUANTITIES[segment][0]),
             scale=dominant_scale(
-                [
+                (
                     (difference(second, first, segment), difference(third, first, segment))
                     for first, second, third in zip(simulated, real, repeated, strict=True)
-                ],
-                [each.counted for each in strata],
+                ),
+                (each.counted for each in strata),
             ),
             maps=tuple(each for each in gap_maps if each.quantity in _QUANTITIES[segment]),
         )
@@ -107,7 +110,7 @@ def difference(
 
 
 def dominant_scale(
-    pairs: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], counted: Sequence[Mask]
+    pairs: Iterable[tuple[NDArray[np.float64], NDArray[np.float64]]], counted: Iterable[Mask]
 ) -> Scale | None:
     """Find the scale at which differences exceed noise most.
 

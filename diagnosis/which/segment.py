@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.scenes.observation import DepthObservation
+from starling.diagnosis.scenes.observation import DepthObservation, expect
 from starling.diagnosis.scenes.request import CAPTURED
+from starling.diagnosis.scenes.shelf import Derived
 from starling.diagnosis.transfer import quantisation_step
 from starling.diagnosis.which import null, residuals
 from starling.diagnosis.which.candidates import Candidate, Segment, with_measured_node
@@ -178,8 +179,10 @@ def add_measured_values(candidates: Sequence[Candidate], table: FeatureTable) ->
 
 
 def _with_measured_step(candidate: Candidate, table: FeatureTable) -> Candidate:
-    real = [scene.real for scene in table.scene_models]
-    device_px = [depth.device_px for depth in real if isinstance(depth, DepthObservation)]
+    scenes = [scene for scene in table.scene_models if isinstance(scene.real, DepthObservation)]
+    device_px = Derived(
+        len(scenes), lambda number: expect(scenes[number].real, DepthObservation).device_px
+    )
     step = quantisation_step.estimate_step_px(device_px)
     return candidate if step is None else with_measured_node(candidate, step)
 

@@ -31,6 +31,7 @@ from starling.diagnosis.which.discrimination import MENU, discriminate
 from starling.sim import simulate
 from starling.sim.captures import capture
 from starling.sim.commands import simulate_captures
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.sensor.edits import with_values
 from tests.system.test_diagnose import SCENES, sensor
 
@@ -79,7 +80,7 @@ def test_a_simulated_capture_and_its_simulation_have_independent_noise(place):
     """Otherwise captures by `starling simulate` would show no gap due to noise."""
     model = load(place / "null")
     seed = simulate_captures.scene_seed(0, model.name)
-    layers = simulate.render_layers(model._stage, sensor(), samples=4)
+    layers = simulate.render_layers(MitsubaScene(model.scene), sensor(), samples=4)
     captured = simulate.infrared(layers, model.scene, sensor(), seed=seed).left
     still = with_values(sensor(), [("imager.shot_noise", 0.0), ("imager.read_noise_e", 0.0)])
     mean = simulate.infrared(layers, model.scene, still).left.astype(float)
