@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+MOST_SCENES = 40  # Fitted at once; each keeps about 400 bytes a pixel in memory.
+
 
 def __getattr__(name: str) -> Any:
     """Import `fit` on first access, because its import takes seconds."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from starling.calibration import fit_sensor
+from starling.calibration import MOST_SCENES, fit_sensor
 from starling.calibration.pattern import dots
 from starling.calibration.report import page
 from starling.calibration.report.figures import calibration_figures
@@ -34,7 +34,7 @@ def calibrate_captures(
     *,
     free: Sequence[str],
     heldout: Sequence[str] | None = None,
-    most_scenes: int = fit_sensor.MOST_SCENES,
+    most_scenes: int = MOST_SCENES,
     force: bool = False,
     options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,

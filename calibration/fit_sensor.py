@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from starling.calibration import observation, parameters
+from starling.calibration import MOST_SCENES, observation, parameters
 from starling.calibration.heldout import SMOOTHING_PX, SceneScore, score
 from starling.calibration.observation import Observation
 from starling.calibration.pattern import pattern_sensor, pattern_solution, recovery
@@ -29,7 +29,6 @@ NOISE = "noise"
 WARP = "warp"
 GROUPS = (*parameters.GEOMETRY, PATTERN, PHOTOMETRY, NOISE, WARP)
 WITH_PATTERN = ("baseline", "alignment", "projector", "scale")  # Free in the pattern fit as well.
-MOST_SCENES = 40  # Fitted at once; each keeps about 400 bytes a pixel in memory.
 _ONE_IN = 4  # Default: every fourth room is held out.
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from starling.calibration import MOST_SCENES
 from starling.sim.console import shell
 from starling.sim.console.flags import Common, Edits, Shared
 
@@ -17,7 +18,7 @@ def calibrate(
     out: Path,
     free: tuple[str, ...],
     heldout: tuple[str, ...] | None = None,
-    most_scenes: int = 40,
+    most_scenes: int = MOST_SCENES,
     edits: Edits = (),
     force: bool = False,
     common: Shared = Common(),

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from starling.calibration import MOST_SCENES as _MOST_SCENES
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -549,7 +551,7 @@ def calibrate(
     free: Sequence[str],
     folder: Path | str,
     heldout: Sequence[str] | None = None,
-    most_scenes: int = 40,
+    most_scenes: int = _MOST_SCENES,
 ) -> Calibration:
     """Fit a sensor to captures of known surfaces, and score it on held-out rooms.
 

@@ -97,9 +97,10 @@ class _Shelf:
             return values
         recent = (each() for each in self._recent)
         alive = [each for each in recent if each is not None and each is not values]
-        for oldest in alive[: -MOST_HELD + 1]:
+        first = max(len(alive) + 1 - MOST_HELD, 0)
+        for oldest in alive[:first]:
             self._move(oldest)
-        self._recent = [weakref.ref(each) for each in (*alive[-MOST_HELD + 1 :], values)]
+        self._recent = [weakref.ref(each) for each in (*alive[first:], values)]
         return values
 
     def _move(self, values: _Values) -> None:
