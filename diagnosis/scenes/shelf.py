@@ -49,7 +49,8 @@ class Shelved(Generic[T]):
             raise AttributeError(self._name)
         values = _shelf.use(owner)
         if self._name not in values.held:
-            values.held[self._name] = pickle.loads(values.files[self._name].read_bytes())
+            with values.files[self._name].open("rb") as file:
+                values.held[self._name] = pickle.load(file)
         return values.held[self._name]
 
     def __set__(self, owner: object, value: T) -> None:
@@ -107,15 +108,16 @@ class _Shelf:
         """Move values from memory to files."""
         for name, value in list(values.held.items()):
             if name in values.changing or name not in values.files:
-                try:
-                    contents = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-                except (TypeError, pickle.PicklingError):
-                    continue
                 folder = self.folder or Path(self._own_folder.name)
                 path = values.files.get(name) or folder / str(self._written)
-                path.write_bytes(contents)
                 values.files[name] = path
                 self._written += 1
+                try:
+                    with path.open("wb") as file:
+                        pickle.dump(value, file, pickle.HIGHEST_PROTOCOL)
+                except (TypeError, pickle.PicklingError):
+                    values.discard(name)
+                    continue
             del values.held[name]
 
 
@@ -171,6 +173,11 @@ class Derived(Sequence[T]):
             chosen = self._range[index]
             return Derived(len(chosen), lambda number: self._item(chosen[number]))
         return self._item(self._range[index])
+
+
+def select(items: Sequence[T], numbers: Sequence[int]) -> Sequence[T]:
+    """Select items by their numbers; each is read at its use."""
+    return Derived(len(numbers), lambda number: items[numbers[number]])
 
 
 def shelve(values: Iterable[T]) -> Sequence[T]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from starling.diagnosis.scenes.observation import SceneObservation
 from starling.diagnosis.scenes.scene_model import SceneModel
-from starling.diagnosis.scenes.shelf import Derived, shelve
+from starling.diagnosis.scenes.shelf import Derived, select, shelve
 from starling.diagnosis.scenes.strata import Mask, Strata
 from starling.diagnosis.where import covariates, maps, rules, swap
 from starling.diagnosis.where.covariates import BinGap
@@ -19,8 +18,6 @@ from starling.diagnosis.where.maps import BodyGap, GapMap
 from starling.diagnosis.where.rules import GapRule
 from starling.diagnosis.where.swap import StageFigures
 from starling.sim.scene.scene import Scene
-
-T = TypeVar("T")
 
 WRONG_PX = 1.0  # Disparity error above which a pixel counts as wrong.
 
@@ -82,9 +79,6 @@ def locate_gap(scene_models: Sequence[SceneModel]) -> GapLocation:
         number for number, scene_model in enumerate(scene_models) if not scene_model.estimates
     ]
 
-    def separate(items: Sequence[T]) -> Sequence[T]:
-        return Derived(len(separable), lambda number: items[separable[number]])
-
     named_scenes = Derived(
         count, lambda scene: (scene_models[scene].name, scene_models[scene].scene)
     )
@@ -93,7 +87,10 @@ def locate_gap(scene_models: Sequence[SceneModel]) -> GapLocation:
         maps=tuple(maps.gap_maps(base, real, scene_strata, rooms)) if several else (),
         bodies=tuple(
             maps.body_gaps(
-                separate(named_scenes), separate(base), separate(real), separate(scene_strata)
+                select(named_scenes, separable),
+                select(base, separable),
+                select(real, separable),
+                select(scene_strata, separable),
             )
         ),
         hole_bins=tuple(covariates.bin_gaps(first, second, scene_strata, rooms, masks)),

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from sklearn.tree import DecisionTreeRegressor
 
 from starling.diagnosis.scenes.rooms import room_means
+from starling.diagnosis.scenes.shelf import select, shelve
 from starling.diagnosis.scenes.strata import Mask, Strata
 from starling.diagnosis.where.covariates import share_of_gap
 
+_Sample = tuple[NDArray[np.float32], NDArray[np.float32]]  # Covariates (n, c), change (n,).
 Limits = dict[str, tuple[float, float]]  # Lower and upper limit by covariate.
 
 _DEPTH = 3  # Depth of the tree.
@@ -67,17 +69,17 @@ def find_rules(
         if covariate.value is not None
     ]
     rng = np.random.default_rng(0)
-    samples = [
+    samples = shelve(
         _sampled(before, after, strata, names, rng)
         for before, after, strata in zip(first, second, scene_strata, strict=True)
-    ]
+    )
     half = [order.index(room) % 2 for room in rooms]
     learn, judge = (
-        [sample for sample, side in zip(samples, half, strict=True) if side == number]
+        select(samples, [scene for scene, side in enumerate(half) if side == number])
         for number in (0, 1)
     )
     judging = [room for room, side in zip(rooms, half, strict=True) if side == 1]
-    learnt_x, learnt_y = (np.concatenate([sample[axis] for sample in learn]) for axis in (0, 1))
+    learnt_x, learnt_y = _joined(learn)
     tree = _grow_tree(learnt_x, learnt_y)
     learnt_leaves = tree.apply(learnt_x)
     leaves = [tree.apply(x) for x, _ in judge]
@@ -127,7 +129,7 @@ def _confirmed(learnt: float, judged: NDArray[np.float64]) -> bool:
 
 def _sampled(
     before: Mask, after: Mask, strata: Strata, names: Sequence[str], rng: np.random.Generator
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+) -> _Sample:
     """Sample covariates (n, covariates) and the change (n,) at pixels of a scene."""
     pixels = np.flatnonzero(strata.counted)
     pixels = rng.choice(pixels, size=min(_PIXELS, pixels.size), replace=False)
@@ -135,6 +137,15 @@ def _sampled(
     columns = [value.ravel()[pixels] for value in values if value is not None]
     change = after.ravel()[pixels].astype(np.float32) - before.ravel()[pixels]
     return np.stack(columns, axis=1), change
+
+
+def _joined(samples: Sequence[_Sample]) -> _Sample:
+    """Concatenate samples; they are in memory one at a time."""
+    ends = np.cumsum([len(change) for _, change in samples])
+    x, y = np.empty((ends[-1], samples[0][0].shape[1]), np.float32), np.empty(ends[-1], np.float32)
+    for end, (columns, change) in zip(ends, samples, strict=True):
+        x[end - len(change) : end], y[end - len(change) : end] = columns, change
+    return x, y
 
 
 def _grow_tree(x: NDArray[np.float32], y: NDArray[np.float32]) -> DecisionTreeRegressor:

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from starling.diagnosis.scenes import shelf
-from starling.diagnosis.scenes.shelf import MOST_HELD, Derived, Shelved, shelve
+from starling.diagnosis.scenes.shelf import MOST_HELD, Derived, Shelved, select, shelve
 
 COUNT = 20
 
@@ -91,6 +91,7 @@ def test_values_that_cannot_be_pickled_stay_in_memory(folder: Path) -> None:
     for owner in made:
         assert owner.image.size
     assert made[0].notes["lock"] is lock
+    assert len(list(folder.iterdir())) <= 2 * COUNT - 1  # No damaged file is left.
 
 
 def test_without_a_folder_a_temporary_one_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,6 +127,10 @@ def test_derived_items_are_computed_at_each_use() -> None:
     assert list(squares[1:3]) == [1, 4] and list(squares[::-1]) == [9, 4, 1, 0]
     with pytest.raises(IndexError):
         squares[4]
+
+
+def test_selected_items_are_read_at_their_use() -> None:
+    assert list(select(Derived(9, lambda number: 10 * number), [4, 1])) == [40, 10]
 
 
 def test_shelved_attributes_have_no_default() -> None:
