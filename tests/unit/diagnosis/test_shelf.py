@@ -37,71 +37,71 @@ def image(number: int) -> NDArray[np.float32]:
     return np.asfortranarray(np.random.default_rng(number).random((6, 5), np.float32))
 
 
-def owners() -> list[Owner]:
+def build_owners() -> list[Owner]:
     return [Owner(name=str(n), image=image(n), notes={}) for n in range(COUNT)]
 
 
 def test_values_of_few_owners_are_in_memory(folder: Path) -> None:
-    made = owners()
-    arrays = [weakref.ref(owner.image) for owner in made]
+    owners = build_owners()
+    arrays = [weakref.ref(owner.image) for owner in owners]
     gc.collect()
     assert sum(array() is not None for array in arrays) <= MOST_HELD
     for _ in range(2):
-        for number, owner in enumerate(made):
+        for number, owner in enumerate(owners):
             np.testing.assert_array_equal(owner.image, image(number))
             assert owner.image.flags.f_contiguous  # The order of sums stays the same.
     assert len(list(folder.iterdir())) <= 2 * COUNT
 
 
 def test_few_owners_write_no_file(folder: Path) -> None:
-    made = [Owner(name="", image=image(n), notes={}) for n in range(MOST_HELD)]
-    assert all(owner.image.size for owner in made)
+    owners = [Owner(name="", image=image(n), notes={}) for n in range(MOST_HELD)]
+    assert all(owner.image.size for owner in owners)
     assert list(folder.iterdir()) == []
 
 
 def test_values_that_change_are_written_at_each_move(folder: Path) -> None:
-    made = owners()
+    owners = build_owners()
     for turn in range(3):
-        for owner in made:
+        for owner in owners:
             owner.notes[owner.name] = turn
-    assert [owner.notes for owner in made] == [{owner.name: 2} for owner in made]
+    assert [owner.notes for owner in owners] == [{owner.name: 2} for owner in owners]
 
 
 def test_a_replaced_value_is_not_read_from_its_old_file(folder: Path) -> None:
-    made = owners()
-    made[0].image = np.zeros((1, 1), np.float32)
-    assert [owner.image.size for owner in made][:2] == [1, 30]
-    assert made[0].image.size == 1
+    owners = build_owners()
+    owners[0].image = np.zeros((1, 1), np.float32)
+    assert [owner.image.size for owner in owners][:2] == [1, 30]
+    assert owners[0].image.size == 1
 
 
 def test_copies_share_values_and_files_end_with_their_owners(folder: Path) -> None:
-    made = owners()
-    copy = replace(made[3], name="copy")
-    assert copy.image is made[3].image
-    del made
+    owners = build_owners()
+    copy = replace(owners[3], name="copy")
+    assert copy.image is owners[3].image
+    del owners
     gc.collect()
     assert list(folder.iterdir()) == []
     np.testing.assert_array_equal(copy.image, image(3))
 
 
 def test_values_that_cannot_be_pickled_stay_in_memory(folder: Path) -> None:
-    made = owners()
+    owners = build_owners()
     lock = threading.Lock()
-    made[0].notes = {"lock": lock}
-    for owner in made:
+    owners[0].notes = {"lock": lock}
+    for owner in owners:
         assert owner.image.size
-    assert made[0].notes["lock"] is lock
+    assert owners[0].notes["lock"] is lock
     assert len(list(folder.iterdir())) <= 2 * COUNT - 1  # No damaged file is left.
 
 
 def test_without_a_folder_a_temporary_one_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shelf, "_shelf", shelf._Shelf())
-    made = owners()
-    own = Path(shelf._shelf._own_folder.name)
-    assert any(own.iterdir())
-    np.testing.assert_array_equal(made[0].image, image(0))
+    owners = build_owners()
+    temporary = Path(shelf._shelf._own_folder.name)
+    assert any(temporary.iterdir())
+    np.testing.assert_array_equal(owners[0].image, image(0))
     shelf._shelf._own_folder.cleanup()
-    assert not own.exists()
+    assert not temporary.exists()
 
 
 def test_shelved_sequences_are_read_item_by_item(folder: Path) -> None:
