@@ -8,13 +8,14 @@ from tyro.conf import Positional
 
 from starling.calibration import MOST_SCENES
 from starling.sim.console import shell
-from starling.sim.console.flags import Common, Edits, Shared
+from starling.sim.console.flags import Common, Edits, ModeName, Shared
 
 
 def calibrate(
     captures: Positional[str],
     *,
     sensor: str,
+    mode: ModeName = "",
     out: Path,
     free: tuple[str, ...],
     heldout: tuple[str, ...] | None = None,
@@ -43,7 +44,9 @@ def calibrate(
     from starling.sim.console import progress
     from starling.sim.sensor import resolve
 
-    camera = resolve.load(sensor, captures=captures, edits=edits)
+    camera = resolve.load(
+        sensor, mode=mode, captures=captures, edits=edits, note=progress.note_on_stderr
+    )
     with progress.on_stderr() as track:
         result = calibrate_captures.calibrate_captures(
             captures,
@@ -53,7 +56,7 @@ def calibrate(
             heldout=heldout,
             most_scenes=most_scenes,
             force=force,
-            options={"sensor": sensor, "set": edits},
+            options={"sensor": sensor, "mode": mode, "set": edits},
             track=track,
         )
     shell.say(result, json=common.json)

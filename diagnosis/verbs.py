@@ -8,13 +8,14 @@ from typing import Literal
 from tyro.conf import Positional
 
 from starling.sim.console import shell
-from starling.sim.console.flags import Common, Edits, Shared
+from starling.sim.console.flags import Common, Edits, ModeName, Shared
 
 
 def diagnose(
     captures: Positional[str],
     *,
     sensor: str,
+    mode: ModeName = "",
     out: Path,
     against: str = "",
     cache: Path | None = None,
@@ -51,7 +52,14 @@ def diagnose(
     from starling.sim.console import progress
     from starling.sim.sensor import resolve
 
-    camera = resolve.load(sensor, captures=captures, emitter=emitter, edits=edits)
+    camera = resolve.load(
+        sensor,
+        mode=mode,
+        captures=captures,
+        emitter=emitter,
+        edits=edits,
+        note=progress.note_on_stderr,
+    )
     with progress.on_stderr() as track:
         result = diagnosing.diagnose_captures(
             captures,
@@ -64,7 +72,7 @@ def diagnose(
             fix=fix,
             residual=residual,
             force=force,
-            options={"sensor": sensor, "emitter": emitter, "set": edits},
+            options={"sensor": sensor, "mode": mode, "emitter": emitter, "set": edits},
             track=track,
         )
     shell.say(result, json=common.json, as_text=diagnosing.as_text)

@@ -110,7 +110,8 @@ def load_sensor(
     name: Path | str,
     *,
     edits: Iterable[str] = (),
-    camera_matrix: NDArray[Any] | None = None,
+    mode: str = "",
+    camera_matrix: NDArray[Any] | Path | str | None = None,
     size: tuple[int, int] = (640, 480),
 ) -> Sensor:
     """Load a sensor preset by name, or a sensor file by path, and edit fields of it.
@@ -118,25 +119,33 @@ def load_sensor(
     Args:
         name: preset (see `list_sensors`) or path of a `.toml` file.
         edits: `PATH=VALUE` each, e.g. `projector.power_w=0.2`; `imager.` means both imagers.
+        mode: mode of the camera, `640x480` or `640x480@60`, as `starling sensors show` lists them.
         camera_matrix: (3, 3) intrinsics in place of the device's [px]; its lens stays, so that
-            pixels grow or shrink.
-        size: (width, height) of its images [px]; used with `camera_matrix`.
+            pixels grow or shrink. Or a file of a device's calibration: output of
+            rs-enumerate-devices -c, a ROS camera_info, a board file of depthai.
+        size: (width, height) of its images [px]; used with a (3, 3) `camera_matrix`.
 
     Raises:
-        InputError: unknown preset, unreadable file, unknown field or refused value.
+        InputError: unknown preset, unreadable file, unknown mode or field, or refused value.
 
     Examples:
         >>> sensor = starling.load_sensor("d435", edits=["projector.power_w=0.2"])
         >>> sensor.baseline_m, sensor.projector.power_w
         (0.05015, 0.2)
+        >>> starling.load_sensor("d435", mode="1280x720").width
+        1280
     """
+    from pathlib import PurePath
+
     from starling import arguments
     from starling.sim.sensor import presets
     from starling.sim.sensor.edits import apply, with_camera
 
-    sensor = presets.load(arguments.text("name", name, "Give a preset or a sensor file."))
+    name = arguments.text("name", name, "Give a preset or a sensor file.")
     changes = arguments.texts("edits", edits, "Give a list: ['projector.power_w=0.2'].")
-    if camera_matrix is not None:
+    file = camera_matrix if isinstance(camera_matrix, (str, PurePath)) else ""
+    sensor = presets.load_file(name, mode=mode, camera_matrix=str(file)).sensor
+    if camera_matrix is not None and not isinstance(camera_matrix, (str, PurePath)):
         sensor = with_camera(sensor, camera_matrix, size)
     return apply(sensor, changes)
 

@@ -43,7 +43,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "withheld": "starling.diagnosis.verbs",
     },
     "Tools": {
-        "sensors": "starling.sim.commands.verbs",
+        "sensors": "starling.sim.commands.sensor_verbs",
         "effects": "starling.sim.commands.verbs",
         "atlas": "starling.sim.commands.verbs",
         "bench": "starling.sim.commands.verbs",

@@ -9,7 +9,7 @@ from tyro.conf import Positional, arg
 
 from starling.patterns.errors import refuse
 from starling.sim.console import shell
-from starling.sim.console.flags import Common, Edits, Shared
+from starling.sim.console.flags import Common, Edits, ModeName, Shared
 
 if TYPE_CHECKING:
     from starling.learning.data.captured import Simulation
@@ -26,6 +26,7 @@ def train(
     *,
     out: Path,
     sensor: str | None = None,
+    mode: ModeName = "",
     rooms: tuple[str, ...] | None = None,
     steps: int | None = None,
     start: Path | None = None,
@@ -65,7 +66,7 @@ def train(
     simulation = None
     if sensor is not None:
         simulation = _simulation(
-            sensor, captures, draws=draws, seed=seed, even=even, edits=edits, cache=cache
+            sensor, captures, mode=mode, draws=draws, seed=seed, even=even, edits=edits, cache=cache
         )
     with progress.on_stderr() as track:
         result = train_captures.train_captures(
@@ -78,7 +79,7 @@ def train(
             start=start,
             seed=seed,
             force=force,
-            options={"sensor": sensor, "draws": draws, "even": even, "set": edits},
+            options={"sensor": sensor, "mode": mode, "draws": draws, "even": even, "set": edits},
             track=track,
         )
     shell.say(result, json=common.json)
@@ -91,6 +92,7 @@ def evaluate(
     methods: tuple[str, ...] = (),
     models: tuple[Path, ...] = (),
     sensor: str | None = None,
+    mode: ModeName = "",
     rooms: tuple[str, ...] | None = None,
     learn_from: int | None = None,
     steps: int | None = None,
@@ -134,7 +136,7 @@ def evaluate(
         assert sensor is not None  # Called only with a sensor.
         camera = sensor.replace(ROOM, held)
         return _simulation(
-            camera, captures, draws=draws, seed=seed, even=even, edits=edits, cache=cache
+            camera, captures, mode=mode, draws=draws, seed=seed, even=even, edits=edits, cache=cache
         )
 
     plan = evaluate_captures.EvaluationPlan(
@@ -154,7 +156,7 @@ def evaluate(
             plan,
             simulations=simulations if sensor else None,
             force=force,
-            options={"sensor": sensor, "draws": draws, "even": even, "set": edits},
+            options={"sensor": sensor, "mode": mode, "draws": draws, "even": even, "set": edits},
             track=track,
         )
     shell.say(result, json=common.json)
@@ -166,6 +168,7 @@ def compare(
     *,
     methods: tuple[str, ...] = (),
     sensor: str | None = None,
+    mode: ModeName = "",
     out: Path | None = None,
     draws: Draws = 8,
     cache: Cache = None,
@@ -212,7 +215,9 @@ def compare(
         output.refuse_taken(out, force=force)
     simulation = None
     if sensor is not None:
-        simulation = _simulation(sensor, real, draws=draws, seed=seed, edits=edits, cache=cache)
+        simulation = _simulation(
+            sensor, real, mode=mode, draws=draws, seed=seed, edits=edits, cache=cache
+        )
     with progress.on_stderr() as track:
         result, picture = compare_methods.compare_methods(
             capture.open_set(real),
@@ -230,6 +235,7 @@ def _simulation(
     sensor: str,
     captures: str,
     *,
+    mode: str,
     draws: int,
     seed: int,
     edits: tuple[str, ...],
@@ -237,7 +243,10 @@ def _simulation(
     cache: Path | None = None,
 ) -> Simulation:
     from starling.learning.data.captured import Simulation
+    from starling.sim.console import progress
     from starling.sim.sensor import resolve
 
-    camera = resolve.load(sensor, captures=captures, edits=edits)
+    camera = resolve.load(
+        sensor, mode=mode, captures=captures, edits=edits, note=progress.note_on_stderr
+    )
     return Simulation(sensor=camera, draws=draws, seed=seed, even=even, cache=cache)

@@ -18,7 +18,7 @@ from starling.sim.console import progress
 from starling.sim.console.output import OutputFolder, refuse_own_input
 from starling.sim.corrupt import Corruptor
 from starling.sim.effects import Value
-from starling.sim.sensor import edits
+from starling.sim.sensor import edits, intrinsics
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import refuse_impossible
 
@@ -102,6 +102,26 @@ def corrupt_captures(
         "seconds": round(time.perf_counter() - started, 3),
         "scenes": figures,
     }
+
+
+def intrinsics_of(
+    camera_matrix: tuple[float, float, float, float] | Path, path: Path, unit: str
+) -> tuple[float, float, float, float]:
+    """Return fx, fy, cx, cy of depth images; a file gives those of the images' size.
+
+    Args:
+        camera_matrix: the numbers [px], or a file of a device's calibration.
+        path: a depth image, or a folder of them.
+        unit: as for `corrupt_captures`.
+
+    Raises:
+        InputError: for no depth images, or a file without their size.
+    """
+    if not isinstance(camera_matrix, Path):
+        return camera_matrix
+    height, width = depth_file.read(_images(path, 1)[0], unit).shape
+    camera = intrinsics.read(camera_matrix).camera(width, height)
+    return camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
 
 
 def _images(path: Path, frames: int) -> list[Path]:

@@ -18,6 +18,7 @@ from starling.sim.console.flags import (
     DevicePreset,
     Edits,
     Effects,
+    ModeName,
     Shared,
 )
 
@@ -32,39 +33,12 @@ def doctor(*, common: Shared = Common()) -> None:
     shell.say(backend.report(), json=common.json)
 
 
-def sensors(
-    action: Positional[Literal["list", "show"]] = "list",
-    name: Positional[str] = "",
-    *,
-    common: Shared = Common(),
-) -> None:
-    """List the sensor presets, or show one sensor with the source of every number.
-
-    Example: starling sensors show d435
-
-    Args:
-        action: `list` all presets, or `show` one sensor.
-        name: Preset or sensor file (.toml) to show.
-    """
-    from starling.sim.sensor import presets, structure
-
-    if action == "list":
-        if name:
-            raise refuse("name", "must come with show", name, f"Run: starling sensors show {name}.")
-        shell.say(presets.summary(), json=common.json)
-        return
-    if not name:
-        known = f"Give a sensor file, or one of {', '.join(presets.names())}."
-        raise refuse("name", "must be given", "nothing", known)
-    sensor = presets.load(name)
-    shell.say(structure.to_table(sensor), json=common.json, as_text=lambda _: presets.text(name))
-
-
 def effects(
     action: Positional[Literal["list", "show"]] = "list",
     name: Positional[str] = "",
     *,
     sensor: str = "d435",
+    mode: ModeName = "",
     common: Shared = Common(),
 ) -> None:
     """List the effects that separate a real camera from an ideal one, or show one of them.
@@ -82,7 +56,7 @@ def effects(
 
     if action == "show" and not name:
         raise refuse("name", "must be given", "nothing", "See `starling effects`.")
-    rows = listing.rows(presets.load(sensor), name)
+    rows = listing.rows(presets.load(sensor, mode=mode), name)
     shell.say(rows, json=common.json, as_text=listing.text if action == "list" else listing.page)
 
 
@@ -90,6 +64,7 @@ def simulate(
     scene: Positional[str],
     *,
     sensor: str,
+    mode: ModeName = "",
     out: Path,
     frames: int = 1,
     seed: int = 0,
@@ -141,6 +116,7 @@ def simulate(
 
     camera = resolve.load(
         sensor,
+        mode=mode,
         captures=scene,
         device_preset=device_preset,
         emitter=emitter,
@@ -152,6 +128,7 @@ def simulate(
     setting.warn_of_edits(strengths, map(path_of, edits))
     options = {
         "sensor": sensor,
+        "mode": mode,
         "device_preset": device_preset,
         "emitter": emitter,
         "set": edits,
@@ -165,6 +142,7 @@ def simulate(
             )
         from starling.sim.commands import corrupt_captures
 
+        camera_matrix = corrupt_captures.intrinsics_of(camera_matrix, Path(scene), depth_unit)
         replaced = [each for each in edits if path_of(each) in OF_CAMERA]
         if own_camera and replaced:
             rule = "must not change the camera that --own-camera replaces"
@@ -219,6 +197,7 @@ def match(
     captures: Positional[str],
     *,
     sensor: str,
+    mode: ModeName = "",
     setting: str | None = None,
     device_preset: DevicePreset = None,
     edits: Edits = (),
@@ -244,6 +223,7 @@ def match(
     chosen = (f"matcher.setting={setting}",) if setting else ()
     camera = resolve.load(
         sensor,
+        mode=mode,
         captures=captures,
         device_preset=device_preset,
         edits=(*chosen, *edits),
@@ -257,6 +237,7 @@ def match(
             force=force,
             options={
                 "sensor": sensor,
+                "mode": mode,
                 "setting": setting,
                 "device_preset": device_preset,
                 "set": edits,
@@ -301,6 +282,7 @@ def atlas(
     *,
     out: Path,
     sensor: str = "d435",
+    mode: ModeName = "",
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
@@ -318,14 +300,16 @@ def atlas(
     from starling.sim.console import progress
     from starling.sim.sensor import resolve
 
+    camera = resolve.load(sensor, mode=mode, note=progress.note_on_stderr)
     with progress.on_stderr() as track:
-        result = drawing.atlas(out, resolve.load(sensor), names=names, force=force, track=track)
+        result = drawing.atlas(out, camera, names=names, force=force, track=track)
     shell.say(result, json=common.json)
 
 
 def sweep(
     *,
     sensor: str = "d435",
+    mode: ModeName = "",
     out: Path,
     baseline_m: tuple[float, ...] = (),
     focal_px: tuple[float, ...] = (),
@@ -359,7 +343,7 @@ def sweep(
     from starling.sim.console import progress
     from starling.sim.sensor import resolve
 
-    camera = resolve.load(sensor, edits=edits)
+    camera = resolve.load(sensor, mode=mode, edits=edits, note=progress.note_on_stderr)
     axes = {"baseline_m": baseline_m, "focal_px": focal_px}
     axes |= {"projector_x_m": projector_x_m, "dot_density": dot_density}
     with progress.on_stderr() as track:
@@ -371,7 +355,7 @@ def sweep(
             full=full,
             seed=seed,
             force=force,
-            options={"sensor": sensor, "set": edits},
+            options={"sensor": sensor, "mode": mode, "set": edits},
             track=track,
         )
     shell.say(result, json=common.json)

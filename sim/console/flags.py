@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, UseAppendAction, arg
@@ -28,6 +29,14 @@ Edits = Annotated[
         "imagers. May be repeated.",
     ),
 ]
+ModeName = Annotated[
+    str,
+    arg(
+        metavar="WxH[@FPS]",
+        help="Mode of the camera, e.g. 640x480 or 640x480@60; `starling sensors show NAME` lists "
+        "them. By default the sensor's own.",
+    ),
+]
 DevicePreset = Annotated[
     str | None,
     arg(
@@ -45,9 +54,10 @@ Effects = Annotated[
     ),
 ]
 CameraMatrix = Annotated[
-    tuple[float, float, float, float] | None,
+    tuple[float, float, float, float] | Path | None,
     arg(
-        metavar="FX FY CX CY",
-        help="Camera of depth images [px]; pixel centres have whole coordinates.",
+        metavar="FX FY CX CY|FILE",
+        help="Camera of depth images [px]; pixel centres have whole coordinates. FILE: output of "
+        "rs-enumerate-devices -c, a ROS camera_info, or a board file of depthai.",
     ),
 ]

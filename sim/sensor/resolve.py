@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from starling.patterns import errors
 from starling.sim.captures import capture
+from starling.sim.captures.info import CaptureInfo
 from starling.sim.console.progress import Note, ignore_note
-from starling.sim.sensor import overlaps, presets
+from starling.sim.sensor import omissions, overlaps, presets
 from starling.sim.sensor.edits import apply, path_of
 from starling.sim.sensor.sensor import Sensor
 
@@ -16,6 +18,7 @@ from starling.sim.sensor.sensor import Sensor
 def load(
     name: str,
     *,
+    mode: str = "",
     captures: str = "",
     device_preset: str | None = None,
     emitter: Literal["on", "off"] | None = None,
@@ -32,21 +35,29 @@ def load(
 
     Args:
         name: Preset or sensor file.
+        mode: Mode of the camera, such as `640x480@60`; by default the file's own.
         captures: Captures to use the sensor on. Only a capture set or a scene in it has a geometry.
         device_preset: Name of a RealSense preset, or a file of controls
             (`starling.sim.sensor.realsense`).
         emitter: Switches the projector.
         edits: See `starling.sim.sensor.edits.apply`.
-        note: Callback that receives a line for each changed or unsupported device control.
+        note: Callback that receives a line for each changed or unsupported device control, and a
+            line with the parts that a sensor file leaves out.
 
     Raises:
         InputError: if a step refuses its input.
     """
-    sensor = presets.load(name)
+    file = presets.load_file(name, mode=mode)
+    sensor = file.sensor
+    left_out = omissions.line(file)
+    if name.endswith(".toml") and left_out:
+        note(f"{name}: {left_out}")
     if capture.is_capture(captures):
         captured = capture.open_set(captures)
         captured.refuse_mixed()
         info = captured.info
+        if mode:
+            _refuse_other_size(sensor, info)
         if not (name.endswith(".toml") and info.are_of(sensor)):
             sensor = info.geometry_into(sensor)
     if device_preset is not None or emitter is not None:
@@ -54,6 +65,13 @@ def load(
         overlaps.warn_of_controls(sensor, controlled, [path_of(edit) for edit in edits])
         sensor = controlled
     return presets.with_absolute_patterns(apply(sensor, edits), Path.cwd())
+
+
+def _refuse_other_size(sensor: Sensor, info: CaptureInfo) -> None:
+    if (sensor.width, sensor.height) != (info.width, info.height):
+        rule = f"must have the captures' image size {info.width}x{info.height}"
+        got = f"{sensor.width}x{sensor.height}"
+        raise errors.refuse("mode", rule, got, "Leave the mode out, or choose the captures' one.")
 
 
 def _with_controls(

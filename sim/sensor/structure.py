@@ -99,6 +99,23 @@ def edit(tree: T, path: str, value: Any, name: str = "") -> T:
     return dataclasses.replace(tree, **{head: new})  # type: ignore[type-var]
 
 
+def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge changes into a table without validating it.
+
+    Args:
+        table: Nested tables.
+        changes: Tables, or values by dotted path. A table with a `kind` replaces a part.
+    """
+    result = dict(table)
+    for path, value in changes.items():
+        name, _, rest = path.partition(".")
+        new, old = {rest: value} if rest else value, result.get(name)
+        if isinstance(new, Mapping) and isinstance(old, Mapping) and "kind" not in new:
+            new = merged(old, new)
+        result[name] = new
+    return result
+
+
 @cache
 def _hints(cls: type) -> dict[str, Any]:
     hints = typing.get_type_hints(cls)

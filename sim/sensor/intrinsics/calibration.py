@@ -1,0 +1,104 @@
+"""The calibration of a device, as its own program writes it, and a sensor with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from starling.patterns import errors
+from starling.sim import quantities
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.sensor import edits
+from starling.sim.sensor.sensor import Sensor
+
+# Largest factor between a device's number and that of the sensor it replaces. Devices differ less,
+# and units of length by 10 and more.
+_FACTOR = 5.0
+_KEYS = ("width", "height", "fx_px", "fy_px", "cx_px", "cy_px")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DeviceCalibration:
+    """Intrinsics of a rectified pair by image size, or its field of view, and its baseline."""
+
+    path: Path
+    cameras: tuple[Pinhole, ...]  # One of each size.
+    field_deg: float | None = None  # Full horizontal field of an image, where sizes are unknown.
+    baseline_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.field_deg is not None:
+            errors.in_interval(f"hfov in {self.path}", self.field_deg, 1.0, 179.0, "Give degrees.")
+        if self.baseline_m is not None:
+            quantities.check(f"baseline in {self.path} [m]", self.baseline_m, "baseline_m")
+
+    @property
+    def sizes(self) -> tuple[str, ...]:
+        """Image sizes, as modes are named."""
+        return tuple(f"{camera.width}x{camera.height}" for camera in self.cameras)
+
+    def camera(self, width: int, height: int) -> Pinhole:
+        """Return the intrinsics of an image size.
+
+        Raises:
+            InputError: if the calibration has other sizes only.
+        """
+        if self.field_deg is not None:
+            focal_px = width / 2 / math.tan(math.radians(self.field_deg) / 2)
+            centre = {"cx_px": (width - 1) / 2, "cy_px": (height - 1) / 2}
+            return Pinhole(width=width, height=height, fx_px=focal_px, fy_px=focal_px, **centre)
+        for camera in self.cameras:
+            if (camera.width, camera.height) == (width, height):
+                return camera
+        rule = f"must have the image size {width}x{height}"
+        advice = "Choose a mode of that size, or give width and height."
+        raise errors.refuse(f"camera_matrix in {self.path}", rule, ", ".join(self.sizes), advice)
+
+
+def with_calibration(sensor: Sensor, calibration: DeviceCalibration) -> Sensor:
+    """Return a sensor with a device's intrinsics at the sensor's image size, and its baseline.
+
+    Raises:
+        InputError: if the calibration has no such size, or its numbers differ from the sensor's by
+            more than a factor of 5, as numbers in other units do.
+    """
+    camera = calibration.camera(sensor.width, sensor.height)
+    _refuse_far(f"focal length in {calibration.path} [px]", camera.fx_px, sensor.fx_px)
+    values: dict[str, Any] = {key: getattr(camera, key) for key in _KEYS}
+    if calibration.baseline_m is not None:
+        name = f"baseline in {calibration.path} [m]"
+        _refuse_far(name, calibration.baseline_m, sensor.baseline_m)
+        values["baseline_m"] = calibration.baseline_m
+        if sensor.kind == "structured_light":  # Its projector is at the end of the baseline.
+            values["projector.position_m"] = [calibration.baseline_m, 0.0, 0.0]
+    return edits.with_values(sensor, values.items())
+
+
+def with_keys(calibration: DeviceCalibration, keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Add the intrinsics to the keys of a sensor file without a base; the file's own keys win.
+
+    Raises:
+        InputError: if the image size is unknown, or the calibration has others only.
+    """
+    sole = calibration.cameras[0] if len(calibration.cameras) == 1 else None
+    width = keys.get("width", sole.width if sole else None)
+    height = keys.get("height", sole.height if sole else None)
+    if not isinstance(width, int) or not isinstance(height, int):
+        got = ", ".join(calibration.sizes) or "no size"
+        advice = "Give whole numbers of pixels."
+        raise errors.refuse("width and height", "must be given with camera_matrix", got, advice)
+    camera = calibration.camera(width, height)
+    result = {key: getattr(camera, key) for key in _KEYS}
+    if calibration.baseline_m is not None:
+        result["baseline_m"] = calibration.baseline_m
+    return {**result, **keys}
+
+
+def _refuse_far(name: str, value: float, usual: float) -> None:
+    low, high = usual / _FACTOR, usual * _FACTOR
+    if not low <= value <= high:
+        rule = f"must be in [{low:.4g}, {high:.4g}], near the sensor's {usual:.4g}"
+        raise errors.refuse(name, rule, f"{value:.6g}", "Is it of this camera, in these units?")
