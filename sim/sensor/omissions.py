@@ -18,6 +18,6 @@ def line(file: SensorFile) -> str:
     listed = [
         f"no {name} ({instead})"
         for name, (paths, instead) in parts.items()
-        if file.given.isdisjoint(paths)
+        if file.written.isdisjoint(paths)
     ]
     return f"it gives {', '.join(listed)}." if listed else ""

@@ -42,7 +42,7 @@ class SensorFile:
     modes: Modes
     mode: ChosenMode | None  # Mode of the sensor; None if its size is that of none.
     own_right: bool  # Whether the file or its base has a right imager of its own.
-    given: frozenset[str]  # Paths that the file or its base gives.
+    written: frozenset[str]  # Paths that the file or its base gives.
     base: str = ""
     description: str = ""
     calibration: DeviceCalibration | None = None
@@ -171,7 +171,7 @@ def _root(
         modes=mode_keys.filled(known, chosen, sensor),
         mode=chosen,
         own_right="right" in keys,
-        given=frozenset(mode_keys.paths(keys)),
+        written=frozenset(mode_keys.paths(keys)),
         calibration=calibration,
     )
 
@@ -197,8 +197,10 @@ def _derived(
         if "mode" in table:
             _refuse_other_size(sensor, chosen)
         chosen = None
-    given = file.given | frozenset(mode_keys.paths(keys))
-    return dataclasses.replace(file, sensor=sensor, mode=chosen, own_right=own_right, given=given)
+    written = file.written | frozenset(mode_keys.paths(keys))
+    return dataclasses.replace(
+        file, sensor=sensor, mode=chosen, own_right=own_right, written=written
+    )
 
 
 def _base(name: str, chain: tuple[Path, ...]) -> SensorFile:

@@ -119,33 +119,6 @@ def test_bad_flags_exit_2(arguments: list[str], capsys: Capsys) -> None:
     assert _run(*arguments, capsys=capsys)[:2] == (2, "")
 
 
-def test_sensors(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(presets, "names", lambda: ["d415", "d435"])
-    code, out, _ = _run("sensors", "--json", capsys=capsys)
-    assert code == 0 and json.loads(out)["d435"]["width"] == 848
-    assert "d415" in _run("sensors", "list", capsys=capsys)[1]
-    assert "name must come with show" in _run("sensors", "list", "d435", capsys=capsys)[2]
-    shown = _run("sensors", "show", "d435", capsys=capsys)[1]
-    assert shown.rstrip() == presets.text("d435").rstrip()
-    table = json.loads(_run("sensors", "show", "d435", "--json", capsys=capsys)[1])
-    assert table["projector"]["power_w"] > 0
-    assert "must be a known name; got 'd436'" in _refused("sensors", "show", "d436", capsys=capsys)
-    assert "name must be given" in _refused("sensors", "show", capsys=capsys)
-
-
-def test_a_sensor_file_is_shown(capsys: Capsys, tmp_path: Path) -> None:
-    file = tmp_path / "mine.toml"
-    text = "# Measured.\n" + presets.dumps(presets.load("d435"))
-    file.write_text(text, encoding="utf-8")
-    assert _run("sensors", "show", str(file), capsys=capsys)[1].rstrip() == text.rstrip()
-    table = json.loads(_run("sensors", "show", str(file), "--json", capsys=capsys)[1])
-    assert table["fx_px"] == presets.load("d435").fx_px
-    file.write_text(text.replace("\nfx_px = ", "\nfx_px = -"), encoding="utf-8")
-    assert "fx_px" in _refused("sensors", "show", str(file), capsys=capsys)
-    missing = str(tmp_path / "missing.toml")
-    assert "missing.toml" in _refused("sensors", "show", missing, capsys=capsys)
-
-
 def test_doctor_and_bench_print_their_results(
     capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -311,7 +284,7 @@ def test_match_prints_and_writes(capsys: Capsys, tmp_path: Path, small_set: Path
     assert not (out / "a" / "0" / "ir_left.png").exists()
     requested = json.loads((out / "starling.json").read_text())["arguments"]
     typed = {"captures": str(small_set), "sensor": "d415", "setting": "fast", "set": []}
-    assert requested == {**typed, "device_preset": None}
+    assert requested == {**typed, "mode": "", "device_preset": None}
     message = _refused("match", out, "--sensor", "d415", capsys=capsys)
     assert "must hold ir_left.png and ir_right.png" in message
     message = _refused("match", small_set, "--sensor", "d415", "--setting", "fats", capsys=capsys)

@@ -13,7 +13,7 @@ from starling.sim.sensor.intrinsics.calibration import with_keys as with_keys
 
 
 def read(path: Path) -> DeviceCalibration:
-    """Read the calibration of a device; the content tells the format.
+    """Read the calibration of a device; the content decides on the format.
 
     Args:
         path: output of `rs-enumerate-devices -c`, a `camera_info` in YAML, or a board file of

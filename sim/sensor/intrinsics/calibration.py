@@ -62,8 +62,8 @@ def with_calibration(sensor: Sensor, calibration: DeviceCalibration) -> Sensor:
     """Return a sensor with a device's intrinsics at the sensor's image size, and its baseline.
 
     Raises:
-        InputError: if the calibration has no such size, or its numbers differ from the sensor's by
-            more than a factor of 5, as numbers in other units do.
+        InputError: if the calibration has no such size. Also if its numbers differ from the
+            sensor's by more than a factor of 5, as numbers in other units do.
     """
     camera = calibration.camera(sensor.width, sensor.height)
     _refuse_far(f"focal length in {calibration.path} [px]", camera.fx_px, sensor.fx_px)

@@ -52,10 +52,10 @@ def _blocks(text: str) -> dict[str, str]:
     """Split the first message into the text of each key at the start of a line."""
     message = re.split(r"^---\s*$", text.lstrip("-\n "), maxsplit=1, flags=re.MULTILINE)[0]
     keys = list(_KEY.finditer(message))
-    ends = [key.start() for key in keys[1:]] + [len(message)]
+    ends = [*(key.start() for key in keys[1:]), len(message)]
     return {
         _NAMES.get(key[1].lower(), key[1].lower()): message[key.end() : end]
-        for key, end in zip(keys, ends, strict=True)
+        for key, end in zip(keys, ends, strict=False)
     }
 
 

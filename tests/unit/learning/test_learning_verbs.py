@@ -109,7 +109,8 @@ def test_flags_of_train_are_passed_on(captures, tmp_path, sensors, monkeypatch, 
         "--set", "imager.gain=2", "--force", "--cache", tmp_path / "kept", capsys=capsys,
     )  # fmt: skip
     assert code == 0
-    assert sensors == [("d435", {"captures": str(captures), "edits": ("imager.gain=2",)})]
+    ((name, how),) = sensors
+    assert (name, how["captures"], how["edits"]) == ("d435", str(captures), ("imager.gain=2",))
     (item,) = requests
     simulation = item.pop("simulation")
     assert isinstance(simulation, Simulation)
@@ -120,7 +121,9 @@ def test_flags_of_train_are_passed_on(captures, tmp_path, sensors, monkeypatch, 
         "method": "hybrid", "captures": str(captures), "out": tmp_path / "out",
         "rooms": ("hall", "attic"), "steps": 5, "seed": 2, "force": True,
         "start": tmp_path / "begun",
-        "options": {"sensor": "d435", "draws": 3, "even": True, "set": ("imager.gain=2",)},
+        "options": {
+            "sensor": "d435", "mode": "", "draws": 3, "even": True, "set": ("imager.gain=2",),
+        },
     }  # fmt: skip
 
 
