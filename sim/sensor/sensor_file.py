@@ -122,7 +122,11 @@ def with_calibration(
     sole = len(sizes) == 1 and sizes[0] in file.modes and sizes[0] != _size(file.sensor)
     if sole and not same_mode and file.mode is not None:
         file = in_mode(file, sizes[0])
-    sensor = intrinsics.with_calibration(file.sensor, calibration)
+    cut = 1.0
+    if file.mode is not None:
+        columns = {mode.name: mode.width / mode.scale for mode in file.modes.values()}
+        cut = max(columns.values()) / columns[file.mode.mode]
+    sensor = intrinsics.with_calibration(file.sensor, calibration, cut=cut)
     return dataclasses.replace(file, sensor=sensor, calibration=calibration)
 
 

@@ -26,7 +26,7 @@ class DeviceCalibration:
 
     path: Path
     cameras: tuple[Pinhole, ...]  # One of each size.
-    field_deg: float | None = None  # Full horizontal field of an image, where sizes are unknown.
+    field_deg: float | None = None  # Full horizontal field of the imager, where sizes are unknown.
     baseline_m: float | None = None
 
     def __post_init__(self) -> None:
@@ -40,14 +40,19 @@ class DeviceCalibration:
         """Image sizes, as modes are named."""
         return tuple(f"{camera.width}x{camera.height}" for camera in self.cameras)
 
-    def camera(self, width: int, height: int) -> Pinhole:
+    def camera(self, width: int, height: int, *, cut: float = 1.0) -> Pinhole:
         """Return the intrinsics of an image size.
+
+        Args:
+            width: width of the image [px].
+            height: height of the image [px].
+            cut: columns of the whole imager over those of the image, in equal pixels.
 
         Raises:
             InputError: if the calibration has other sizes only.
         """
         if self.field_deg is not None:
-            focal_px = width / 2 / math.tan(math.radians(self.field_deg) / 2)
+            focal_px = width * cut / 2 / math.tan(math.radians(self.field_deg) / 2)
             centre = {"cx_px": (width - 1) / 2, "cy_px": (height - 1) / 2}
             return Pinhole(width=width, height=height, fx_px=focal_px, fy_px=focal_px, **centre)
         for camera in self.cameras:
@@ -58,14 +63,19 @@ class DeviceCalibration:
         raise errors.refuse(f"camera_matrix in {self.path}", rule, ", ".join(self.sizes), advice)
 
 
-def with_calibration(sensor: Sensor, calibration: DeviceCalibration) -> Sensor:
+def with_calibration(sensor: Sensor, calibration: DeviceCalibration, *, cut: float = 1.0) -> Sensor:
     """Return a sensor with a device's intrinsics at the sensor's image size, and its baseline.
+
+    Args:
+        sensor: sensor to change.
+        calibration: calibration of the device.
+        cut: as for `DeviceCalibration.camera`.
 
     Raises:
         InputError: if the calibration has no such size. Also if its numbers differ from the
             sensor's by more than a factor of 5, as numbers in other units do.
     """
-    camera = calibration.camera(sensor.width, sensor.height)
+    camera = calibration.camera(sensor.width, sensor.height, cut=cut)
     _refuse_far(f"focal length in {calibration.path} [px]", camera.fx_px, sensor.fx_px)
     values: dict[str, Any] = {key: getattr(camera, key) for key in _KEYS}
     if calibration.baseline_m is not None:

@@ -185,6 +185,8 @@ def test_a_board_of_depthai_is_in_centimetres_and_degrees(tmp_path: Path) -> Non
     mine = starling.load_sensor("d415", camera_matrix=path)
     focal_px = 640 / math.tan(math.radians(71.86 / 2))
     assert geometry(mine) == (1280, 720, focal_px, focal_px, 639.5, 359.5, 0.075)
+    narrow = starling.load_sensor("d435", mode="640x480", camera_matrix=path)
+    assert narrow.fx_px == pytest.approx(768 / 2 / math.tan(math.radians(71.86 / 2)))
     chained = json.loads(json.dumps(OAK))
     cameras = chained["board_config"]["cameras"]
     cameras["CAM_B"]["extrinsics"] = {
