@@ -6,7 +6,7 @@ Heavy imports stand inside the verbs, so that `--help` is quick.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from tyro.conf import Positional
 
@@ -107,16 +107,20 @@ def simulate(
         empty: Allow a scene without a surface in view.
         force: Replace a folder that starling wrote earlier.
     """
-    from starling.sim.captures.depth_file import SUFFIXES
+    from starling.sim.captures import depth_file
     from starling.sim.commands import simulate_captures
     from starling.sim.console import progress
     from starling.sim.effects import setting
     from starling.sim.sensor import resolve
     from starling.sim.sensor.edits import OF_CAMERA, path_of
 
+    device_file = None
+    if isinstance(camera_matrix, Path) and not depth_file.files(Path(scene)):
+        device_file, camera_matrix = camera_matrix, None
     camera = resolve.load(
         sensor,
         mode=mode,
+        camera_matrix=device_file,
         captures=scene,
         device_preset=device_preset,
         emitter=emitter,
@@ -126,13 +130,15 @@ def simulate(
 
     strengths = setting.parse(effect)
     setting.warn_of_edits(strengths, map(path_of, edits))
-    options = {
+    options: dict[str, Any] = {
         "sensor": sensor,
         "mode": mode,
         "device_preset": device_preset,
         "emitter": emitter,
         "set": edits,
     }
+    if device_file is not None:
+        options["camera_matrix"] = str(device_file)
     if camera_matrix is not None:
         if samples or empty or quality != "full":
             rule = "must not be given with depth images"
@@ -172,7 +178,7 @@ def simulate(
             )
         shell.say(result, json=common.json)
         return
-    if depth_unit or rgb or own_camera or Path(scene).suffix.lower() in SUFFIXES:
+    if depth_unit or rgb or own_camera or Path(scene).suffix.lower() in depth_file.SUFFIXES:
         rule = "must be given with depth images"
         raise refuse("camera-matrix", rule, "nothing", "Give FX FY CX CY in pixels.")
     with progress.on_stderr() as track:

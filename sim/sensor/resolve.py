@@ -19,6 +19,7 @@ def load(
     name: str,
     *,
     mode: str = "",
+    camera_matrix: Path | None = None,
     captures: str = "",
     device_preset: str | None = None,
     emitter: Literal["on", "off"] | None = None,
@@ -36,6 +37,7 @@ def load(
     Args:
         name: Preset or sensor file.
         mode: Mode of the camera, such as `640x480@60`; by default the file's own.
+        camera_matrix: File of a device's calibration (`starling.sim.sensor.intrinsics`).
         captures: Captures to use the sensor on. Only a capture set or a scene in it has a geometry.
         device_preset: Name of a RealSense preset, or a file of controls
             (`starling.sim.sensor.realsense`).
@@ -47,12 +49,15 @@ def load(
     Raises:
         InputError: if a step refuses its input.
     """
-    file = presets.load_file(name, mode=mode)
+    file = presets.load_file(name, mode=mode, camera_matrix=camera_matrix or "")
     sensor = file.sensor
     left_out = omissions.line(file)
     if name.endswith(".toml") and left_out:
         note(f"{name}: {left_out}")
     if capture.is_capture(captures):
+        if camera_matrix is not None:
+            rule, advice = "must not be given with captures", "They have a camera of their own."
+            raise errors.refuse("camera_matrix", rule, camera_matrix, advice)
         captured = capture.open_set(captures)
         captured.refuse_mixed()
         info = captured.info

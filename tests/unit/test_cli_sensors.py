@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from starling.sim.commands import corrupt_captures
+from starling.sim.commands import corrupt_captures, simulate_captures
 from starling.sim.sensor import edits, presets, resolve, sensor_file
 from tests.unit.command_line import Capsys
 from tests.unit.command_line import refused as _refused
@@ -173,3 +173,24 @@ def test_depth_images_have_the_camera_of_a_file(tmp_path: Path, capsys: Capsys) 
         "simulate", tmp_path / "small.npy", *flags, "--out", tmp_path / "out", capsys=capsys
     )
     assert "must have the image size 64x48; got 640x480" in message
+
+
+def test_a_scene_has_the_camera_of_a_device_file(
+    tmp_path: Path, capsys: Capsys, small_set: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Depth images have a camera; a scene is seen by the sensor, and captures have their own."""
+    calls: list[Any] = []
+
+    def work(scene: str, sensor: Any, out: Path, **how: Any) -> dict[str, Any]:
+        calls.append((sensor, how["options"]["camera_matrix"]))
+        return {}
+
+    monkeypatch.setattr(simulate_captures, "simulate_captures", work)
+    path = tmp_path / "info.yaml"
+    path.write_text(CAMERA_INFO)
+    flags = ["--sensor", "d435", "--camera-matrix", path, "--out", tmp_path / "out"]
+    assert _run("simulate", "wall", *flags, capsys=capsys)[0] == 0
+    ((sensor, typed),) = calls
+    assert (sensor.width, sensor.fx_px, typed) == (640, 390.0, str(path))
+    message = _refused("simulate", small_set, *flags, capsys=capsys)
+    assert "camera_matrix must not be given with captures; got" in message
