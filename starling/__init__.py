@@ -135,7 +135,7 @@ def load_sensor(
         >>> starling.load_sensor("d435", mode="1280x720").width
         1280
     """
-    from pathlib import PurePath
+    from os import PathLike
 
     from starling import arguments
     from starling.sim.sensor import presets
@@ -143,9 +143,11 @@ def load_sensor(
 
     name = arguments.text("name", name, "Give a preset or a sensor file.")
     changes = arguments.texts("edits", edits, "Give a list: ['projector.power_w=0.2'].")
-    file = camera_matrix if isinstance(camera_matrix, (str, PurePath)) else ""
-    sensor = presets.load_file(name, mode=mode, camera_matrix=str(file)).sensor
-    if camera_matrix is not None and not isinstance(camera_matrix, (str, PurePath)):
+    if isinstance(camera_matrix, (str, PathLike)):
+        sensor = presets.load_file(name, mode=mode, camera_matrix=camera_matrix).sensor
+        return apply(sensor, changes)
+    sensor = presets.load(name, mode=mode)
+    if camera_matrix is not None:
         sensor = with_camera(sensor, camera_matrix, size)
     return apply(sensor, changes)
 

@@ -84,7 +84,7 @@ def _new(
         if not value:
             advice = "Example: starling sensors new d456 --from d435 --set baseline_m=0.095."
             raise refuse(key, "must be given", "nothing", advice)
-    file = presets.load_file(base_name, mode=mode, camera_matrix=camera_matrix or "")
+    file = presets.load_file(base_name, mode=mode, camera_matrix=camera_matrix)
     base = presets.load_file(base_name)
     if file.mode != base.mode:
         assert file.mode is not None  # A mode was chosen.

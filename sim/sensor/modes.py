@@ -12,6 +12,7 @@ they hold in this mode only.
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,8 +20,13 @@ from typing import Any
 
 from starling.patterns import errors
 from starling.sim.sensor import structure
+from starling.sim.sensor.sensor import Sensor
 
 USUAL_FPS = 30.0  # Rate of a mode that is chosen without one, if the mode has it.
+# A mode's name gives its size; name and kind are the camera's.
+_KEYS = {"scale", "fps"} | {field.name for field in dataclasses.fields(Sensor)} - {
+    *("name", "kind", "width", "height"),
+}
 _NAME = re.compile(r"([1-9]\d{0,4})x([1-9]\d{0,4})")
 _EXAMPLE = "Example: 848x480 or 848x480@30."
 
@@ -153,6 +159,8 @@ def _mode(name: str, table: Any) -> Mode:
         raise errors.refuse("name of a mode", "must be WIDTHxHEIGHT", repr(name), _EXAMPLE)
     if not isinstance(table, Mapping):
         raise errors.refuse(path, "must be a table", repr(table), f'Write [modes."{name}"].')
+    for key in table:
+        errors.one_of(f"key in {path}", key.partition(".")[0], _KEYS)
     if "scale" not in table:
         advice = "Give the pixels of the image per pixel of the imager."
         raise errors.refuse(f"{path}.scale", "must be given", "nothing", advice)

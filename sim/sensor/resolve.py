@@ -49,7 +49,7 @@ def load(
     Raises:
         InputError: if a step refuses its input.
     """
-    file = presets.load_file(name, mode=mode, camera_matrix=camera_matrix or "")
+    file = presets.load_file(name, mode=mode, camera_matrix=camera_matrix)
     sensor = file.sensor
     left_out = omissions.line(file)
     if name.endswith(".toml") and left_out:

@@ -30,6 +30,7 @@ PRESETS = Path(__file__).parent / "presets"
 FILE_KEYS = ("base", "camera_matrix", "description", "mode", "modes")
 _SENSOR_KEYS = tuple(field.name for field in dataclasses.fields(Sensor))
 _SUFFIX = ".toml"
+_MOST_BASES = 16  # Longest way from a file over its base, and the base of that, and so on.
 _OF_CAMERA = frozenset(edits.OF_CAMERA)
 _ADVICE = "Or give the path of a .toml file."
 
@@ -212,6 +213,9 @@ def _base(name: str, chain: tuple[Path, ...]) -> SensorFile:
     if path in chain:
         way = " -> ".join(step.name for step in (*chain[chain.index(path) :], path))
         raise errors.refuse("base", "must not lead back to its own file", way, "Drop a base.")
+    if len(chain) > _MOST_BASES:
+        rule, got = f"must end after {_MOST_BASES} files", f"{len(chain)} files, {name} next"
+        raise errors.refuse("base", rule, got, "Merge some of them.")
     return _read(path, "base", chain)
 
 

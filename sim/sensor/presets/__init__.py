@@ -54,7 +54,7 @@ def load(name: str, *, mode: str = "") -> Sensor:
     return load_file(name, mode=mode).sensor
 
 
-def load_file(name: str, *, mode: str = "", camera_matrix: str | Path = "") -> SensorFile:
+def load_file(name: str, *, mode: str = "", camera_matrix: str | Path | None = None) -> SensorFile:
     """Load a sensor with its modes, its base and its description.
 
     Args:
@@ -70,7 +70,7 @@ def load_file(name: str, *, mode: str = "", camera_matrix: str | Path = "") -> S
     _warn_of_right_exposure(file.sensor, path)
     if mode:
         file = sensor_file.in_mode(file, mode)
-    if camera_matrix:
+    if camera_matrix is not None:
         calibration = intrinsics.read(Path(camera_matrix))
         file = sensor_file.with_calibration(file, calibration, same_mode=bool(mode))
     return file

@@ -275,11 +275,11 @@ def test_keys_of_a_mode_hold_in_it_only(tmp_path: Path) -> None:
             "",
             r"^modes.848x480 must have scale and",
         ),
-        (PLAIN + '[modes."6x4"]\nscale = 1\ngian = 3\n' + MODES, "6x4", r"^width must be in"),
+        (PLAIN + '[modes."6x4"]\nscale = 1\nunit = 3\n' + MODES, "", r"^width must be in"),
         (
             PLAIN + MODES + '[modes."64x48"]\nscale = 0.05\ngian = 3\n',
-            "64x48",
-            r"^key must be a known name; got 'gian'",
+            "",
+            r"^key in modes.64x48 must be a known name; got 'gian'",
         ),
         (
             PLAIN

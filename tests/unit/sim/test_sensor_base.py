@@ -110,3 +110,12 @@ def test_a_missing_sensor_file_names_the_nearest(tmp_path: Path) -> None:
     write(tmp_path, camera='base = "d435"')
     with pytest.raises(InputError, match=r"No such file or directory. Nearest: camera.toml\.$"):
         presets.load(str(tmp_path / "camra.toml"))
+
+
+def test_a_chain_of_bases_has_an_end(tmp_path: Path) -> None:
+    """The base of the n-th file is the next one; sixteen are allowed."""
+    texts = {f"a{number}": f'base = "a{number + 1}.toml"' for number in range(40)}
+    path = write(tmp_path, **texts, a40='base = "d435"')
+    with pytest.raises(InputError, match=r"^base must end after 16 files; got 17 files, a17.toml"):
+        presets.load(path)
+    assert presets.load(str(tmp_path / "a30.toml")) == presets.load("d435")
