@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from starling.patterns import errors
 from starling.sim.captures import capture, depth_file, png, writer
 from starling.sim.commands.simulate_captures import facts, scene_figures, scene_seed
-from starling.sim.console import progress
+from starling.sim.console import names, progress
 from starling.sim.console.output import OutputFolder, refuse_own_input
 from starling.sim.corrupt import Corruptor
 from starling.sim.effects import Value
@@ -156,7 +156,7 @@ def _pictures(rgb: Path | None, count: int) -> Sequence[Path | None]:
 
 def _scene_name(images: Sequence[Path]) -> str:
     still = len(set(images)) == 1
-    return images[0].stem if still else images[0].absolute().parent.name
+    return names.scene_folder(images[0].stem if still else images[0].absolute().parent.name)
 
 
 def _write_scene(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from starling.patterns import errors
 from starling.sim.captures import capture, writer
-from starling.sim.console import progress
+from starling.sim.console import names, progress
 from starling.sim.console.output import OutputFolder, refuse_own_input
 from starling.sim.effects import Value, setting
 from starling.sim.render import backend
@@ -181,7 +181,7 @@ def _tasks(scene: str) -> tuple[list[_Task], str, str]:
         return tasks, f"derived from captures under: {real.info.licence}", notes
     path = Path(scene)
     # A builtin name such as wall:2 becomes the folder name wall-2.
-    name = path.stem if path.exists() else scene.replace(":", "-")
+    name = names.scene_folder(path.stem) if path.exists() else scene.replace(":", "-")
     task = _Task(text=scene, name=name, room=name, captured=False)
     return [task], "as the scene's", "simulated"
 

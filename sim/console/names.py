@@ -10,6 +10,7 @@ from pathlib import Path
 
 _PLAIN = frozenset("-_.,+=@~ ()[]")  # Characters that stay, besides letters and digits.
 _LONGEST = 120  # Bytes of an escaped name; file systems allow 255, and suffixes are added.
+_FILES = {"capture.toml", "sensor.toml", "starling.json"}  # Beside the scenes of a set.
 _DIGITS = 16  # Hexadecimal digits of the hash that ends a shortened name.
 
 
@@ -40,6 +41,17 @@ def file_name(name: str) -> str:
         return plain
     short = plain.encode()[: _LONGEST - _DIGITS - 1].decode(errors="ignore")
     return f"{short}%{_digest(name)}"
+
+
+def scene_folder(name: str) -> str:
+    """Turn a scene's name into the name of its folder, which no other file of a set has.
+
+    Example:
+        >>> scene_folder(".hidden"), scene_folder("capture.toml")
+        ('%2Ehidden', 'capture%2Etoml')
+    """
+    folder = file_name(name)
+    return folder.replace(".", "%2E") if folder in _FILES else folder
 
 
 def distinct_names(paths: Iterable[Path]) -> dict[Path, str]:

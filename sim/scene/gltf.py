@@ -8,7 +8,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from starling.patterns import regular_file
+from starling.patterns import errors, regular_file
 from starling.sim import files
 
 # Extensions that change looks, lamps or notes, which Starling does not read from a mesh.
@@ -30,6 +30,7 @@ _KINDS = {  # Types and component types that the format allows.
     "POSITION": {("VEC3", 5126)},
     "indices": {("SCALAR", 5121), ("SCALAR", 5123), ("SCALAR", 5125)},
 }
+_LARGEST = 1e6  # Of a matrix: scales, and places in metres.
 _FAN = 6  # Primitive mode of triangle fans.
 
 
@@ -49,6 +50,7 @@ def refuse_unsupported(path: Path) -> None:
     _refuse_negative(header)
     _refuse_cut(header, data[20 + length :])
     _refuse_short(header)
+    _refuse_matrices(header)
     primitives = [entry for mesh in header.get("meshes", []) for entry in mesh["primitives"]]
     for primitive in primitives:
         _refuse_primitive(primitive, header)
@@ -79,6 +81,17 @@ def _refuse_negative(part: object, key: str = "") -> None:
             _refuse_negative(value, key)
     elif key in _PLACES and isinstance(part, int) and (isinstance(part, bool) or part < 0):
         raise ValueError(f"{key} is {json.dumps(part)}")
+
+
+def _refuse_matrices(header: dict[str, Any]) -> None:
+    """Refuse matrices that are not affine: the mesh reader ignores them."""
+    for number, node in enumerate(header.get("nodes", [])):
+        matrix = node.get("matrix")
+        if matrix is None:
+            continue
+        whole = len(matrix) == 16 and all(errors.is_number(each) for each in matrix)
+        if not whole or matrix[3::4] != [0, 0, 0, 1] or not max(map(abs, matrix)) <= _LARGEST:
+            raise ValueError(f"the matrix of node {number} is not affine, or out of range")
 
 
 def _refuse_cut(header: dict[str, Any], rest: bytes) -> None:

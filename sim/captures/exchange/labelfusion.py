@@ -24,7 +24,7 @@ from functools import partial
 from pathlib import Path
 
 from starling.patterns.errors import refuse
-from starling.sim import files
+from starling.sim import files, quantities
 from starling.sim.captures import png
 from starling.sim.captures.exchange.stream import (
     Moment,
@@ -32,6 +32,7 @@ from starling.sim.captures.exchange.stream import (
     nearest,
     poses_by_time,
     read_depth,
+    refuse_equal_times,
 )
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
@@ -75,6 +76,7 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
             )
         )
     moments.sort(key=lambda moment: moment.time_s)
+    refuse_equal_times((moment.time_s for moment in moments), images.name)
     first = images / f"{numbers[0]}_depth.png"
     return Stream(camera=camera or _camera(path / _CAMERA, first), moments=tuple(moments))
 
@@ -87,6 +89,7 @@ def _time_s(path: Path) -> float:
     text = files.read_text(path).strip()
     if not text.isdecimal() or len(text) > _LONGEST:
         raise refuse(path.name, "must hold microseconds", repr(text[:40]), "Is the log whole?")
+    quantities.check(f"time in {path.name}", int(text) / 1e6, "time_s")
     return int(text) / 1e6
 
 
@@ -100,9 +103,13 @@ def _poses(path: Path) -> list[tuple[float, Pose]]:
 
 def _camera(path: Path, depth: Path) -> Pinhole:
     advice = "Give the camera. LabelFusion's default is 528 528 320 240 at 640 x 480."
+    rule = "must hold fx fy cx cy"
+    if not path.is_file():
+        raise refuse(_CAMERA, rule, "no file", advice)
+    words = files.read_text(path).split()
     try:
-        fx, fy, cx, cy = map(float, files.read_text(path).split())
+        fx, fy, cx, cy = map(float, words)
     except ValueError as error:
-        raise refuse(_CAMERA, "must hold fx fy cx cy", error, advice) from error
+        raise refuse(_CAMERA, rule, " ".join(words)[:80], advice) from error
     height, width = png.read(depth, "depth").shape
     return Pinhole(width=width, height=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)

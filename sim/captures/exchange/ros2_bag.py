@@ -36,6 +36,7 @@ _CAMERA = "/camera/camera"
 _WORLD, _LINK = "world", "camera_link"
 _FIRST_S = 1.0  # First time stamp [s]; 0 has the special meaning "latest" in tf2.
 _MM = 1e-3
+_UNSAFE = frozenset("%?#")  # SQLite reads them in the name of a database.
 _VERSION = 8  # Version of the bag format; from 9 on (Jazzy), QoS is stored in another form.
 # Axes of the optical frame (x right, y down, z forward) in the body frame.
 _BODY_FROM_OPTICAL = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
@@ -59,6 +60,9 @@ def export(scenes: Sequence[CapturedScene], path: Path) -> int:
             disk is full.
     """
     rosbag2, typesys = _rosbags()
+    if _UNSAFE & set(str(path)):
+        rule = f"must hold none of {' '.join(sorted(_UNSAFE))} for a bag"
+        raise refuse("out", rule, path, "Choose another folder; the database reads them.")
     types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     info, ordered = scenes[0].info, in_time_order(scenes)
     first_s = ordered[0].time_s

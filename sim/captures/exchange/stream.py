@@ -109,6 +109,18 @@ def poses_by_time(rows: Iterable[tuple[int, list[str]]], path: Path) -> list[tup
     return poses
 
 
+def refuse_equal_times(times_s: Iterable[float], name: str) -> None:
+    """Refuse two images of one time.
+
+    Raises:
+        InputError: if two times are equal.
+    """
+    for before_s, time_s in itertools.pairwise(sorted(times_s)):
+        if time_s == before_s:
+            rule, advice = "must have one file at a time", "Is it one sequence?"
+            raise refuse(name, rule, f"two at {time_s:.6f} s", advice)
+
+
 def parse_camera(text: str, name: str = "camera") -> Pinhole:
     """Parse intrinsics written as `fx fy cx cy width height`.
 

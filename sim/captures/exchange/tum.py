@@ -10,7 +10,7 @@ page on file formats.
 
 from __future__ import annotations
 
-import itertools
+import warnings
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -28,6 +28,7 @@ from starling.sim.captures.exchange.stream import (
     pose_of_left,
     poses_by_time,
     read_depth,
+    refuse_equal_times,
 )
 from starling.sim.console.output import Folder, is_inside
 from starling.sim.geometry import frames
@@ -85,6 +86,8 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
         InputError: if a list is missing or damaged, or the camera is unknown.
     """
     depths = _files(path / "depth.txt")
+    if not depths:
+        raise refuse("depth.txt", "must list depth images", path, "Is the sequence whole?")
     pictures = sorted(_files(path / "rgb.txt")) if (path / "rgb.txt").is_file() else []
     trajectory = path / "groundtruth.txt"
     poses = poses_by_time(_lines(trajectory), trajectory)
@@ -99,6 +102,10 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
                 image=None if picture is None else partial(png.read_picture, path / picture, "rgb"),
             )
         )
+    without = sum(moment.image is None for moment in moments)
+    if pictures and without:
+        message = f"{path}: {without} of {len(moments)} depth images have no picture at their time."
+        warnings.warn(message, stacklevel=2)
     return Stream(camera=camera or _camera(path), moments=tuple(moments))
 
 
@@ -113,10 +120,7 @@ def _files(path: Path) -> list[tuple[float, str]]:
             raise refuse(path.name, rule, value, "Is it TUM's layout?")
         quantities.check(f"time in line {line} of {path.name}", time, "time_s")
         listed.append((time, words[1]))
-    for before_s, time_s in itertools.pairwise(sorted(time for time, _ in listed)):
-        if time_s == before_s:
-            rule, advice = "must have one file at a time", "Is it one sequence?"
-            raise refuse(path.name, rule, f"two at {time_s:.6f} s", advice)
+    refuse_equal_times((time for time, _ in listed), path.name)
     return listed
 
 

@@ -18,7 +18,7 @@ from starling.sim.captures.exchange.stream import Posed, Stream, parse_camera, p
 from starling.sim.captures.fusion import pairs, volume
 from starling.sim.captures.fusion.volume import Fusion, fuse_frames
 from starling.sim.captures.info import CaptureInfo
-from starling.sim.console import progress
+from starling.sim.console import names, progress
 from starling.sim.console.output import Folder, OutputFolder, refuse_own_input
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render import backend
@@ -108,8 +108,10 @@ def _opened(paths: Sequence[Path], layout: Layout, camera: Pinhole | None) -> di
     """Open the streams; return them by the names of their folders."""
     read = {"tum": tum.read, "labelfusion": labelfusion.read}[layout]
     opened: dict[str, Stream] = {}
+    if not paths:
+        raise errors.refuse("streams", "must be given", "nothing", "Name their folders.")
     for path in paths:
-        name = path.resolve().name
+        name = names.scene_folder(path.resolve().name)
         if name in opened:
             raise errors.refuse("streams", "must have names of their own", name, "Rename one.")
         opened[name] = read(path, camera)

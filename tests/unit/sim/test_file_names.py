@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from starling.sim.console.names import distinct_names, file_name
+from starling.sim.console.names import distinct_names, file_name, scene_folder
 
 any_text = st.text(max_size=300)
 
@@ -29,6 +29,13 @@ def test_different_names_give_different_file_names(first: str, second: str) -> N
 @pytest.mark.parametrize(("shared", "count"), [("a" * 500, 3), ("é" * 200, 3), ("/" * 200, 3)])
 def test_long_names_that_differ_at_the_end_stay_different(shared: str, count: int) -> None:
     assert len({file_name(f"{shared}{number}") for number in range(count)}) == count
+
+
+@pytest.mark.parametrize("name", ["capture.toml", "sensor.toml", "starling.json", ".", ".hid"])
+def test_a_scene_takes_no_name_of_a_set(name: str) -> None:
+    folder = scene_folder(name)
+    assert folder != name
+    assert Path(folder).name == folder and not folder.startswith(".")
 
 
 @pytest.mark.parametrize("name", ["kitchen", "room 2", "lab_3.b", "Küche", "a@b", "wall-0.8"])

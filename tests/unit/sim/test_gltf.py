@@ -13,6 +13,8 @@ import trimesh
 from starling.patterns import InputError
 from starling.sim.scene import sources
 
+IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+
 Edit = Callable[[dict[str, Any]], object]
 
 
@@ -71,6 +73,18 @@ def _positions(header: dict[str, Any]) -> dict[str, Any]:
         (lambda header: _positions(header).update(sparse={}), r"accessor \d is sparse"),
         (lambda header: _positions(header).update(normalized=True), r"accessor \d is normalized"),
         (lambda header: _primitive(header).pop("attributes"), "attributes"),
+        (
+            lambda header: header["nodes"][-1].update(matrix=[1e30] * 16),
+            r"the matrix of node \d is not affine",
+        ),
+        (
+            lambda header: header["nodes"][-1].update(matrix=[*IDENTITY[:-1], 2]),
+            r"the matrix of node \d is not affine",
+        ),
+        (
+            lambda header: header["nodes"][-1].update(matrix=[1e7, *IDENTITY[1:]]),
+            r"the matrix of node \d is not affine, or out of range",
+        ),
         (lambda header: _primitive(header).update(indices=True), "indices is true"),
         (
             lambda header: _primitive(header).update(

@@ -100,7 +100,9 @@ def test_a_log_without_pictures_is_read(log: Path):
         ("posegraph.posegraph", "1 2 3 4 0 0 0 0", "must have quaternions of length 1"),
         ("posegraph.posegraph", "nan 2 3 4 0 0 0 1", "time in line 1 of posegraph.posegraph must"),
         ("posegraph.posegraph", "a b c d e f g h", "must have lines TIME"),
-        ("camera.cfg", "528 528", "camera.cfg must hold fx fy cx cy"),
+        ("camera.cfg", "528 528", "camera.cfg must hold fx fy cx cy; got 528 528"),
+        ("camera.cfg", None, "camera.cfg must hold fx fy cx cy; got no file"),
+        ("images/0000000002_utime.txt", "9" * 18, "time in 0000000002_utime.txt must be in"),
     ],
 )
 def test_damaged_files_are_refused(log: Path, file: str, content: str | None, message: str):
@@ -109,6 +111,13 @@ def test_damaged_files_are_refused(log: Path, file: str, content: str | None, me
     else:
         (log / file).write_text(content)
     with pytest.raises(InputError, match=message):
+        labelfusion.read(log)
+
+
+def test_two_images_of_one_time_are_refused(log: Path):
+    images = sorted((log / "images").glob("*_utime.txt"))
+    images[1].write_text(images[0].read_text())
+    with pytest.raises(InputError, match="images must have one file at a time; got two at"):
         labelfusion.read(log)
 
 

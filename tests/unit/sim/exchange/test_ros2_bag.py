@@ -157,6 +157,16 @@ def test_missing_package_message_names_the_extra(
         ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
 
 
+@pytest.mark.parametrize("character", "?#%")
+def test_paths_that_the_database_would_change_are_refused(
+    small_set: Path, tmp_path: Path, character: str
+):
+    scenes = capture.open_set(small_set).scenes
+    with pytest.raises(InputError, match=r"out must hold none of # % \? for a bag"):
+        ros2_bag.export(scenes, tmp_path / f"a{character}b" / "bag")
+    assert list(tmp_path.iterdir()) == [small_set]
+
+
 def test_full_disk_is_refused(small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     import apsw
 

@@ -95,7 +95,8 @@ def test_pictures_and_poses_are_the_nearest_in_time(tmp_path: Path):
     (tmp_path / "rgb.txt").write_text("1.015 a.png\n2.5 b.png\n")
     (tmp_path / "groundtruth.txt").write_text("1.99 1 2 3 0 0 0 1\n5 0 0 0 0 0 0 1\n")
     camera = Pinhole(width=4, height=3, fx_px=5, fy_px=5, cx_px=2, cy_px=1)
-    first, second = tum.read(tmp_path, camera).moments
+    with pytest.warns(UserWarning, match="1 of 2 depth images have no picture at their time"):
+        first, second = tum.read(tmp_path, camera).moments
     assert (first.time_s, second.time_s) == (1.0, 2.0)
     assert first.image is not None and second.image is None
     assert first.world_from_camera is None and second.world_from_camera is not None
@@ -119,6 +120,7 @@ def test_pictures_and_poses_are_the_nearest_in_time(tmp_path: Path):
         ("depth.txt", None, r"depth\.txt must be readable"),
         ("depth.txt", "1.0\n", r"depth\.txt must have lines of a time and a file .*'1.0'"),
         ("depth.txt", "1.0 ../a.png\n", r"and a file in the folder; got '1.0 ../a.png' in line 1"),
+        ("depth.txt", "# no image\n", r"depth\.txt must list depth images; got"),
         ("rgb.txt", "1.0 /etc/passwd\n", r"rgb\.txt must have lines of a time and a file in the"),
         ("depth.txt", "1e18 a.png\n", r"time in line 1 of depth\.txt must be in"),
         ("groundtruth.txt", "1 0 0 0 0 0 x 1\n", r"groundtruth\.txt must have lines TIME"),
