@@ -19,6 +19,7 @@ from starling.sim.effects import Value, setting
 from starling.sim.geometry import frames
 from starling.sim.imaging.imager import Infrared
 from starling.sim.reason import Reason
+from starling.sim.render.layers import Layers
 from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Scene
 from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
@@ -54,6 +55,21 @@ class Reading:
     exposure_s: float
     gain: float
     history: History | None  # Pass as `past` with the next frame, for a temporal filter.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LitDepth:
+    """A depth image with light on its surfaces, of which any number of frames is read."""
+
+    layers: Layers
+    scene: Scene  # With its ambient light.
+    sensor: Sensor  # Searches only the disparities of the image.
+    seen: bool  # Whether there is a surface.
+
+    def shoot(self, *, seed: int = 0, frame: int = 0, past: History | None = None) -> Shot:
+        """Return a reading with noise of its own, as `starling.simulate` does."""
+        shot = expose(self.layers, self.scene, self.sensor, seed=seed, frame=frame, past=past)
+        return shot if self.seen else _without_depth(shot, past)
 
 
 class HoleModel(Protocol):
@@ -142,17 +158,15 @@ class Corruptor:
 
         The first image of each size is looked at for usual mistakes, with a warning for each.
         """
-        shot = self.shoot(
+        lit = self.light(
             depth_m,
             reflectance=reflectance,
             ambient_lux=ambient_lux,
             up=up,
             right_depth_m=right_depth_m,
             projector_depth_m=projector_depth_m,
-            seed=seed,
-            frame=frame,
-            past=past,
         )
+        shot = lit.shoot(seed=seed, frame=frame, past=past)
         truth, depth = shot.layers.truth, shot.depth
         if self._residual is not None:
             depth = self._residual(shot, self.sensor, seed=seed, frame=frame)
@@ -170,7 +184,7 @@ class Corruptor:
             history=shot.depth.history,
         )
 
-    def shoot(
+    def light(
         self,
         depth_m: NDArray[np.floating],
         *,
@@ -179,12 +193,9 @@ class Corruptor:
         up: ArrayLike | None = None,
         right_depth_m: NDArray[np.floating] | None = None,
         projector_depth_m: NDArray[np.floating] | None = None,
-        seed: int = 0,
-        frame: int = 0,
-        past: History | None = None,
         empty: bool = False,
-    ) -> Shot:
-        """Corrupt one depth image, as `starling.simulate` returns a reading: with all layers.
+    ) -> LitDepth:
+        """Light one depth image, whose frames differ in noise alone.
 
         An image without a surface is refused; with `empty` all of its depth is missing.
         """
@@ -221,9 +232,7 @@ class Corruptor:
             ),
             sensor,
         )
-        device = _searching(sensor, depth)
-        shot = expose(rendered, scene, device, seed=seed, frame=frame, past=past)
-        return shot if seen else _without_depth(shot, past)
+        return LitDepth(rendered, scene, _searching(sensor, depth), seen)
 
     def batch(
         self, depth: Any, *, reflectance: Any = None, seed: int = 0, frame: int = 0

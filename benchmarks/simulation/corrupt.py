@@ -82,15 +82,14 @@ def main() -> None:
         )
         reflected = reflectance(full, scene)
         up = scene.world_from_left[:3, :3].T @ np.asarray(scene.ambient.up)
-        shot = corruptor.shoot(depth_m, reflectance=reflected, up=up, seed=3)
-        exact = corruptor.shoot(
+        shot = corruptor.light(depth_m, reflectance=reflected, up=up).shoot(seed=3)
+        exact = corruptor.light(
             depth_m,
             reflectance=reflected,
             up=up,
             right_depth_m=view.depth_from(corruptor.left_from_right),
             projector_depth_m=view.depth_from(corruptor.left_from_projector),
-            seed=3,
-        )
+        ).shoot(seed=3)
         known = np.isfinite(truth_m)
         holes = [~each.depth.valid & known for each in (full, shot, exact, again)]
         inside = np.zeros(known.shape, bool)

@@ -172,27 +172,24 @@ def _write_scene(
     name = _scene_name(images)
     unit_m, past = corruptor.sensor.post.depth_unit_m, None
     scene_number = scene_seed(seed, name)
-    rates, levels, shot, shape = [], [], None, None
+    rates, levels, shot, shape, lit, source = [], [], None, None, None, None
     bare: list[str] = []  # Images without a surface.
     for number, image in enumerate(track(list(images), "simulate")):
-        hint = _hint(pictures[number])
-        depth_m = depth_file.read(image, unit)
-        shape = shape or depth_m.shape
-        if depth_m.shape != shape:
-            rule = f"must be {shape}, as {images[0].name}"
-            remedy = "A camera matrix belongs to one size."
-            raise errors.refuse(str(image), rule, depth_m.shape, remedy)
-        if not (np.isfinite(depth_m) & (depth_m != 0)).any():
-            bare.append(image.name)
-        with errors.naming(image):
-            shot = corruptor.shoot(
-                depth_m,
-                reflectance=hint,
-                seed=scene_number,
-                frame=number,
-                past=past,
-                empty=len(bare) < len(images),
-            )
+        if lit is None or source != (image, pictures[number]):  # Equal frames share their light.
+            source = (image, pictures[number])
+            hint = _hint(pictures[number])
+            depth_m = depth_file.read(image, unit)
+            shape = shape or depth_m.shape
+            if depth_m.shape != shape:
+                rule = f"must be {shape}, as {images[0].name}"
+                remedy = "A camera matrix belongs to one size."
+                raise errors.refuse(str(image), rule, depth_m.shape, remedy)
+            if not (np.isfinite(depth_m) & (depth_m != 0)).any():
+                bare.append(image.name)
+            some = not still and len(bare) < len(images)  # Another image may have a surface.
+            with errors.naming(image):
+                lit = corruptor.light(depth_m, reflectance=hint, empty=some)
+        shot = lit.shoot(seed=scene_number, frame=number, past=past)
         past = shot.depth.history
         if number == 0:
             truth_m = shot.layers.truth.depth_m if still else None

@@ -146,13 +146,13 @@ def test_refused_images(change: dict[str, Any], message: str) -> None:
 
 def test_light_from_above_brightens_surfaces_that_face_it() -> None:
     camera = Corruptor(SENSOR, MATRIX)
-    even = camera.shoot(WALL).layers.left.ambient
+    even = camera.light(WALL).layers.left.ambient
     for up, factor in (
         ((0, 0, -2), 1 + 0.5 * 2 / 3),
         ((0, -1, 0), 1),
         ((0, 0, 1), 1 - 0.5 * 2 / 3),
     ):
-        lit = camera.shoot(WALL, up=up).layers.left.ambient
+        lit = camera.light(WALL, up=up).layers.left.ambient
         np.testing.assert_allclose(lit, even * factor, rtol=1e-5)
 
 

@@ -14,8 +14,10 @@ import pytest
 
 from starling import command_line
 from starling.patterns.errors import InputError
+from starling.sim import corrupt
 from starling.sim.captures import capture, depth_file
 from starling.sim.commands.corrupt_captures import corrupt_captures
+from starling.sim.commands.simulate_captures import scene_seed
 from starling.sim.console.output import RECORD
 from starling.sim.sensor import edits, presets
 
@@ -215,6 +217,34 @@ def test_a_folder_is_one_moving_scene_and_filters_go_on(tmp_path: Path) -> None:
         assert depths[0] is not None and depths[1] is not None
         spread[name] = float(np.nanmean(np.abs(depths[1] - depths[0])))
     assert spread["filtered"] < 0.7 * spread["plain"]
+
+
+def test_frames_of_one_image_share_their_light(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each frame is that of a corruptor which lights it anew."""
+    path = written(tmp_path, "table.npy")
+    lights: list[object] = []
+    real = corrupt.layers
+    monkeypatch.setattr(corrupt, "layers", lambda *args: lights.append(args) or real(*args))
+    corrupt_captures(path, SENSOR, tmp_path / "out", camera_matrix=CAMERA, frames=3)
+    assert len(lights) == 1
+    camera, (scene,) = corrupt.Corruptor(SENSOR, MATRIX), capture.open_set(tmp_path / "out").scenes
+    for number in range(3):
+        expected = camera(depth(), seed=scene_seed(0, "table"), frame=number)
+        frame = scene.frame(number)
+        assert np.array_equal(frame.ir_left, expected.ir_left)
+        np.testing.assert_allclose(frame.depth_m, expected.depth_m, atol=1e-3)
+
+
+@pytest.mark.parametrize("frames", [1, 3])
+def test_one_image_without_a_surface_is_refused(tmp_path: Path, frames: int) -> None:
+    np.save(tmp_path / "d.npy", depth() * 0)
+    with pytest.raises(InputError, match=r"npy: depth_m must hold a surface"):
+        corrupt_captures(
+            tmp_path / "d.npy", SENSOR, tmp_path / "out", camera_matrix=CAMERA, frames=frames
+        )
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

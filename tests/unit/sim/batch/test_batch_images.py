@@ -48,7 +48,7 @@ def test_light_is_that_of_the_compiled_path(name: str, changes: tuple[str, ...])
     )
     depth = steps.depth_image()
     reflectance = np.linspace(0.2, 0.8, depth.size, dtype=np.float32).reshape(depth.shape)
-    expected = corruptor.shoot(depth, reflectance=reflectance).layers
+    expected = corruptor.light(depth, reflectance=reflectance).layers
     share = wp.array(reflectance[None], dtype=float)
     views = images.light_views(wp.array(depth[None], dtype=float), share, rig.light)
     assert expected.right is not None
@@ -87,7 +87,7 @@ def test_images_without_noise_are_those_of_the_compiled_path(
     sensor = steps.without_noise(steps.sensor(*changes, name=name))
     corruptor, _ = build(sensor, {"ambient": 2.0})
     depth = steps.depth_image()
-    layers = corruptor.shoot(depth).layers
+    layers = corruptor.light(depth).layers
     expected = simulate.infrared(layers, corruptor._scene, corruptor.sensor)
     seen = corruptor.batch(wp.array(depth[None], dtype=float))
     assert expected.right is not None
@@ -113,7 +113,7 @@ def test_reasons_and_depth_are_those_of_the_compiled_path(changes: tuple[str, ..
     seen = corruptor.batch(clean)
     codes_l = images.read_out(formed_l, seen.exposure_s, "left", rig.left, draws, seen.ir_left)
     codes_r = images.read_out(formed_r, seen.exposure_s, "right", rig.right, draws, seen.ir_right)
-    layers = corruptor.shoot(depth).layers
+    layers = corruptor.light(depth).layers
     pair = simulate.infrared(layers, corruptor._scene, sensor)
     causes = geometric_causes(layers.truth, sensor) | photometric_causes(
         sensor.left,

@@ -24,7 +24,7 @@ UNIT_PX = 1 / 32  # Largest difference of disparities: the device's step [px].
 def infrared(sensor: Sensor, seed: int) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     """Noisy pair that the matcher reads."""
     corruptor = Corruptor(sensor, steps.MATRIX)
-    layers = corruptor.shoot(steps.depth_image()).layers
+    layers = corruptor.light(steps.depth_image()).layers
     scene = corruptor._scene
     pair = simulate.infrared(layers, scene, corruptor.sensor, seed=seed)
     assert pair.matched_right is not None
