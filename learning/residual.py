@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from starling.learning import registry
 from starling.learning.commands.train_captures import trained
 from starling.learning.data.example import Example
 from starling.learning.data.simulated import summary
@@ -26,7 +25,11 @@ _SHIPPED = {"hybrid": Path("hybrid-varied")}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearnedHoles:
-    """Removes depth from simulated readings as a trained hybrid model predicts it."""
+    """Removes depth from simulated readings as a trained model predicts it.
+
+    A model that ignores the physics predicts all holes of the device. Simulated holes stay, and
+    further pixels lose depth where the model is above the physics.
+    """
 
     predictor: Predictor
 
@@ -74,14 +77,9 @@ def load(model: Path | str) -> LearnedHoles:
     """Load a residual.
 
     Args:
-        model: `hybrid`, the shipped model for 640x360, or a folder of `starling train` with a
-            method on physics.
+        model: `hybrid`, the shipped model for 640x360, or a folder of `starling train`.
 
     Raises:
-        InputError: if there is no such model, or its method ignores the physics.
+        InputError: if there is no such model.
     """
-    method, predictor = trained(_SHIPPED.get(str(model), Path(model)))
-    if method not in registry.ON_PHYSICS:
-        rule = f"must be of a method on physics: {', '.join(sorted(registry.ON_PHYSICS))}"
-        raise errors.refuse("residual", rule, method, "Train another method.")
-    return LearnedHoles(predictor)
+    return LearnedHoles(trained(_SHIPPED.get(str(model), Path(model)))[1])

@@ -325,11 +325,10 @@ def load_residual(model: Path | str = "hybrid") -> LearnedHoles:
     """Load a model of pixels without depth that the physics misses, for a `Corruptor`.
 
     Args:
-        model: `hybrid`, the shipped model for 640x360, or a folder of `starling train` with a
-            method on physics.
+        model: `hybrid`, the shipped model for 640x360, or a folder of `starling train`.
 
     Raises:
-        InputError: if there is no such model, or its method ignores the physics.
+        InputError: if there is no such model.
 
     Examples:
         >>> camera_matrix = np.array([[600.0, 0, 319.5], [0, 600.0, 179.5], [0, 0, 1]])

@@ -71,7 +71,7 @@ def compare_methods(
     """Draw holes by several methods and compare them with the device's.
 
     Args:
-        captures: captures with reference depth and the device's own.
+        captures: captures with the device's depth, and reference depth if known.
         methods: trained methods by name.
         simulation: for methods that use physics.
         seed: seed of the holes.
@@ -91,6 +91,7 @@ def compare_methods(
     overlap: dict[str, list[tuple[int, int]]] = {name: [] for name in methods}
     real: list[Holes] = []
     rows: list[list[Panel]] = []
+    captured.warn_of_estimates(captures.scenes)
     for scene in track(captures.scenes, "compare"):
         example = captured.example(scene, simulation=simulation)
         ndp, counted = known_holes(example)

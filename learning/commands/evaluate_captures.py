@@ -93,7 +93,7 @@ def evaluate_captures(
     """Evaluate methods room by room. An interrupted evaluation continues when the call is repeated.
 
     Args:
-        captures: capture set with reference depth and the device's own.
+        captures: capture set with the device's depth, and reference depth if known.
         out: output folder for models, probabilities, figures and pictures.
         plan: settings.
         simulations: for methods that use physics.

@@ -39,7 +39,7 @@ def train_captures(
 
     Args:
         method: one of `starling.learning.registry.NAMES`.
-        captures: capture set with reference depth and the device's own.
+        captures: capture set with the device's depth, and reference depth if known.
         out: output folder for model, checkpoint and loss curve.
         simulation: for methods that use physics; ignored by others.
         rooms: training rooms; None uses all.

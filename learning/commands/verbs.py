@@ -50,7 +50,8 @@ def train(
 
     Args:
         method: method to train.
-        captures: capture set with reference depth (truth.png) and the device's own (depth.png).
+        captures: capture set with the device's depth (depth.png) and reference depth (truth.png).
+            Without truth.png it is estimated from depth.png, with a warning.
         out: folder for model, checkpoint and loss curve.
         sensor: preset or sensor file, for the methods that use physics.
         rooms: training rooms; all if not given.
@@ -113,7 +114,8 @@ def evaluate(
     To fill depth instead: `starling evaluate completion`.
 
     Args:
-        captures: capture set with reference depth (truth.png) and the device's own (depth.png).
+        captures: capture set with the device's depth (depth.png) and reference depth (truth.png).
+            Without truth.png it is estimated from depth.png, with a warning.
         out: folder for figures, pictures, and models and predictions of each fold.
         methods: trained for each held-out room on the other rooms.
         models: folders of `starling train`, or the shipped hybrid-varied, network-varied; evaluated

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import warnings
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from starling.learning.data import estimated_reference
 from starling.learning.data.example import Example, Image, Mask, Physics, known_holes
 from starling.learning.data.physics import read_physics, write_physics
 from starling.patterns.errors import InputError, one_of, refuse
@@ -50,9 +52,10 @@ def examples(
     """Check scenes with known holes; they are read again when they are used.
 
     Memory thus does not grow with the number of scenes. Simulations without a cache are kept.
+    Scenes without reference depth give a warning; see `example`.
 
     Args:
-        captures: capture set with reference depth and the device's own.
+        captures: capture set with the device's depth, and reference depth if known.
         rooms: rooms to read; None reads all.
         simulation: adds physics to the examples; None leaves it out.
         track: wraps the loop over scenes.
@@ -61,6 +64,7 @@ def examples(
         InputError: if a room is unknown, or a scene is invalid.
     """
     wanted = scenes_in(captures, rooms)
+    warn_of_estimates(wanted)
     read = partial(example, simulation=simulation)
     if simulation is not None and simulation.cache is None:
         return [read(scene) for scene in track(wanted, "scenes")]
@@ -90,20 +94,33 @@ def check_rooms(captures: CaptureSet, rooms: Sequence[str]) -> None:
         one_of("room", room, known)
 
 
+def warn_of_estimates(scenes: Sequence[CapturedScene]) -> None:
+    """Warn of scenes whose reference depth is estimated."""
+    bare = [scene.name for scene in scenes if not (scene.path / "truth.png").is_file()]
+    if bare:
+        warnings.warn(
+            f"{len(bare)} of {len(scenes)} scenes have no truth.png, {bare[0]} first. "
+            "Their reference depth is estimated from depth.png.",
+            stacklevel=3,
+        )
+
+
 def example(scene: CapturedScene, *, simulation: Simulation | None = None) -> Example:
     """Read one scene of a capture set.
 
-    Reflectance is the left infrared image, smoothed by a Gaussian of 12 px.
+    Reflectance is the left infrared image, smoothed by a Gaussian of 12 px. Without truth.png the
+    reference depth is estimated; see `estimated_reference`.
 
     Raises:
-        InputError: if it has no reference depth, or no depth of the device. Also if the simulated
-            sensor is of another kind or image size.
+        InputError: if it has no depth of the device. Also if the simulated sensor is of another
+            kind or image size.
     """
     if simulation is not None:
         scene.refuse_other_sensor(simulation.sensor)
-    truth_m, frame = _reference(scene), scene.frame(scene.frames[0])
+    frame = scene.frame(scene.frames[0])
     if frame.depth_m is None:
-        raise _incomplete(scene, "depth.png")
+        raise _without_depth(scene)
+    truth_m = _reference(scene)
     reflectance = None
     if frame.ir_left is not None:
         reflectance = captured_scene.brightness(scene, smoothing_px=SMOOTHING_PX)
@@ -123,18 +140,17 @@ def example(scene: CapturedScene, *, simulation: Simulation | None = None) -> Ex
 
 def _reference(scene: CapturedScene) -> Image:
     truth_m = scene.truth_m()
-    if truth_m is None:
-        raise _incomplete(scene, "truth.png")
-    return truth_m
+    if truth_m is not None:
+        return truth_m
+    depth_m = scene.frame(scene.frames[0]).depth_m
+    if depth_m is None:
+        raise _without_depth(scene)
+    return estimated_reference.estimate(depth_m, scene.info)
 
 
-def _incomplete(scene: CapturedScene, missing: str) -> InputError:
-    return refuse(
-        f"scene {scene.name}",
-        "must have reference depth and the device's own",
-        f"no {missing}",
-        "Leave it out, or capture both.",
-    )
+def _without_depth(scene: CapturedScene) -> InputError:
+    rule, remedy = "must have the device's depth", "Leave it out, or capture it."
+    return refuse(f"scene {scene.name}", rule, "no depth.png", remedy)
 
 
 def counted_pixels(scene: CapturedScene, truth_m: Image) -> Mask:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import starling
 from starling.learning import residual
+from starling.learning.commands.train_captures import train_captures
 from starling.learning.data.example import Example, Image
 from starling.learning.residual import LearnedHoles
 from starling.patterns.errors import InputError
+from starling.sim.captures import png
+from starling.sim.commands.corrupt_captures import corrupt_captures
 from starling.sim.corrupt import Corruptor
 from starling.sim.reason import Reason
 from starling.sim.sensor import edits, presets
@@ -75,10 +80,64 @@ def test_unknown_models_are_refused(model: str | Path) -> None:
         residual.load(model)
 
 
-def test_models_without_physics_are_refused() -> None:
+SMALL = np.array([[75.0, 0, 39.5], [0, 75.0, 29.5], [0, 0, 1]])
+DEVICE = edits.with_camera(presets.load("d435"), SMALL, (80, 60))
+
+
+def seen_by_a_device(folder: Path) -> tuple[Path, np.ndarray]:
+    """Captures of a device that loses depth right of boxes, without infrared; last clean depth."""
+    y, x = np.mgrid[:60, :80]
+    clean = np.full((60, 80), 1.5, np.float32)
+    for number, left in enumerate((16, 26, 36)):
+        clean = np.full((60, 80), 1.5, np.float32)
+        clean[(y > 10) & (y < 50) & (x >= left) & (x < left + 20)] = 0.9
+        path, simulated = folder / f"room{number}.npy", folder / f"set{number}"
+        np.save(path, clean)
+        corrupt_captures(path, DEVICE, simulated, camera_matrix=(75.0, 75.0, 39.5, 29.5))
+        shutil.copytree(simulated, folder / "set", dirs_exist_ok=True)
+        frame = folder / "set" / path.stem / "0"
+        depth = png.read(frame / "depth.png", "depth").copy()
+        depth[11:50, left + 20 : left + 27] = 0
+        (frame / "depth.png").write_bytes(png.encode(depth))
+        for name in ("ir_left.png", "ir_right.png", "frame.exr"):
+            (frame / name).unlink()
+    return folder / "set", clean
+
+
+@pytest.mark.parametrize(
+    ("method", "reference"), [("trees", "truth"), ("trees", "estimated"), ("network", "truth")]
+)
+@pytest.mark.filterwarnings("ignore:3 of 3 scenes have no truth.png")
+def test_captures_without_infrared_train_a_residual(
+    tmp_path: Path, method: str, reference: str
+) -> None:
+    """Pixels right of boxes lose depth, as those of the device do; two steps teach no network."""
     pytest.importorskip("torch")
-    with pytest.raises(InputError, match="residual must be of a method on physics"):
-        residual.load("network-varied")
+    captures, clean = seen_by_a_device(tmp_path)
+    if reference == "estimated":
+        for path in captures.glob("*/truth.png"):
+            path.unlink()
+    train_captures(method, str(captures), tmp_path / "model", steps=2)
+    reading = starling.corrupt(clean, SMALL, DEVICE, residual=tmp_path / "model")
+    plain = starling.corrupt(clean, SMALL, DEVICE)
+    missing, missed = np.isnan(reading.depth_m), np.isnan(plain.depth_m)
+    assert missing[missed].all()
+    assert (reading.reason[missing & ~missed] == Reason.UNKNOWN).all()
+    if method == "trees":
+        beside, wall = slice(57, 62), slice(66, None)
+        assert missing[15:45, beside].mean() > 0.7 > 0.2 > missing[15:45, wall].mean()
+        assert missed[15:45, beside].mean() < 0.2
+
+
+def test_models_without_physics_remove_depth() -> None:
+    pytest.importorskip("torch")
+    matrix = np.array([[600.0, 0, 319.5], [0, 600.0, 179.5], [0, 0, 1]])
+    sensor = edits.with_camera(presets.load("d435"), matrix, (640, 360))
+    wall = np.full((360, 640), 1.2, np.float32)
+    reading = Corruptor(sensor, matrix, residual=residual.load("network-varied"))(wall)
+    plain = Corruptor(sensor, matrix)(wall)
+    assert np.isnan(reading.depth_m[np.isnan(plain.depth_m)]).all()
+    assert np.isfinite(reading.depth_m).mean() > 0.5
 
 
 def test_decimated_depth_is_refused() -> None:
