@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from starling.patterns import errors
-from starling.sim import arrays
 from starling.sim.arrays import Image, Labels, Mask
 from starling.sim.effects import Value, setting
 from starling.sim.geometry import frames
@@ -26,16 +25,13 @@ from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import Shot, expose, refuse_impossible
 from starling.sim.stereo.depth import DepthMap, to_code
 from starling.sim.stereo.post.temporal import History
-from starling.sim.warp import depth_input, suspicions
+from starling.sim.warp import daylight, depth_input, suspicions
 from starling.sim.warp.layers import DepthScene, layers
 
 if TYPE_CHECKING:  # Warp is an extra.
-    from starling.sim.batch.reading import BatchReading, BatchRig
+    from starling.sim.batch.batch_reading import BatchReading
+    from starling.sim.batch.reading import BatchRig
 
-# Daylight in the imager's band [W m^-2 / lux], for an assumed band of 50 nm. ASTM G173 (AM1.5
-# global) has 0.89 W m^-2 nm^-1 at 850 nm, and 109 klux.
-W_M2_PER_LUX = 0.89 * 50 / 109e3
-_GRADIENT = Ambient().gradient  # Of ambient light that is brighter from above.
 _MARGIN_PX = 8  # Disparities searched beyond those of the scene [px].
 _STEP_PX = 16  # Engines search a multiple of this.
 
@@ -220,7 +216,7 @@ class Corruptor:
         ]
         reflected = depth_input.reflectance(reflectance, camera, sensor)
         scene = dataclasses.replace(
-            self._scene, ambient=_ambient(self._scene.ambient, ambient_lux, up)
+            self._scene, ambient=daylight.ambient_of(self._scene.ambient, ambient_lux, up)
         )
         rendered = layers(
             DepthScene(
@@ -235,7 +231,16 @@ class Corruptor:
         return LitDepth(rendered, scene, _searching(sensor, depth), seen)
 
     def batch(
-        self, depth: Any, *, reflectance: Any = None, seed: int = 0, frame: int = 0
+        self,
+        depth: Any,
+        *,
+        reflectance: Any = None,
+        ambient_lux: Any = None,
+        up: Any = None,
+        right_depth_m: Any = None,
+        projector_depth_m: Any = None,
+        seed: int = 0,
+        frame: int = 0,
     ) -> BatchReading:
         """Corrupt depth images of many environments on their device, without a copy to the host.
 
@@ -245,20 +250,24 @@ class Corruptor:
 
         Args:
             depth: (environments, h, w) float32 along the optical axis [m], a torch tensor or a Warp
-                array. Size and camera are those of the sensor.
+                array. Size and camera are those of the sensor. Other arrays are on its device.
             reflectance: as in `starling.corrupt`, for all environments; arrays of the same kind
                 are (environments, h, w) float32 or (environments, h, w, 3) uint8.
+            ambient_lux: as in `starling.corrupt`, or an array (environments,) float32.
+            up: as in `starling.corrupt`, or an array (environments, 3) float32.
+            right_depth_m: (environments, h, w) float32, as in `starling.corrupt`.
+            projector_depth_m: same.
             seed: as in `starling.corrupt`.
             frame: as in `starling.corrupt`.
 
         Raises:
-            InputError: if `warp-lang` is not installed, the arrays have another shape or type, or
-                the sensor has settings that a batch cannot imitate.
+            InputError: if `warp-lang` is not installed, the arrays have another shape, type or
+                device, or the sensor has settings that a batch cannot imitate.
         """
         from starling.sim.batch import handoff
 
         handoff.import_warp()
-        from starling.sim.batch import reading  # The import needs Warp.
+        from starling.sim.batch import batch_scene, reading  # The imports need Warp.
 
         seed = errors.whole_number("seed", seed, 0, 2**63 - 1)
         frame = errors.whole_number("frame", frame, 0, 2**63 - 1)
@@ -266,7 +275,14 @@ class Corruptor:
         if device.alias not in self._rigs:
             self._rigs[device.alias] = reading.build(self.sensor, self._scene, device)
         rig = self._rigs[device.alias]
-        return reading.corrupt(depth, reflectance, rig, seed=seed, frame=frame)
+        given = batch_scene.GivenLight(
+            reflectance=reflectance,
+            ambient_lux=ambient_lux,
+            up=up,
+            right_depth_m=right_depth_m,
+            projector_depth_m=projector_depth_m,
+        )
+        return reading.corrupt(depth, given, rig, seed=seed, frame=frame)
 
 
 # The layers hold the surfaces; the body gives them a name.
@@ -295,22 +311,6 @@ def _refuse_effects(effects: Mapping[str, Value]) -> None:
                 effects[name],
                 "Simulate the scene itself: starling.simulate.",
             )
-
-
-def _ambient(ambient: Ambient, lux: float | None, up: ArrayLike | None) -> Ambient:
-    """Ambient light of this strength, brighter from above."""
-    if lux is not None:
-        errors.in_interval("ambient_lux", lux, 0.0, 2e5, "Direct sunlight has 1e5 lux.")
-        ambient = dataclasses.replace(ambient, irradiance_w_m2=lux * W_M2_PER_LUX)
-    if up is None:
-        return ambient
-    direction = np.asarray(arrays.numbers("up", up), np.float64)
-    length = np.linalg.norm(direction) if direction.shape == (3,) else 0.0
-    if not 0 < length < np.inf:
-        advice = "Give the zenith in the camera's axes: x right, y down, z forward."
-        raise errors.refuse("up", "must be a direction (3,)", direction.tolist(), advice)
-    x, y, z = (direction / length).tolist()
-    return dataclasses.replace(ambient, gradient=ambient.gradient or _GRADIENT, up=(x, y, z))
 
 
 def _without_depth(shot: Shot, past: History | None) -> Shot:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from starling.learning.residual import LearnedHoles
     from starling.patterns.errors import InputError as InputError
     from starling.patterns.pattern import Pattern as Pattern
+    from starling.sim.batch.batch_reading import BatchReading as BatchReading
     from starling.sim.captures.capture import CapturedScene as CapturedScene
     from starling.sim.captures.capture import CaptureSet as CaptureSet
     from starling.sim.corrupt import Corruptor as Corruptor
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 _CLASSES = {  # Name to the module that defines it; loaded on first use.
+    "BatchReading": "starling.sim.batch.batch_reading",
     "Calibration": "starling.calibration.fit_sensor",
     "CaptureSet": "starling.sim.captures.capture",
     "CapturedScene": "starling.sim.captures.capture",
@@ -55,6 +57,7 @@ _CLASSES = {  # Name to the module that defines it; loaded on first use.
 }
 _PACKAGES = ("calibration", "diagnosis", "learning", "patterns", "sim")
 __all__ = [
+    "BatchReading",
     "Calibration",
     "CaptureSet",
     "CapturedScene",

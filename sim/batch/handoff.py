@@ -31,24 +31,32 @@ def is_tensor(array: Any) -> bool:
     return type(array).__module__.partition(".")[0] == "torch"
 
 
-def as_warp(name: str, array: Any) -> Any:
+def is_array(array: Any) -> bool:
+    """Whether an array is one of those that a batch takes."""
+    return is_tensor(array) or isinstance(array, import_warp().array)
+
+
+def as_warp(name: str, array: Any, device: Any = None) -> Any:
     """Return a Warp array that shares the memory of a torch tensor or a Warp array.
 
     Args:
         name: name of the array in the user's words.
         array: the array.
+        device: where it must be; None for anywhere.
 
     Raises:
-        InputError: if it is neither.
+        InputError: if it is neither, or on another device.
     """
     warp = import_warp()
-    if isinstance(array, warp.array):
-        return array
-    if is_tensor(array):
-        return warp.from_torch(array.detach())
-    remedy = "Corrupt NumPy images by the corruptor itself: corruptor(depth_m)."
-    rule = "must be a torch tensor or a Warp array"
-    raise errors.refuse(name, rule, type(array).__name__, remedy)
+    if not is_array(array):
+        remedy = "Corrupt NumPy images by the corruptor itself: corruptor(depth_m)."
+        rule = "must be a torch tensor or a Warp array"
+        raise errors.refuse(name, rule, type(array).__name__, remedy)
+    place = str(array.device) if is_tensor(array) else array.device.alias
+    if device is not None and place != device.alias:
+        rule = f"must be on {device.alias}, as the depth"
+        raise errors.refuse(name, rule, place, "Copy it there first.")
+    return warp.from_torch(array.detach()) if is_tensor(array) else array
 
 
 def like(array: Any, example: Any) -> Any:

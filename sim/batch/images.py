@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from starling.sim.batch import handoff, imaging, light
+from starling.sim.batch import handoff, imaging, light, views
+from starling.sim.batch.batch_scene import BatchScene
 from starling.sim.batch.handoff import launch
 from starling.sim.batch.rig import ExposureRule, LightRig, Side, SideRig
 
@@ -56,40 +57,48 @@ class Codes:
     matched: Any  # uint16, the matcher's.
 
 
-def light_views(clean: Any, reflectance: Any, rig: LightRig) -> tuple[LitView, LitView]:
-    """Warp depth images (n, h, w) into the right view, and light both views.
-
-    Args:
-        clean: depth [m].
-        reflectance: a number, or an array (n, h, w).
-        rig: geometry and lights.
-    """
-    left, right = _views(clean.shape, clean.device), _views(clean.shape, clean.device)
-    (n, h, w), device = clean.shape, clean.device
-    shape = clean.shape
-    launch(light.fill_disparity, shape, device, clean, rig.focal_baseline, left.disparity)
-    if isinstance(reflectance, float):
-        left.reflectance.fill_(min(reflectance * rig.reflectance_scale, 1.0))
+def light_views(scene: BatchScene, rig: LightRig) -> tuple[LitView, LitView]:
+    """Warp depth images into the right view, and light both views."""
+    shape, device = scene.depth.shape, scene.depth.device
+    left, right = _views(shape, device), _views(shape, device)
+    launch(views.fill_disparity, shape, device, scene.depth, rig.focal_baseline, left.disparity)
+    scale = rig.reflectance_scale
+    if isinstance(scene.reflectance, float):
+        left.reflectance.fill_(min(scene.reflectance * scale, 1.0))
     else:
-        scale = rig.reflectance_scale
-        launch(light.scale_reflectance, shape, device, reflectance, scale, left.reflectance)
+        shares = (scene.reflectance, scale, left.reflectance)
+        launch(light.scale_reflectance, shape, device, *shares)
     seen = wp.zeros(shape, dtype=wp.uint64, device=device)
-    launch(light.see, shape, device, left.disparity, 1.0, 0, seen)
-    filled = (right.disparity, right.reflectance)
-    launch(light.fill_right, shape, device, seen, left.disparity, left.reflectance, *filled)
+    launch(views.see, shape, device, left.disparity, 1.0, 0, seen)
+    known = (left.disparity, left.reflectance, _rendered(scene.right_depth, rig, device))
+    launch(views.fill_right, shape, device, seen, *known, right.disparity, right.reflectance)
     for view in (left, right):
         surfaces = (view.disparity, view.reflectance, rig.camera)
-        sky = (rig.irradiance, rig.gradient, rig.up)
+        sky = (scene.irradiance, scene.gradient, scene.up)
         launch(light.light_by_sky, shape, device, *surfaces, *sky, view.light)
+    n, h, w = shape
     seen = wp.empty((n, h, w + 2 * rig.margin), dtype=wp.uint64, device=device)
+    rendered = _rendered(scene.projector_depth, rig, device)
     for beam, levels in rig.beams:
         seen.zero_()
-        launch(light.see, shape, device, left.disparity, beam.place, rig.margin, seen)
+        if rendered.shape[0]:
+            launch(views.see_rendered, shape, device, rendered, rig.margin, seen)
+        else:
+            launch(views.see, shape, device, left.disparity, beam.place, rig.margin, seen)
         for place, view in ((0.0, left), (1.0, right)):
             surfaces = (view.disparity, view.reflectance, rig.camera, place)
             emitter = (beam, levels, seen, rig.margin, rig.power)
             launch(light.light_by_beam, shape, device, *surfaces, *emitter, view.light, view.lit)
     return left, right
+
+
+def _rendered(depth: Any, rig: LightRig, device: Any) -> Any:
+    """Disparities (n, h, w) of depth images; () without images."""
+    if depth is None:
+        return wp.empty((0, 0, 0), dtype=float, device=device)
+    disparity = wp.empty(depth.shape, dtype=float, device=device)
+    launch(views.fill_disparity, depth.shape, device, depth, rig.focal_baseline, disparity)
+    return disparity
 
 
 def _views(shape: tuple[int, ...], device: Any) -> LitView:

@@ -1,4 +1,4 @@
-"""Kernels of the light: disparities seen from other places, and their radiance.
+"""Kernels of the light: reflectance, and radiance of both views.
 
 Images have the shape (n, h, w) of n environments. The numba kernels of `starling.sim.warp` are the
 reference; here every pixel is a thread.
@@ -10,26 +10,20 @@ from __future__ import annotations
 from typing import Any
 
 from starling.sim.batch import handoff
+from starling.sim.batch.views import seen_disparity
 from starling.sim.render.emission import NEAREST_M
 from starling.sim.render.skylight import MATT_TILT
-from starling.sim.warp.depth_input import NEAREST_SURFACE_M
-from starling.sim.warp.kernels import INSET_PX, NEAREST_EMITTER_M, SLACK_PX, SLACK_SHARE
-from starling.sim.warp.layers import JUMP_PX
+from starling.sim.warp.kernels import NEAREST_EMITTER_M, SLACK_PX, SLACK_SHARE
 
 wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
 
 wp.set_module_options({"enable_backward": False})
 
-_JUMP = wp.constant(JUMP_PX)
-_INSET = wp.constant(float(INSET_PX))
-_NEAREST = wp.constant(NEAREST_SURFACE_M)
 _NEAREST_EMITTER = wp.constant(float(NEAREST_EMITTER_M))
 _FULL_BLUR = wp.constant(NEAREST_M)
 _SLACK_SHARE = wp.constant(float(SLACK_SHARE))
 _SLACK_PX = wp.constant(float(SLACK_PX))
 _TILT = wp.constant(MATT_TILT)
-_LOW = wp.constant(wp.uint64(0xFFFFFFFF))
-_ROW = wp.constant(wp.uint64(32))
 
 
 @wp.struct
@@ -58,19 +52,6 @@ class EmitterBeam:
 
 
 @wp.kernel
-def fill_disparity(
-    depth: wp.array3d(dtype=float), focal_baseline: float, disparity: wp.array3d(dtype=float)
-):  # pragma: no cover - compiled
-    """Convert depth [m] to disparity [px]; 0 without a surface."""
-    e, y, x = wp.tid()
-    z = depth[e, y, x]
-    value = wp.float32(0.0)
-    if wp.isfinite(z) and z >= _NEAREST:
-        value = focal_baseline / z
-    disparity[e, y, x] = value
-
-
-@wp.kernel
 def fill_reflectance(
     bytes: wp.array4d(dtype=wp.uint8), reflectance: wp.array3d(dtype=float)
 ):  # pragma: no cover - compiled
@@ -85,147 +66,21 @@ def fill_reflectance(
 
 
 @wp.kernel
+def scale(
+    values: wp.array(dtype=float), factor: float, scaled: wp.array(dtype=float)
+):  # pragma: no cover - compiled
+    """Multiply (n,) values by a factor."""
+    e = wp.tid()
+    scaled[e] = values[e] * factor
+
+
+@wp.kernel
 def scale_reflectance(
     share: wp.array3d(dtype=float), scale: float, reflectance: wp.array3d(dtype=float)
 ):  # pragma: no cover - compiled
     """Multiply reflectances by a scale, within 0 to 1; NaN counts as 0."""
     e, y, x = wp.tid()
     reflectance[e, y, x] = wp.clamp(share[e, y, x] * scale, 0.0, 1.0)
-
-
-@wp.func
-def _offer(
-    seen: wp.array3d(dtype=wp.uint64), e: int, y: int, i: int, value: float, source: float
-):  # pragma: no cover - compiled
-    """Offer a surface to a pixel: the larger disparity wins, then the smaller source column.
-
-    The order of threads does not change the result.
-    """
-    low = _LOW - wp.uint64(wp.cast(source, wp.uint32))
-    wp.atomic_max(seen, e, y, i, (wp.uint64(wp.cast(value, wp.uint32)) << _ROW) | low)
-
-
-@wp.func
-def _value(packed: wp.uint64) -> float:  # pragma: no cover - compiled
-    """Disparity of a pixel that `_offer` filled [px]; 0 where nothing is seen."""
-    return wp.cast(wp.uint32(packed >> _ROW), wp.float32)
-
-
-@wp.kernel
-def see(
-    disparity: wp.array3d(dtype=float),
-    place: float,
-    margin: int,
-    seen: wp.array3d(dtype=wp.uint64),
-):  # pragma: no cover - compiled
-    """Rasterise the left view into the view at `place` baselines; the nearest surface wins.
-
-    Args:
-        disparity: (n, h, w) [px], 0 without a surface.
-        place: place of the view [baselines].
-        margin: columns of `seen` to the left of the view's first column.
-        seen: (n, h, columns), zero before; disparity and source column of each pixel.
-    """
-    e, y, x = wp.tid()
-    value = disparity[e, y, x]
-    if value <= 0.0:
-        return
-    w = disparity.shape[2]
-    columns = seen.shape[2]
-    left = float(x) - place * value + float(margin)
-    following = wp.float32(0.0)
-    before = wp.float32(0.0)
-    if x + 1 < w:
-        following = disparity[e, y, x + 1]
-    if x > 0:
-        before = disparity[e, y, x - 1]
-    joined = following > 0.0 and wp.abs(following - value) <= _JUMP
-    if joined:
-        right = float(x + 1) - place * following + float(margin)
-        if right > left:
-            slope = 1.0 / (right - left)
-            first = wp.max(int(wp.ceil(left)), 0)
-            last = wp.min(int(wp.floor(right)), columns - 1)
-            for i in range(first, last + 1):
-                share = (float(i) - left) * slope
-                _offer(seen, e, y, i, value + share * (following - value), float(x) + share)
-    if (not joined) or before <= 0.0 or wp.abs(before - value) > _JUMP:
-        i = int(wp.floor(left + 0.5))
-        if i >= 0 and i < columns:
-            _offer(seen, e, y, i, value, float(x))
-
-
-@wp.func
-def _inner(
-    left: wp.array3d(dtype=float), reflectance: wp.array3d(dtype=float), e: int, y: int, x: int
-) -> float:  # pragma: no cover - compiled
-    """Reflectance that does not mix two surfaces; see `starling.sim.warp.kernels.inner_rows`."""
-    d = left[e, y, x]
-    w = left.shape[2]
-    h = left.shape[1]
-    west = wp.abs(left[e, y, wp.max(x - 1, 0)] - d) <= _JUMP
-    east = wp.abs(left[e, y, wp.min(x + 1, w - 1)] - d) <= _JUMP
-    above = wp.abs(left[e, wp.max(y - 1, 0), x] - d) <= _JUMP
-    below = wp.abs(left[e, wp.min(y + 1, h - 1), x] - d) <= _JUMP
-    if west and not east:
-        return reflectance[e, y, x - 1]
-    if east and not west:
-        return reflectance[e, y, x + 1]
-    if above and not below:
-        return reflectance[e, y - 1, x]
-    if below and not above:
-        return reflectance[e, y + 1, x]
-    return reflectance[e, y, x]
-
-
-@wp.kernel
-def fill_right(
-    seen: wp.array3d(dtype=wp.uint64),
-    left: wp.array3d(dtype=float),
-    reflectance: wp.array3d(dtype=float),
-    disparity: wp.array3d(dtype=float),
-    reflected: wp.array3d(dtype=float),
-):  # pragma: no cover - compiled
-    """Fill the right view; the farther neighbour continues over unknown columns.
-
-    Args:
-        seen: (n, h, w) of `see` at 1 baseline, without margin.
-        left, reflectance: (n, h, w) disparity and reflectance of the left view.
-        disparity: (n, h, w) of the right view [px]; 0 in rows without a surface.
-        reflected: (n, h, w) reflectance of the right view.
-    """
-    e, y, x = wp.tid()
-    w = seen.shape[2]
-    before = x
-    while before >= 0 and seen[e, y, before] == wp.uint64(0):
-        before -= 1
-    after = x
-    while after < w and seen[e, y, after] == wp.uint64(0):
-        after += 1
-    value = wp.float32(0.0)
-    source = wp.float32(-1.0)
-    nearest = wp.int32(-1)
-    if before >= 0:
-        nearest = before
-    if after < w and (before < 0 or _value(seen[e, y, after]) < _value(seen[e, y, before])):
-        nearest = after
-    if nearest >= 0:
-        packed = seen[e, y, nearest]
-        value = _value(packed)
-        source = wp.cast(wp.uint32(_LOW - (packed & _LOW)), wp.float32)
-        if nearest < x:
-            source -= _INSET
-        if nearest > x:
-            source += _INSET
-    disparity[e, y, x] = value
-    place = wp.clamp(source, 0.0, float(w - 1))
-    column = wp.min(int(place), w - 2)
-    share = place - float(column)
-    if wp.abs(left[e, y, column + 1] - left[e, y, column]) > _JUMP:  # Surfaces do not mix.
-        share = wp.rint(share)
-    here = _inner(left, reflectance, e, y, column)
-    beside = _inner(left, reflectance, e, y, column + 1)
-    reflected[e, y, x] = here + share * (beside - here)
 
 
 @wp.func
@@ -273,9 +128,9 @@ def light_by_sky(
     disparity: wp.array3d(dtype=float),
     reflectance: wp.array3d(dtype=float),
     camera: PairCamera,
-    irradiance: float,
+    irradiance: wp.array(dtype=float),
     gradient: float,
-    up: wp.vec3,
+    up: wp.array2d(dtype=float),
     light: wp.array3d(dtype=wp.vec2),
 ):  # pragma: no cover - compiled
     """Set the light of a view to that of the sky.
@@ -283,17 +138,20 @@ def light_by_sky(
     Args:
         disparity, reflectance: (n, h, w) of the view.
         camera: geometry.
-        irradiance: of the sky [W m^-2].
-        gradient, up: of the sky; see `Ambient`.
+        irradiance: (n,) of the sky [W m^-2].
+        gradient: of the sky; see `Ambient`.
+        up: (n, 3) direction of the zenith, of any length.
         light: (n, h, w) radiance of the projector (0 here) and of the sky [W m^-2 sr^-1].
     """
     e, y, x = wp.tid()
     value = wp.float32(0.0)
     if disparity[e, y, x] > 0.0:
-        value = irradiance * reflectance[e, y, x] / wp.PI
+        value = irradiance[e] * reflectance[e, y, x] / wp.PI
         if gradient != 0.0:
             normal = _normal(disparity, e, y, x, camera)
-            tilt = -wp.dot(normal, up) / wp.max(wp.length(normal), 1.0e-12)
+            zenith = wp.vec3(up[e, 0], up[e, 1], up[e, 2])
+            length = wp.length(normal) * wp.length(zenith)
+            tilt = -wp.dot(normal, zenith) / wp.max(length, 1.0e-12)
             value *= 1.0 + gradient * _TILT * tilt
     light[e, y, x] = wp.vec2(0.0, value)
 
@@ -366,7 +224,7 @@ def light_by_beam(
         return
     column = int(wp.floor(float(x) + (place - beam.place) * d + float(margin)))
     i = wp.clamp(column, 0, seen.shape[2] - 2)
-    nearest = wp.min(_value(seen[e, y, i]), _value(seen[e, y, i + 1]))
+    nearest = wp.min(seen_disparity(seen[e, y, i]), seen_disparity(seen[e, y, i + 1]))
     if nearest > d * _SLACK_SHARE + _SLACK_PX:
         return
     columns = 0.5 * float(levels.shape[2])

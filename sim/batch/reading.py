@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from starling.patterns import errors
-from starling.sim.batch import handoff, images, light, matching, refusals, result, rig
+from starling.sim.batch import batch_scene, handoff, images, matching, refusals, result, rig
+from starling.sim.batch.batch_reading import BatchReading
+from starling.sim.batch.batch_scene import BatchScene
 from starling.sim.batch.handoff import launch
 from starling.sim.imaging.imager import electrons_per_radiance, noise
-from starling.sim.scene.scene import Scene
+from starling.sim.scene.scene import Ambient, Scene
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.post.chain import LARGEST_CODE
 from starling.sim.warp import depth_input, suspicions
@@ -19,19 +21,8 @@ from starling.sim.warp import depth_input, suspicions
 wp: Any = handoff.import_warp()
 
 SLICE_BYTES = 2 * 2**30  # Memory of the environments that are computed together.
-_PIXEL_BYTES = 260  # Of images, for each pixel of an environment.
+_PIXEL_BYTES = 268  # Of images, for each pixel of an environment.
 _VOLUME_BYTES = 4  # Of both volumes, for each pixel and disparity.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class BatchReading:
-    """Readings of n environments, as torch tensors or Warp arrays on the device of the depth."""
-
-    depth_m: Any  # (n, h, w) float32, NaN where missing.
-    reason: Any  # (n, h, w) uint8, codes of `starling.Reason`; 0 if and only if there is depth.
-    ir_left: Any  # (n, h, w) uint8; int32 of imagers with more than 8 bits.
-    ir_right: Any  # Same.
-    exposure_s: Any  # (n,) float32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +30,7 @@ class BatchRig:
     """Constants of a sensor on a device."""
 
     sensor: Sensor
+    ambient: Ambient
     device: Any
     light: rig.LightRig
     left: rig.SideRig
@@ -62,6 +54,7 @@ def build(sensor: Sensor, scene: Scene, device: Any) -> BatchRig:
     suspicions.warn_of_cameras(camera, sensor)
     return BatchRig(
         sensor=sensor,
+        ambient=scene.ambient,
         device=device,
         light=rig.light_rig(sensor, scene, device),
         left=rig.side_rig(sensor, "left", device),
@@ -88,13 +81,13 @@ def admit(depth: Any, sensor: Sensor, camera_matrix: np.ndarray[Any, Any]) -> An
 
 
 def corrupt(
-    depth: Any, reflectance: Any, constants: BatchRig, *, seed: int, frame: int
+    depth: Any, given: batch_scene.GivenLight, constants: BatchRig, *, seed: int, frame: int
 ) -> BatchReading:
     """Corrupt depth images, slice by slice.
 
     Args:
         depth: torch tensor or Warp array that `admit` accepts.
-        reflectance: None, a number, or an array; see `Corruptor.batch`.
+        given: surfaces and light beside the depth; see `Corruptor.batch`.
         constants: those of the sensor on the device of `depth`.
         seed: seed of the capture.
         frame: number of the frame.
@@ -102,7 +95,7 @@ def corrupt(
     with handoff.stream_of(depth):
         clean = handoff.as_warp("depth", depth)
         shape, device = clean.shape, constants.device
-        share = _share(reflectance, clean)
+        scene = batch_scene.build(clean, given, constants.ambient)
         code = wp.uint8 if constants.sensor.left.bit_depth == 8 else wp.int32
         out = BatchReading(
             depth_m=wp.empty(shape, dtype=float, device=device),
@@ -115,39 +108,18 @@ def corrupt(
         for first in range(0, shape[0], step):
             part = slice(first, min(first + step, shape[0]))
             outputs = {name: getattr(out, name)[part] for name in BatchReading.__slots__}
-            known = share if isinstance(share, float) else share[part]
             draws = images.SliceDraws(seed, frame, first)
-            _corrupt_slice(clean[part], known, constants, draws, BatchReading(**outputs))
+            _corrupt_slice(scene.slice(part), constants, draws, BatchReading(**outputs))
         names = BatchReading.__slots__
         returned = {name: handoff.like(getattr(out, name), depth) for name in names}
     return BatchReading(**returned)
 
 
-def _share(reflectance: Any, clean: Any) -> Any:
-    """Return the reflectance as a number or an array (n, h, w), or refuse it."""
-    if reflectance is None:
-        return depth_input.REFLECTANCE
-    if errors.is_number(reflectance):
-        errors.in_interval("reflectance", reflectance, 0.0, 1.0)
-        return float(reflectance)
-    image = handoff.as_warp("reflectance", reflectance)
-    shape = tuple(clean.shape)
-    if image.dtype == wp.uint8 and image.shape == (*shape, 3):
-        share = wp.empty(shape, dtype=float, device=clean.device)
-        launch(light.fill_reflectance, shape, clean.device, image, share)
-        return share
-    if image.dtype != wp.float32 or image.shape != shape:
-        rule = f"must be {shape} float32, or {(*shape, 3)} uint8 of RGB"
-        got = f"{image.shape} {image.dtype.__name__}"
-        raise errors.refuse("reflectance", rule, got, "Give one image for each environment.")
-    return image
-
-
 def _corrupt_slice(
-    clean: Any, reflectance: Any, constants: BatchRig, draws: images.SliceDraws, out: BatchReading
+    scene: BatchScene, constants: BatchRig, draws: images.SliceDraws, out: BatchReading
 ) -> None:
     """Corrupt a slice of the environments into a slice of the results."""
-    left, right = images.light_views(clean, reflectance, constants.light)
+    left, right = images.light_views(scene, constants.light)
     formed_l = images.form(left, "left", constants.left, draws)
     formed_r = images.form(right, "right", constants.right, draws)
     time_s = out.exposure_s
@@ -159,7 +131,7 @@ def _corrupt_slice(
     surfaces = (accepted, left.disparity, right.disparity, left.lit)
     light = (formed_l.radiance, out.ir_left, time_s)
     results = (constants.outcome, out.depth_m, out.reason)
-    launch(result.conclude, clean.shape, constants.device, *surfaces, *light, *results)
+    launch(result.conclude, scene.depth.shape, constants.device, *surfaces, *light, *results)
 
 
 def _triangulation(sensor: Sensor) -> Any:

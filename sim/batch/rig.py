@@ -35,9 +35,6 @@ class LightRig:
     beams: tuple[tuple[Any, Any], ...]  # `light.EmitterBeam` and the levels of its pattern.
     margin: int  # Columns on each side of an emitter's view [px].
     power: float  # [W]
-    irradiance: float  # Of the sky [W m^-2].
-    gradient: float
-    up: Any
     reflectance_scale: float
 
 
@@ -93,9 +90,6 @@ def light_rig(sensor: Sensor, scene: Scene, device: Any) -> LightRig:
         beams=tuple(beams),
         margin=math.ceil(farthest * focal_baseline / NEAREST_M) + 2,
         power=sensor.projector.power_w,
-        irradiance=scene.ambient.irradiance_w_m2,
-        gradient=scene.ambient.gradient,
-        up=wp.vec3(*scene.ambient.up),
         reflectance_scale=scene.finish.reflectance_scale,
     )
 

@@ -14,12 +14,14 @@ WIDTH, HEIGHT, FOCAL = 160, 120, 150.0
 MATRIX = np.array([[FOCAL, 0, 79.5], [0, FOCAL, 59.5], [0, 0, 1]])
 
 
-def depth_image() -> Image:
-    """Depth (h, w) [m]; a corner has no surface."""
+def depth_image(place: float = 0.0) -> Image:
+    """Depth (h, w) [m] seen at a place [m] on the baseline; a corner has no surface."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
-    depth = (1.5 + 0.3 * np.sin(x / WIDTH * 6) + 0.2 * y / HEIGHT).astype(np.float32)
-    depth[30:60, 53:80] = 0.7
-    depth[60:84, 96:128] = 0.9
+    moved = x + round(FOCAL * place / 1.5)
+    depth = (1.5 + 0.3 * np.sin(moved / WIDTH * 6) + 0.2 * y / HEIGHT).astype(np.float32)
+    for z, rows, first, last in ((0.7, slice(30, 60), 53, 80), (0.9, slice(60, 84), 96, 128)):
+        shift = round(FOCAL * place / z)
+        depth[rows, first - shift : last - shift] = z
     depth[:5, :20] = np.nan
     return depth
 

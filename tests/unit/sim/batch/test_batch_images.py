@@ -9,28 +9,25 @@ import numpy as np
 import pytest
 
 from starling.sim import simulate
-from starling.sim.causes import geometric_causes, photometric_causes
 from starling.sim.corrupt import Corruptor
 from starling.sim.reason import Reason
 from starling.sim.sensor.sensor import Sensor
-from starling.sim.stereo.measurement import measure
 from tests.unit.sim.batch import steps
 
 wp: Any = pytest.importorskip("warp", reason="warp-lang is not installed")
 
-from starling.sim.batch import handoff, images, reading  # noqa: E402
+from starling.sim.batch import reading  # noqa: E402
+from starling.sim.batch.batch_reading import BatchReading  # noqa: E402
+from tests.unit.sim.batch.both_paths import (  # noqa: E402
+    EQUAL_SHARE,
+    build,
+    equal_shares,
+)
+from tests.unit.sim.batch.both_paths import views as both_views  # noqa: E402
 
 CORRELATION = 0.999  # Least correlation of the light of both paths.
-EQUAL_SHARE = 0.999  # Least share of equal masks and reasons.
 ROUNDED_SHARE = 0.005  # Largest share of codes that differ, by one, as rounding differs.
 DARK = ("imager.auto_exposure_level=0.0", "imager.exposure_s=0.0001")
-
-
-def build(sensor: Sensor, effects: dict[str, float] | None = None) -> tuple[Corruptor, Any]:
-    """The corruptor and its constants on the processor."""
-    corruptor = Corruptor(sensor, steps.MATRIX, effects=effects or {})
-    handoff.import_warp()
-    return corruptor, reading.build(corruptor.sensor, corruptor._scene, wp.get_device("cpu"))
 
 
 @pytest.mark.parametrize(
@@ -49,12 +46,11 @@ def test_light_is_that_of_the_compiled_path(name: str, changes: tuple[str, ...])
     depth = steps.depth_image()
     reflectance = np.linspace(0.2, 0.8, depth.size, dtype=np.float32).reshape(depth.shape)
     expected = corruptor.light(depth, reflectance=reflectance).layers
-    share = wp.array(reflectance[None], dtype=float)
-    views = images.light_views(wp.array(depth[None], dtype=float), share, rig.light)
+    views = both_views(rig, depth, reflectance=reflectance)
     assert expected.right is not None
     for view, layer in zip(views, (expected.left, expected.right), strict=True):
         light = view.light.numpy()[0]
-        power, sky = rig.light.power, rig.light.irradiance
+        power, sky = rig.light.power, rig.ambient.irradiance_w_m2
         for ours, theirs in (
             (light[..., 0], layer.projector_direct * power),
             (light[..., 1], layer.ambient * sky),
@@ -101,33 +97,11 @@ def test_images_without_noise_are_those_of_the_compiled_path(
 
 @pytest.mark.parametrize("changes", [(), ("post.far_m=1.4",), DARK])
 def test_reasons_and_depth_are_those_of_the_compiled_path(changes: tuple[str, ...]) -> None:
-    """Both paths match the noisy infrared pair of the batch."""
     noisy = steps.sensor(*changes)
-    sensor = dataclasses.replace(noisy, projector=noisy.projector.steady())
-    corruptor, rig = build(sensor)
-    depth = steps.depth_image()
-    clean = wp.array(depth[None], dtype=float)
-    views, draws = images.light_views(clean, 0.5, rig.light), images.SliceDraws(0, 0, 0)
-    formed_l = images.form(views[0], "left", rig.left, draws)
-    formed_r = images.form(views[1], "right", rig.right, draws)
-    seen = corruptor.batch(clean)
-    codes_l = images.read_out(formed_l, seen.exposure_s, "left", rig.left, draws, seen.ir_left)
-    codes_r = images.read_out(formed_r, seen.exposure_s, "right", rig.right, draws, seen.ir_right)
-    layers = corruptor.light(depth).layers
-    pair = simulate.infrared(layers, corruptor._scene, sensor)
-    causes = geometric_causes(layers.truth, sensor) | photometric_causes(
-        sensor.left,
-        pair.electrons,
-        codes_l.delivered.numpy()[0],
-        exposure_s=pair.exposure.exposure_s,
+    reasons, depths, _ = equal_shares(
+        dataclasses.replace(noisy, projector=noisy.projector.steady())
     )
-    left, right = codes_l.matched.numpy()[0], codes_r.matched.numpy()[0]
-    expected = measure(left, right, sensor, causes=causes)
-    reason, depth_m = seen.reason.numpy()[0], seen.depth_m.numpy()[0]
-    assert (reason == expected.reason).mean() >= EQUAL_SHARE
-    both = expected.valid & np.isfinite(depth_m)
-    off_m = np.abs(depth_m - expected.depth_m)[both]
-    assert (off_m <= sensor.post.depth_unit_m).mean() >= EQUAL_SHARE
+    assert reasons >= EQUAL_SHARE and depths >= EQUAL_SHARE
 
 
 @pytest.mark.parametrize("kind", ["number", "image", "rgb"])
@@ -258,6 +232,6 @@ def test_equal_draws_are_equal_whatever_the_slices(monkeypatch: pytest.MonkeyPat
     whole = corruptor.batch(depth, reflectance=reflectance, seed=5, frame=2)
     monkeypatch.setattr(reading, "SLICE_BYTES", 1)
     sliced = corruptor.batch(depth, reflectance=reflectance, seed=5, frame=2)
-    for name in reading.BatchReading.__slots__:
+    for name in BatchReading.__slots__:
         ours, theirs = (getattr(each, name).numpy() for each in (whole, sliced))
         assert np.array_equal(ours, theirs, equal_nan=ours.dtype.kind == "f")

@@ -37,6 +37,16 @@ def test_tensors_return_tensors() -> None:
         assert np.array_equal(image.numpy(), image_warp, equal_nan=image_warp.dtype.kind == "f")
 
 
+@pytest.mark.parametrize(
+    "name", ["reflectance", "ambient_lux", "up", "right_depth_m", "projector_depth_m"]
+)
+def test_arrays_on_another_device_are_refused(name: str) -> None:
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    elsewhere = torch.empty(DEPTH.shape, device="meta")
+    with pytest.raises(InputError, match=f"{name} must be on cpu, as the depth; got meta. Copy"):
+        corruptor().batch(torch.tensor(DEPTH), **{name: elsewhere})
+
+
 def test_arrays_need_no_torch() -> None:
     code = (
         "import sys, numpy as np; from starling import Corruptor, load_sensor\n"
@@ -62,6 +72,16 @@ def test_arrays_need_no_torch() -> None:
         ({"reflectance": wp.array(DEPTH[:1])}, r"reflectance must be \(2, 120, 160\) float32, or"),
         ({"reflectance": 1.5}, r"reflectance must be in \[0, 1\]"),
         ({"reflectance": DEPTH}, "reflectance must be a torch tensor or a Warp array"),
+        ({"ambient_lux": -1.0}, r"ambient_lux must be in \[0, 200000\]"),
+        ({"ambient_lux": wp.zeros(3)}, r"ambient_lux must be \(2,\) float32; got \(3,\) float32"),
+        ({"up": (0, 0, 0)}, r"up must be a direction \(3,\)"),
+        ({"up": wp.zeros((2, 2))}, r"up must be \(2, 3\) float32; got \(2, 2\) float32"),
+        ({"right_depth_m": DEPTH}, "right_depth_m must be a torch tensor or a Warp array"),
+        ({"right_depth_m": wp.array(DEPTH[:1])}, r"right_depth_m must be \(2, 120, 160\) float32"),
+        (
+            {"projector_depth_m": wp.array(DEPTH, dtype=wp.float64)},
+            r"projector_depth_m must be .*64",
+        ),
         ({"seed": -1}, "seed must be an integer"),
         ({"frame": 0.5}, "frame must be an integer"),
     ],
