@@ -55,7 +55,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LitDepth:
-    """A depth image with light on its surfaces, of which any number of frames is read."""
+    """A depth image with light on its surfaces. Its frames differ in noise alone."""
 
     layers: Layers
     scene: Scene  # With its ambient light.
@@ -275,14 +275,14 @@ class Corruptor:
         if device.alias not in self._rigs:
             self._rigs[device.alias] = reading.build(self.sensor, self._scene, device)
         rig = self._rigs[device.alias]
-        given = batch_scene.GivenLight(
+        inputs = batch_scene.SceneArrays(
             reflectance=reflectance,
             ambient_lux=ambient_lux,
             up=up,
             right_depth_m=right_depth_m,
             projector_depth_m=projector_depth_m,
         )
-        return reading.corrupt(depth, given, rig, seed=seed, frame=frame)
+        return reading.corrupt(depth, inputs, rig, seed=seed, frame=frame)
 
 
 # The layers hold the surfaces; the body gives them a name.

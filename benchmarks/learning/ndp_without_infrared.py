@@ -1,7 +1,9 @@
 """Holes of a Kinect v1 without infrared and reference: train, predict, and corrupt.
 
 The reference depth is estimated from the depth of the device. Methods learn from `learn*` and
-`capture*`, and are evaluated on the other scenes. *Moved holes*: holes of another scene are moved
+`capture*`, and predict the other scenes.
+
+*Moved holes*: holes of another scene are moved
 and cut into the depth before the estimate. The trained methods must not find them; otherwise they
 would see where the estimate filled depth.
 
@@ -82,8 +84,8 @@ def moved_holes(scenes, real):
     rng = np.random.default_rng(0)
     examples = []
     for number, scene in enumerate(scenes):
-        other, depth_m = real[(number + 7) % len(scenes)], depth_of(scene).copy()
-        holes = np.roll(other.ndp & other.counted, tuple(rng.integers(100, 400, 2)), (0, 1))
+        donor, depth_m = real[(number + 7) % len(scenes)], depth_of(scene).copy()
+        holes = np.roll(donor.ndp & donor.counted, tuple(rng.integers(100, 400, 2)), (0, 1))
         known = np.isfinite(depth_m)
         depth_m[holes] = np.nan
         examples.append(example_of(scene, depth_m, holes & known, known))

@@ -37,8 +37,8 @@ class BatchScene:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class GivenLight:
-    """Arguments of `Corruptor.batch` beside the depth, unchecked."""
+class SceneArrays:
+    """Arguments of `Corruptor.batch` without the depth, unchecked."""
 
     reflectance: Any = None
     ambient_lux: Any = None
@@ -47,33 +47,33 @@ class GivenLight:
     projector_depth_m: Any = None
 
 
-def build(clean: Any, given: GivenLight, ambient: Ambient) -> BatchScene:
+def build(clean: Any, inputs: SceneArrays, ambient: Ambient) -> BatchScene:
     """Check arrays, and share their memory.
 
     Args:
         clean: (n, h, w) depth [m], a Warp array.
-        given: further arguments.
-        ambient: light where none is given.
+        inputs: further arguments.
+        ambient: light where none is inputs.
 
     Raises:
         InputError: if an array has another shape, type or device.
     """
-    irradiance, gradient, up = _sky(given, ambient, clean)
+    irradiance, gradient, up = _sky(inputs, ambient, clean)
     return BatchScene(
         depth=clean,
-        reflectance=_share(given.reflectance, clean),
+        reflectance=_share(inputs.reflectance, clean),
         irradiance=irradiance,
         gradient=gradient,
         up=up,
-        right_depth=_further("right_depth_m", given.right_depth_m, clean),
-        projector_depth=_further("projector_depth_m", given.projector_depth_m, clean),
+        right_depth=_further("right_depth_m", inputs.right_depth_m, clean),
+        projector_depth=_further("projector_depth_m", inputs.projector_depth_m, clean),
     )
 
 
-def _sky(given: GivenLight, ambient: Ambient, clean: Any) -> tuple[Any, float, Any]:
+def _sky(inputs: SceneArrays, ambient: Ambient, clean: Any) -> tuple[Any, float, Any]:
     """Return irradiance (n,), gradient and zenith (n, 3) of the sky."""
     count, device = clean.shape[0], clean.device
-    lux, up = given.ambient_lux, given.up
+    lux, up = inputs.ambient_lux, inputs.up
     many_lux, many_up = handoff.is_array(lux), handoff.is_array(up)
     even = daylight.ambient_of(ambient, None if many_lux else lux, None if many_up else up)
     if many_lux:

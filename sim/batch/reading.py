@@ -81,13 +81,13 @@ def admit(depth: Any, sensor: Sensor, camera_matrix: np.ndarray[Any, Any]) -> An
 
 
 def corrupt(
-    depth: Any, given: batch_scene.GivenLight, constants: BatchRig, *, seed: int, frame: int
+    depth: Any, inputs: batch_scene.SceneArrays, constants: BatchRig, *, seed: int, frame: int
 ) -> BatchReading:
     """Corrupt depth images, slice by slice.
 
     Args:
         depth: torch tensor or Warp array that `admit` accepts.
-        given: surfaces and light beside the depth; see `Corruptor.batch`.
+        inputs: arguments without the depth; see `Corruptor.batch`.
         constants: those of the sensor on the device of `depth`.
         seed: seed of the capture.
         frame: number of the frame.
@@ -95,7 +95,7 @@ def corrupt(
     with handoff.stream_of(depth):
         clean = handoff.as_warp("depth", depth)
         shape, device = clean.shape, constants.device
-        scene = batch_scene.build(clean, given, constants.ambient)
+        scene = batch_scene.build(clean, inputs, constants.ambient)
         code = wp.uint8 if constants.sensor.left.bit_depth == 8 else wp.int32
         out = BatchReading(
             depth_m=wp.empty(shape, dtype=float, device=device),

@@ -188,9 +188,9 @@ def fill_right(
     share = place - float(column)
     if wp.abs(left[e, y, column + 1] - left[e, y, column]) > _JUMP:  # Surfaces do not mix.
         share = wp.rint(share)
-    here = _inner(left, reflectance, e, y, column)
-    beside = _inner(left, reflectance, e, y, column + 1)
-    reflected[e, y, x] = here + share * (beside - here)
+    value_left = _inner(left, reflectance, e, y, column)
+    value_right = _inner(left, reflectance, e, y, column + 1)
+    reflected[e, y, x] = value_left + share * (value_right - value_left)
 
 
 @wp.kernel

@@ -125,9 +125,9 @@ def test_captures_without_infrared_train_a_residual(
     assert missing[missed].all()
     assert (reading.reason[missing & ~missed] == Reason.UNKNOWN).all()
     if method == "trees":
-        beside = missing[15:45, 57:62].mean()
-        assert beside > missed[15:45, 57:62].mean() + 0.25
-        assert beside > 3 * missing[15:45, 66:].mean()
+        share = missing[15:45, 57:62].mean()
+        assert share > missed[15:45, 57:62].mean() + 0.25
+        assert share > 3 * missing[15:45, 66:].mean()
 
 
 def test_models_without_physics_remove_depth() -> None:

@@ -222,7 +222,7 @@ def test_a_folder_is_one_moving_scene_and_filters_go_on(tmp_path: Path) -> None:
 def test_frames_of_one_image_share_their_light(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each frame is that of a corruptor which lights it anew."""
+    """Each frame equals that of a corruptor with light of its own."""
     path = written(tmp_path, "table.npy")
     lights: list[object] = []
     real = corrupt.layers

@@ -26,24 +26,24 @@ def build(sensor: Sensor, effects: dict[str, float] | None = None) -> tuple[Corr
     return corruptor, reading.build(corruptor.sensor, corruptor._scene, wp.get_device("cpu"))
 
 
-def batched(given: dict[str, Any], count: int = 1) -> dict[str, Any]:
+def batched(inputs: dict[str, Any], count: int = 1) -> dict[str, Any]:
     """Arguments of `Corruptor.batch`: images as arrays of environments, others as they are."""
     return {
         name: wp.array(np.repeat(value[None], count, axis=0))
         if isinstance(value, np.ndarray)
         else value
-        for name, value in given.items()
+        for name, value in inputs.items()
     }
 
 
-def views(rig: Any, depth: Any, **given: Any) -> Any:
+def views(rig: Any, depth: Any, **inputs: Any) -> Any:
     """Both lit views of a batch."""
-    light = batch_scene.GivenLight(**batched(given))
+    light = batch_scene.SceneArrays(**batched(inputs))
     clean = wp.array(depth[None], dtype=float)
     return images.light_views(batch_scene.build(clean, light, rig.ambient), rig.light)
 
 
-def equal_shares(sensor: Sensor, **given: Any) -> tuple[float, float, float]:
+def equal_shares(sensor: Sensor, **inputs: Any) -> tuple[float, float, float]:
     """Match the noisy infrared pair of the batch by both paths.
 
     Returns:
@@ -53,13 +53,13 @@ def equal_shares(sensor: Sensor, **given: Any) -> tuple[float, float, float]:
     corruptor, rig = build(sensor)
     depth = steps.depth_image()
     draws = images.SliceDraws(0, 0, 0)
-    lit = views(rig, depth, **given)
+    lit = views(rig, depth, **inputs)
     formed_l = images.form(lit[0], "left", rig.left, draws)
     formed_r = images.form(lit[1], "right", rig.right, draws)
-    seen = corruptor.batch(wp.array(depth[None], dtype=float), **batched(given))
+    seen = corruptor.batch(wp.array(depth[None], dtype=float), **batched(inputs))
     codes_l = images.read_out(formed_l, seen.exposure_s, "left", rig.left, draws, seen.ir_left)
     codes_r = images.read_out(formed_r, seen.exposure_s, "right", rig.right, draws, seen.ir_right)
-    compiled = corruptor.light(depth, **given)
+    compiled = corruptor.light(depth, **inputs)
     pair = simulate.infrared(compiled.layers, compiled.scene, sensor)
     causes = geometric_causes(compiled.layers.truth, sensor) | photometric_causes(
         sensor.left,

@@ -29,7 +29,7 @@ def still() -> Sensor:
 
 
 @pytest.mark.parametrize(
-    "given",
+    "inputs",
     [
         {"ambient_lux": 5000.0},
         {"ambient_lux": 5000.0, "up": UP},
@@ -38,16 +38,16 @@ def still() -> Sensor:
         {"projector_depth_m": PROJECTOR},
         {"right_depth_m": RIGHT, "projector_depth_m": PROJECTOR, "up": UP, "ambient_lux": 2000.0},
     ],
-    ids=lambda given: "-".join(given),
+    ids=lambda inputs: "-".join(inputs),
 )
 @pytest.mark.parametrize("name", ["d435", "d415"])  # The D415 has two emitters.
-def test_light_is_that_of_the_compiled_path(name: str, given: dict[str, Any]) -> None:
+def test_light_is_that_of_the_compiled_path(name: str, inputs: dict[str, Any]) -> None:
     corruptor, rig = both_paths.build(steps.sensor(name=name), {"ambient": 5.0})
     depth = steps.depth_image()
     reflectance = np.linspace(0.2, 0.8, depth.size, dtype=np.float32).reshape(depth.shape)
-    compiled = corruptor.light(depth, reflectance=reflectance, **given)
+    compiled = corruptor.light(depth, reflectance=reflectance, **inputs)
     layers, sky = compiled.layers, compiled.scene.ambient.irradiance_w_m2
-    views = both_paths.views(rig, depth, reflectance=reflectance, **given)
+    views = both_paths.views(rig, depth, reflectance=reflectance, **inputs)
     assert layers.right is not None
     for view, layer in zip(views, (layers.left, layers.right), strict=True):
         light = view.light.numpy()[0]
@@ -62,7 +62,7 @@ def test_light_is_that_of_the_compiled_path(name: str, given: dict[str, Any]) ->
 
 
 @pytest.mark.parametrize(
-    "given",
+    "inputs",
     [
         {"ambient_lux": 5000.0},
         {"up": UP},
@@ -70,10 +70,10 @@ def test_light_is_that_of_the_compiled_path(name: str, given: dict[str, Any]) ->
         {"projector_depth_m": PROJECTOR},
         {"right_depth_m": RIGHT, "projector_depth_m": PROJECTOR},
     ],
-    ids=lambda given: "-".join(given),
+    ids=lambda inputs: "-".join(inputs),
 )
-def test_reasons_and_depth_are_those_of_the_compiled_path(given: dict[str, Any]) -> None:
-    reasons, depths, _ = both_paths.equal_shares(still(), **given)
+def test_reasons_and_depth_are_those_of_the_compiled_path(inputs: dict[str, Any]) -> None:
+    reasons, depths, _ = both_paths.equal_shares(still(), **inputs)
     assert reasons >= both_paths.EQUAL_SHARE and depths >= both_paths.EQUAL_SHARE
 
 
