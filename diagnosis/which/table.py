@@ -35,7 +35,7 @@ from starling.sim.effects import setting as setting
 from starling.sim.effects.effect import Value
 
 # Raise it when code changes rows of equal contents. It invalidates all rows cached on disk.
-FEATURES_VERSION = 2
+FEATURES_VERSION = 3
 BITS = "dropped_bits"  # Effect: bits that the device's matcher reads and its images lack.
 _DEVICES = (1, 2, 3)  # Devices, and noise seeds, over which random effects are averaged.
 _RENDERED_DEVICES = (1,)  # The same for effects that need rendering, which takes most of the time.

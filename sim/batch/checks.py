@@ -33,6 +33,8 @@ class Limits:
     left_right: float  # Largest left-right difference [px].
     jump: float  # Largest range of disparities in 3x3 pixels [px].
     texture: float  # Least variance in the left window [codes^2].
+    dark: float  # Windows without light have a lower variance [codes^2]; 0 = off.
+    dark_mean: float  # And a lower mean [codes].
     border: float  # Least distance of a match from the right image's first column [px].
     reach: int  # Largest searched disparity [px].
     locking: float  # Amplitude of pixel locking [px].
@@ -64,10 +66,10 @@ def sum_texture(
 
 
 @wp.func
-def _variance(
+def _moments(
     sums: wp.array3d(dtype=wp.vec2i), e: int, y: int, x: int
-) -> float:  # pragma: no cover - compiled
-    """Variance of the codes in the texture's window, from whole numbers [codes^2]."""
+) -> wp.vec2:  # pragma: no cover - compiled
+    """Mean [codes] and variance [codes^2] in the texture's window, from whole numbers."""
     first = wp.int64(0)
     second = wp.int64(0)
     for k in range(_TEXTURE):
@@ -75,7 +77,34 @@ def _variance(
         first += wp.int64(row[0])
         second += wp.int64(row[1])
     count = wp.int64(_TEXTURE * _TEXTURE)
-    return float(second * count - first * first) / float(count * count)
+    variance = float(second * count - first * first) / float(count * count)
+    return wp.vec2(float(first) / float(count), variance)
+
+
+@wp.kernel
+def find_dark(
+    sums: wp.array3d(dtype=wp.vec2i), limits: Limits, dark: wp.array3d(dtype=wp.uint8)
+):  # pragma: no cover - compiled
+    """Mark the centres of windows without light in `dark` (n, h, w); `sums` of `sum_texture`."""
+    e, y, x = wp.tid()
+    moments = _moments(sums, e, y, x)
+    dark[e, y, x] = wp.uint8(0)
+    if moments[1] < limits.dark and moments[0] < limits.dark_mean:
+        dark[e, y, x] = wp.uint8(1)
+
+
+@wp.kernel
+def spread_dark(
+    dark: wp.array3d(dtype=wp.uint8), down: int, spread: wp.array3d(dtype=wp.uint8)
+):  # pragma: no cover - compiled
+    """Mark in `spread` (n, h, w) what the windows of marked pixels contain, along one axis."""
+    e, y, x = wp.tid()
+    mark = wp.uint8(0)
+    for k in range(-(_TEXTURE // 2), _TEXTURE // 2 + 1):
+        row = wp.clamp(y + down * k, 0, dark.shape[1] - 1)
+        column = wp.clamp(x + (1 - down) * k, 0, dark.shape[2] - 1)
+        mark = wp.max(mark, dark[e, row, column])
+    spread[e, y, x] = mark
 
 
 @wp.func
@@ -100,6 +129,7 @@ def reject(
     left: wp.array3d(dtype=float),
     right: wp.array3d(dtype=float),
     texture: wp.array3d(dtype=wp.vec2i),
+    dark: wp.array3d(dtype=wp.uint8),
     limits: Limits,
     accepted: wp.array3d(dtype=float),
     reason: wp.array3d(dtype=wp.uint8),
@@ -112,6 +142,7 @@ def reject(
         ambiguous: (n, h, w) of `choose_left`.
         left, right: (n, h, w) disparities that the left-right check compares [px].
         texture: (n, h, w) of `sum_texture`; () accepts every texture.
+        dark: (n, h, w), marked without light; () accepts every pixel.
         limits: thresholds.
         accepted: (n, h, w) filled with disparities that pass, NaN elsewhere.
         reason: (n, h, w) filled with codes.
@@ -119,7 +150,9 @@ def reject(
     e, y, x = wp.tid()
     w = disparity.shape[2]
     code = _VALID
-    if texture.shape[0] > 0 and _variance(texture, e, y, x) < limits.texture:
+    if texture.shape[0] > 0 and _moments(texture, e, y, x)[1] < limits.texture:
+        code = _SUPPORT
+    if dark.shape[0] > 0 and dark[e, y, x] > _VALID:
         code = _SUPPORT
     if _range(disparity, e, y, x) > limits.jump:
         code = _SUPPORT

@@ -11,6 +11,7 @@ import numpy as np
 
 from starling.sim.batch import checks, cost, handoff, paths, refinement
 from starling.sim.batch.handoff import launch
+from starling.sim.imaging.imager import DarkWindow
 from starling.sim.sensor.matcher import CensusSemiGlobal, Matcher, Refinement
 from starling.sim.stereo import census, support
 
@@ -38,12 +39,13 @@ class MatchRig:
     limits: Any  # `checks.Limits`
 
 
-def match_rig(matcher: Matcher, bits: int, device: Any) -> MatchRig:
+def match_rig(matcher: Matcher, bits: int, dark: DarkWindow, device: Any) -> MatchRig:
     """Copy a matcher with the CensusSemiGlobal engine to a device.
 
     Args:
         matcher: the matcher.
         bits: bits of the codes; more than 8 count as 10.
+        dark: what a window of the left image shows without light.
         device: Warp device.
     """
     engine = matcher.engine
@@ -80,7 +82,7 @@ def match_rig(matcher: Matcher, bits: int, device: Any) -> MatchRig:
             round(engine.large_penalty * support.COST_SCALE),
         ),
         peaks=peaks,
-        limits=_limits(matcher, 1 if bits == 8 else _TEN_BIT_CODES),
+        limits=_limits(matcher, dark, 1 if bits == 8 else _TEN_BIT_CODES),
     )
 
 
@@ -108,15 +110,28 @@ def match(left: Any, right: Any, rig: MatchRig) -> tuple[Any, Any]:
     else:
         compared = tuple(_as_float(each) for each in (winners.left_best, winners.right_best))
     texture = wp.empty((0, 0, 0), dtype=wp.vec2i, device=device)
-    if setting.texture_dn > 0:
+    if setting.texture_dn > 0 or rig.limits.dark > 0:
         texture = wp.empty(shape, dtype=wp.vec2i, device=device)
         launch(checks.sum_texture, shape, device, left, texture)
+    dark = _dark(texture, rig)
     disparity, reason = wp.empty_like(refined), wp.empty(shape, dtype=wp.uint8, device=device)
-    accepted = (refined, winners.left_best, winners.ambiguous, *compared, texture, rig.limits)
+    accepted = (refined, winners.left_best, winners.ambiguous, *compared, texture, dark, rig.limits)
     launch(checks.reject, shape, device, *accepted, disparity, reason)
     launch(checks.reject_outside, shape[:2], device, rig.limits, disparity, reason)
     _sink_islands(disparity, reason, rig)
     return disparity, reason
+
+
+def _dark(texture: Any, rig: MatchRig) -> Any:
+    """Mark (n, h, w) all pixels of windows without light; () if the check is off."""
+    if not rig.limits.dark:
+        return wp.empty((0, 0, 0), dtype=wp.uint8, device=rig.device)
+    shape, device = texture.shape, rig.device
+    dark, spread = (wp.empty(shape, dtype=wp.uint8, device=device) for _ in range(2))
+    launch(checks.find_dark, shape, device, texture, rig.limits, dark)
+    launch(checks.spread_dark, shape, device, dark, 0, spread)
+    launch(checks.spread_dark, shape, device, spread, 1, dark)
+    return dark
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,10 +256,12 @@ def _gaussian(sigma_px: float) -> np.ndarray[Any, Any]:
     return np.asarray(cv2.getGaussianKernel(side, sigma_px, cv2.CV_32F), np.float32).ravel()
 
 
-def _limits(matcher: Matcher, codes_per_dn: int) -> Any:
+def _limits(matcher: Matcher, dark: DarkWindow, codes_per_dn: int) -> Any:
     limits, setting = checks.Limits(), matcher.checks
     limits.left_right, limits.jump = setting.left_right_px, setting.jump_px
     limits.texture = (setting.texture_dn * codes_per_dn) ** 2
+    limits.dark = (setting.dark_noise * dark.deviation_dn * codes_per_dn) ** 2
+    limits.dark_mean = dark.ceiling_dn * codes_per_dn
     limits.border = setting.border_px
     limits.reach = matcher.min_disparity_px + matcher.search_px
     limits.locking = matcher.refinement.locking_px

@@ -12,7 +12,7 @@ from starling.sim.batch import batch_scene, handoff, images, matching, refusals,
 from starling.sim.batch.batch_reading import BatchReading
 from starling.sim.batch.batch_scene import BatchScene
 from starling.sim.batch.handoff import launch
-from starling.sim.imaging.imager import electrons_per_radiance, noise
+from starling.sim.imaging.imager import dark_window, electrons_per_radiance, noise
 from starling.sim.scene.scene import Ambient, Scene
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.post.chain import LARGEST_CODE
@@ -52,6 +52,7 @@ def build(sensor: Sensor, scene: Scene, device: Any) -> BatchRig:
     matrix = np.array([[sensor.fx_px, 0, sensor.cx_px], [0, sensor.fy_px, sensor.cy_px], [0, 0, 1]])
     camera = depth_input.DepthCamera(matrix, (sensor.height, sensor.width))
     suspicions.warn_of_cameras(camera, sensor)
+    bits = min(sensor.left.matched_bits, 10)
     return BatchRig(
         sensor=sensor,
         ambient=scene.ambient,
@@ -60,7 +61,7 @@ def build(sensor: Sensor, scene: Scene, device: Any) -> BatchRig:
         left=rig.side_rig(sensor, "left", device),
         right=rig.side_rig(sensor, "right", device),
         exposure=rig.exposure_rule(sensor),
-        matching=matching.match_rig(sensor.matcher, min(sensor.left.matched_bits, 10), device),
+        matching=matching.match_rig(sensor.matcher, bits, dark_window(sensor.left, bits), device),
         outcome=_triangulation(sensor),
     )
 

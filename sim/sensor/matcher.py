@@ -157,6 +157,7 @@ class Checks:
     left_right_px: float = 1024.0  # Largest left-right difference of the disparities [px].
     left_right_mean_px: int = 0  # Side of a jump-preserving mean before it; 0 = whole px compared.
     texture_dn: float = 0.0  # Least deviation in the left window [DN of 8 bits]; 0 = off.
+    dark_noise: float = 0.0  # Least deviation of a lit window [deviations of a dark one]; 0 = off.
     jump_px: float = 1024.0  # Largest range of disparities in 3x3 pixels [px].
     speckle_count: int = 0  # Islands of at most this many pixels are removed; 0 = off.
     speckle_step_px: float = 1.0  # A larger step separates two islands [px].
@@ -168,6 +169,7 @@ class Checks:
         if self.left_right_mean_px:
             _odd("left_right_mean_px", self.left_right_mean_px, 1, 31)
         in_interval("texture_dn", self.texture_dn, 0.0, 255.0)
+        in_interval("dark_noise", self.dark_noise, 0.0, 10.0)
         in_interval("jump_px", self.jump_px, 0.0, 1024.0)
         whole("speckle_count", self.speckle_count, 0, 1_000_000)
         in_interval("speckle_step_px", self.speckle_step_px, 0.0, 64.0)
@@ -213,6 +215,7 @@ D4XX = Matcher(
         left_right_px=0.75,  # The device's threshold of 24, read as 1/32 px.
         left_right_mean_px=9,
         texture_dn=0.1,
+        dark_noise=1.2,  # Four standard errors of the deviation of 225 pixels.
         jump_px=5.0,
         speckle_count=300,
         speckle_step_px=1.0,

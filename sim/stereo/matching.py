@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns.errors import refuse
+from starling.sim.imaging.imager import DarkWindow
 from starling.sim.reason import Reason, first_cause
 from starling.sim.sensor.matcher import CensusSemiGlobal, Checks, Matcher
 from starling.sim.stereo import census, checks, opencv, semiglobal, subpixel, support
@@ -23,19 +24,25 @@ _Causes = dict[Reason, NDArray[np.bool_]]
 
 
 def match(
-    left: NDArray, right: NDArray, matcher: Matcher, *, memory: Memory | None = None
+    left: NDArray,
+    right: NDArray,
+    matcher: Matcher,
+    *,
+    dark: DarkWindow | None = None,
+    memory: Memory | None = None,
 ) -> DisparityMap:
     """Match a rectified pair.
 
     Args:
         left, right: (h, w) uint8, or uint16 with up to 10 bits; corresponding points share a row.
         matcher: the setting, e.g. `starling.sim.sensor.matcher.named("d4xx")`.
+        dark: what a window of the left image shows without light, for `checks.dark_noise`.
         memory: cache of searches with the CensusSemiGlobal engine.
 
     Returns:
         Disparities of the left image [px]. The reason of a missing one is the first that applies:
         OUTSIDE_OVERLAP; AMBIGUOUS (second best too close, or best at an end of the search);
-        LEFT_RIGHT; SUPPORT (texture, depth edge); SPECKLE.
+        LEFT_RIGHT; SUPPORT (texture, darkness, depth edge); SPECKLE.
 
     Raises:
         InputError: if the images differ in shape or type, have another type, or are smaller than
@@ -47,7 +54,7 @@ def match(
     else:
         disparity, causes = opencv.compute(left, right, matcher, matcher.engine)
         disparity = subpixel.refine(disparity, matcher.refinement)
-    causes[Reason.SUPPORT] = _support(left, disparity, matcher.checks)
+    causes[Reason.SUPPORT] = _support(left, disparity, matcher.checks, dark)
     disparity = np.where(_any(causes), np.float32(np.nan), disparity)
     reach = matcher.min_disparity_px + matcher.search_px
     border = matcher.checks.border_px
@@ -108,11 +115,16 @@ def _any(causes: _Causes) -> NDArray[np.bool_]:
     return reduce(np.logical_or, causes.values())
 
 
-def _support(left: NDArray, disparity: NDArray[np.float32], setting: Checks) -> NDArray[np.bool_]:
-    """Reject pixels with too little texture, or at depth edges."""
+def _support(
+    left: NDArray, disparity: NDArray[np.float32], setting: Checks, dark: DarkWindow | None
+) -> NDArray[np.bool_]:
+    """Reject pixels with too little texture, without light, or at depth edges."""
     refused = checks.jump(disparity, range_px=setting.jump_px)
     if setting.texture_dn > 0:
         refused |= checks.texture(left, least_dn=setting.texture_dn)
+    if dark is not None and setting.dark_noise * dark.deviation_dn > 0:
+        least_dn = setting.dark_noise * dark.deviation_dn
+        refused |= checks.darkness(left, least_dn=least_dn, ceiling_dn=dark.ceiling_dn)
     return refused
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim.imaging.imager import dark_window
 from starling.sim.reason import Reason, first_cause
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import DepthMap, depth_from_disparity
@@ -78,4 +79,5 @@ def _matched(
 
     bits = sensor.left.matched_bits
     left, right = readable(ir_left, bits), readable(ir_right, bits)
-    return match(left, right, sensor.matcher, memory=memory)
+    dark = dark_window(sensor.left, 8 if left.dtype == np.uint8 else min(bits, 10))
+    return match(left, right, sensor.matcher, dark=dark, memory=memory)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numba as nb
 import numpy as np
 
@@ -10,6 +13,8 @@ from starling.sim.arrays import Image
 from starling.sim.imaging.imager import converter
 from starling.sim.imaging.imager.charge import Die
 from starling.sim.sensor.sensor import Imager
+
+_LEAST_SEEN = 0.25  # Codes hide noise below this share of their step.
 
 
 def noise_e(part: Imager, electrons: Image, exposure_s: float) -> Image:
@@ -35,6 +40,35 @@ def variances(part: Imager) -> tuple[float, float]:
     along = part.row_noise_e**2 + part.column_noise_e**2
     share = converter.variance_share(part.smoothing_px)
     return part.shot_noise**2 * share * share, share * (share * alone + along)
+
+
+class DarkWindow(NamedTuple):
+    """What a window of an image shows without light."""
+
+    deviation_dn: float  # Standard deviation of its codes [DN of 8 bits]; 0 if they hide the noise.
+    ceiling_dn: float  # Windows with a larger mean are lit [DN of 8 bits].
+
+
+def dark_window(part: Imager, bits: int) -> DarkWindow:
+    """Return what a window shows without light, at the longest exposure.
+
+    Coarse codes hide the noise. Dark surfaces are then as flat as no surface, as in the images of
+    8 bits that most devices deliver.
+
+    Args:
+        part: the imager.
+        bits: of the codes that the matcher reads, at most 10.
+    """
+    exposure_s = part.auto_exposure_max_s if part.auto_exposure_level else part.exposure_s
+    dark_e = noise_e(part, np.zeros((1, 1), np.float32), exposure_s)
+    noise = converter.apply_gamma(dark_e * part.dn_per_electron, part.gamma, part.ceiling_dn)
+    codes_per_dn = 2.0 ** (bits - part.bit_depth)
+    noise_codes = codes_per_dn * noise.item()
+    # Flicker between two codes deviates by at most half a step.
+    deviation = math.hypot(noise_codes, 0.5) if noise_codes >= _LEAST_SEEN else 0.0
+    middle = codes_per_dn * (part.black_level_dn + part.saturation_dn) / 2
+    per_eight = 1 if bits == 8 else 4  # The matcher takes other images for 10 bits.
+    return DarkWindow(deviation / per_eight, middle / per_eight)
 
 
 def shot_and_read(part: Imager, charge: Image, *, die: Die, seed: int, frame: int) -> Image:

@@ -9,6 +9,7 @@ import pytest
 
 from starling.sim import simulate
 from starling.sim.corrupt import Corruptor
+from starling.sim.imaging.imager import dark_window
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.matching import match
 from tests.unit.sim.batch import steps
@@ -47,6 +48,8 @@ def infrared(sensor: Sensor, seed: int) -> tuple[np.ndarray[Any, Any], np.ndarra
         ("matcher.engine.difference_weight=0.5", "matcher.engine.tolerance_dn=0.0"),
         ("matcher.checks.texture_dn=12.0", "matcher.checks.jump_px=1.0"),
         ("matcher.checks.texture_dn=0.0", "matcher.checks.speckle_count=0"),
+        ("matcher.checks.dark_noise=0.0",),
+        ("matcher.checks.texture_dn=0.0", "matcher.checks.dark_noise=8.0"),
         ("matcher.checks.speckle_count=2000", "matcher.checks.speckle_step_px=0.2"),
         ("matcher.refinement.smooth_px=0", "matcher.refinement.quantum_px=0.0"),
     ],
@@ -58,10 +61,12 @@ def test_equal_pairs_give_equal_disparities(changes: tuple[str, ...]) -> None:
     left, right = (
         wp.array(np.stack(views).astype(np.uint16)) for views in zip(*pairs, strict=True)
     )
-    rig = matching.match_rig(sensor.matcher, min(sensor.left.matched_bits, 10), "cpu")
+    bits = min(sensor.left.matched_bits, 10)
+    dark = dark_window(sensor.left, bits)
+    rig = matching.match_rig(sensor.matcher, bits, dark, "cpu")
     disparity, reason = (each.numpy() for each in matching.match(left, right, rig))
     for number, pair in enumerate(pairs):
-        expected = match(*pair, sensor.matcher)
+        expected = match(*pair, sensor.matcher, dark=dark)
         assert (reason[number] == expected.reason).mean() >= EQUAL_SHARE
         both = np.isfinite(disparity[number]) & expected.valid
         assert both.any()
