@@ -63,8 +63,8 @@ def darkness(image: NDArray, *, least_dn: float, ceiling_dn: float) -> NDArray[n
     """Reject all pixels of every window without light.
 
     A window without light has a standard deviation below `least_dn` and a mean below `ceiling_dn`
-    (8-bit DN). Full pixels are as flat, but bright. None of its pixels is lit, so all are rejected:
-    windows around pixels beside an object contain the object's light.
+    (8-bit DN). Full pixels are as flat, but bright. None of its pixels is lit, so all are rejected.
+    Only the centre would leave a rim, whose windows contain the object's light.
     """
     mean, variance = _moments(image)
     unlit = (variance < np.float32(least_dn) ** 2) & (mean < np.float32(ceiling_dn))

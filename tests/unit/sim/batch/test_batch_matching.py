@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -73,6 +74,20 @@ def test_equal_pairs_give_equal_disparities(changes: tuple[str, ...]) -> None:
         off = np.abs(disparity[number] - expected.disparity_px)[both]
         assert (off <= UNIT_PX).mean() >= EQUAL_SHARE
     assert np.array_equal(np.isfinite(disparity), reason == 0)
+
+
+@pytest.mark.parametrize("name", ["d415", "d435"])
+def test_a_batch_has_no_depth_in_empty_space(name: str) -> None:
+    """The boxes alone; the same pixels as one by one."""
+    depth = steps.depth_image()
+    depth[depth > 1] = np.nan
+    corruptor = Corruptor(steps.sensor(name=name), steps.MATRIX)
+    batch = corruptor.batch(wp.array(depth[None], dtype=float), seed=3)
+    alone = corruptor(depth, seed=3)
+    void = ~cv2.dilate(np.isfinite(depth).astype(np.uint8), np.ones((15, 15))).astype(bool)
+    for valid in (np.isfinite(batch.depth_m.numpy()[0]), np.isfinite(alone.depth_m)):
+        assert not valid[void].any()
+        assert valid[np.isfinite(depth)].mean() > 0.6
 
 
 @pytest.mark.parametrize("count", [2, 9, 25])
