@@ -16,6 +16,9 @@ from starling.sim.sensor import edits, presets
 ROOT = Path(__file__).parents[2]
 MOST = 0.01  # Largest share of the frame with depth, but without surface.
 HALF_WINDOW_PX = 7
+BLUR_PX = 1  # Light of the object reaches further by this much.
+# Metering of a nearly black frame would fill the box's pixels, which have no texture then.
+EXPOSURE = ("imager.auto_exposure_level=0", "imager.exposure_s=0.001")
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 MATRIX = np.array([[FOCAL, 0, 159.5], [0, FOCAL, 119.5], [0, 0, 1]])
 
@@ -44,7 +47,7 @@ def false_depth(name: str, *changes: str) -> tuple[float, float, float]:
     sensor = edits.with_camera(presets.load(name), MATRIX, (WIDTH, HEIGHT))
     depth = box_alone()
     surface = np.isfinite(depth)
-    seen = np.isfinite(Corruptor(edits.apply(sensor, changes), MATRIX)(depth).depth_m)
+    seen = np.isfinite(Corruptor(edits.apply(sensor, (*EXPOSURE, *changes)), MATRIX)(depth).depth_m)
     away = cv2.distanceTransform((~surface).astype(np.uint8), cv2.DIST_C, cv2.DIST_MASK_5)
     false = seen & ~surface
     return float(false.mean()), float(away[false].max(initial=0)), float(seen[surface].mean())
@@ -60,12 +63,12 @@ def test_a_box_alone_has_no_depth_around_it(name: str) -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        ("imager.gain=8.0", "projector.power_w=0.02"),  # Full pixels would have no texture.
+        ("imager.gain=8.0",),
         ("imager.black_level_dn=4.125",),
         ("imager.read_noise_e=20.0",),
         ("imager.row_noise_e=10.0",),
         ("imager.column_noise_e=10.0",),
-        ("imager.dark_current_e_s=3000.0",),
+        ("imager.dark_current_e_s=100000.0",),
         ("imager.lens.veil=0.02",),
     ],
 )
@@ -90,5 +93,5 @@ def test_objects_alone_have_no_depth_around_them(name: str, label: str) -> None:
     (shot,) = benchmark.shots(benchmark.OBJECTS[label](), presets.load(name))
     figures = benchmark.measure(shot)
     assert figures.false <= MOST
-    assert figures.farthest_px <= HALF_WINDOW_PX
+    assert figures.farthest_px <= HALF_WINDOW_PX + BLUR_PX
     assert figures.fill > 0.85
