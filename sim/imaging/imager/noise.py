@@ -14,6 +14,7 @@ from starling.sim.imaging.imager import converter
 from starling.sim.imaging.imager.charge import Die
 from starling.sim.sensor.sensor import Imager
 
+_WIDEST = 6.0  # Deviations of normal noise that matter.
 _LEAST_SEEN = 0.25  # Codes hide noise below this share of their step.
 
 
@@ -64,11 +65,22 @@ def dark_window(part: Imager, bits: int) -> DarkWindow:
     noise = converter.apply_gamma(dark_e * part.dn_per_electron, part.gamma, part.ceiling_dn)
     codes_per_dn = 2.0 ** (bits - part.bit_depth)
     noise_codes = codes_per_dn * noise.item()
-    # Flicker between two codes deviates by at most half a step.
-    deviation = math.hypot(noise_codes, 0.5) if noise_codes >= _LEAST_SEEN else 0.0
+    current_dn = part.dark_current_e_s * exposure_s * part.dn_per_electron
+    level = codes_per_dn * (part.black_level_dn + current_dn)
+    deviation = _rounded_deviation(level, noise_codes) if noise_codes >= _LEAST_SEEN else 0.0
     middle = codes_per_dn * (part.black_level_dn + part.saturation_dn) / 2
     per_eight = 1 if bits == 8 else 4  # The matcher takes other images for 10 bits.
     return DarkWindow(deviation / per_eight, middle / per_eight)
+
+
+def _rounded_deviation(level: float, noise: float) -> float:
+    """Return the standard deviation of normal noise around a level after rounding [codes]."""
+    reach = math.ceil(_WIDEST * noise) + 1
+    codes = range(round(level) - reach, round(level) + reach + 1)
+    below = [math.erf((code - 0.5 - level) / (math.sqrt(2) * noise)) / 2 for code in codes]
+    share = np.diff([*below, 0.5])
+    off = np.asarray(codes) - level
+    return float(np.sqrt(share @ off**2 - (share @ off) ** 2))
 
 
 def shot_and_read(part: Imager, charge: Image, *, die: Die, seed: int, frame: int) -> Image:

@@ -66,30 +66,39 @@ def test_codes_of_eight_bits_are_whole_dn() -> None:
         assert (first == second).all()
 
 
-def test_a_dark_window_has_noise_and_flicker() -> None:
-    """sqrt(noise^2 + (half a step)^2), a step of 10 bits being a quarter of a DN."""
-    window = dark_window(imager_of(0.3), 10)
-    assert window.deviation_dn == pytest.approx(math.hypot(0.3, 0.125))
-    assert window.ceiling_dn == pytest.approx((4 + 255) / 2)
-    assert dark_window(imager_of(0.3, gain=4.0), 10).deviation_dn == pytest.approx(
-        math.hypot(1.2, 0.125)
-    )
+@pytest.mark.parametrize("noise_dn", [0.08, 0.16, 0.6, 5.0])
+@pytest.mark.parametrize("black_dn", [4.0, 4.125, 4.05])
+def test_a_dark_window_deviates_as_codes_do(noise_dn: float, black_dn: float) -> None:
+    """Against a sample: between two codes even little noise flickers."""
+    window = dark_window(imager_of(noise_dn, black_level_dn=black_dn), 10)
+    levels = np.random.default_rng(0).normal(black_dn * 4, noise_dn * 4, 400_000)
+    assert window.deviation_dn == pytest.approx(np.rint(levels).std() / 4, rel=0.01)
+    assert window.ceiling_dn == pytest.approx((black_dn + 255) / 2)
 
 
-@pytest.mark.parametrize(("bits", "step_dn"), [(8, 1.0), (10, 0.25)])
-def test_coarse_codes_hide_the_noise(bits: int, step_dn: float) -> None:
+def test_noise_grows_with_gain_and_gamma() -> None:
+    """Far above the step, the deviation is that of the noise and of the rounding."""
+    louder = dark_window(imager_of(0.3, gain=4.0), 10)
+    assert louder.deviation_dn == pytest.approx(math.hypot(1.2, 0.25 / math.sqrt(12)), rel=1e-6)
+    curved = dark_window(imager_of(0.3, gamma=2.0), 10)
+    noise_dn = 255 * math.sqrt(0.3 / 255)
+    assert curved.deviation_dn == pytest.approx(math.hypot(noise_dn, 0.25 / math.sqrt(12)))
+
+
+@pytest.mark.parametrize("bits", [8, 10])
+def test_coarse_codes_hide_the_noise(bits: int) -> None:
+    """From a quarter of a step on, codes of dark pixels differ."""
+    step_dn = 2.0 ** (8 - bits)
     assert dark_window(imager_of(0.249 * step_dn), bits).deviation_dn == 0
-    seen = dark_window(imager_of(0.251 * step_dn), bits)
-    assert seen.deviation_dn == pytest.approx(step_dn * math.hypot(0.251, 0.5))
+    assert dark_window(imager_of(0.251 * step_dn), bits).deviation_dn > 0.2 * step_dn
 
 
 def test_dark_current_counts_at_the_longest_exposure() -> None:
     part = imager_of(0.3, dark_current_e_s=20.0, shot_noise=1.0, auto_exposure_max_s=0.1)
-    noise_dn = math.sqrt(0.3**2 + 2.0)
-    assert dark_window(part, 10).deviation_dn == pytest.approx(math.hypot(noise_dn, 0.125))
     fixed = dataclasses.replace(part, auto_exposure_level=0.0, exposure_s=0.05)
-    noise_dn = math.sqrt(0.3**2 + 1.0)
-    assert dark_window(fixed, 10).deviation_dn == pytest.approx(math.hypot(noise_dn, 0.125))
+    for imager_at, electrons in ((part, 2.0), (fixed, 1.0)):
+        variance = 0.3**2 + electrons + 0.25**2 / 12
+        assert dark_window(imager_at, 10).deviation_dn == pytest.approx(math.sqrt(variance))
 
 
 @pytest.mark.parametrize("name", ["d415", "d435", "d455"])

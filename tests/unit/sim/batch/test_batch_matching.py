@@ -83,14 +83,14 @@ def test_equal_pairs_give_equal_disparities(changes: tuple[str, ...]) -> None:
     assert_equal(steps.sensor(*changes), steps.depth_image())
 
 
-@pytest.mark.parametrize("name", ["d415", "d435", "d455"])
+@pytest.mark.parametrize("name", ["d435", "d455"])
 def test_a_batch_has_no_depth_in_empty_space(name: str) -> None:
     """The boxes of the depth image alone, at an exposure that does not fill pixels."""
     exposure = ("imager.auto_exposure_level=0", "imager.exposure_s=0.003")
     depth = steps.depth_image()
     depth[depth > 1] = np.nan
     disparity = assert_equal(steps.sensor(*exposure, name=name), depth)
-    window = np.ones((TEXTURE_PX, TEXTURE_PX), np.uint8)
+    window = np.ones((TEXTURE_PX + 2, TEXTURE_PX + 2), np.uint8)  # The image is blurred by 1 px.
     near = cv2.dilate(np.isfinite(depth).astype(np.uint8), window).astype(bool)
     assert not np.isfinite(disparity[:, ~near]).any()
 
