@@ -53,32 +53,40 @@ def left_right(left: NDArray, right: NDArray, *, tolerance_px: float) -> NDArray
     return inside & ((matched < 0) | (np.abs(matched - left) > tolerance_px))
 
 
-def texture(image: NDArray, *, least_dn: float) -> NDArray[np.bool_]:
-    """Reject pixels whose window has a standard deviation below `least_dn` (8-bit DN)."""
-    _, variance = _moments(image)
-    return variance < np.float32(least_dn) ** 2
-
-
-def darkness(image: NDArray, *, least_dn: float, ceiling_dn: float) -> NDArray[np.bool_]:
-    """Reject all pixels of every window without light.
-
-    A window without light has a standard deviation below `least_dn` and a mean below `ceiling_dn`
-    (8-bit DN). Full pixels are as flat, but bright. None of its pixels is lit, so all are rejected.
-    Only the centre would leave a rim, whose windows contain the object's light.
-    """
-    mean, variance = _moments(image)
-    unlit = (variance < np.float32(least_dn) ** 2) & (mean < np.float32(ceiling_dn))
-    window = np.ones((TEXTURE_PX, TEXTURE_PX), np.uint8)
-    return cv2.dilate(unlit.view(np.uint8), window).view(np.bool_)
-
-
-def _moments(image: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return mean and variance of every pixel's window, in DN of 8 bits."""
+def moments(image: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return mean and variance of every pixel's window [DN of 8 bits and their square]."""
     level = image.astype(np.float32) if image.dtype == np.uint8 else image / np.float32(4)
     window = (TEXTURE_PX, TEXTURE_PX)
     mean = cv2.blur(level, window)
     square = cv2.sqrBoxFilter(level, cv2.CV_32F, window)
     return np.asarray(mean, np.float32), np.asarray(square - mean * mean, np.float32)
+
+
+def texture(variance: NDArray[np.float32], *, least_dn: float) -> NDArray[np.bool_]:
+    """Reject pixels whose window has a standard deviation below `least_dn` (8-bit DN)."""
+    return variance < np.float32(least_dn) ** 2
+
+
+def darkness(
+    mean: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    *,
+    least_dn: float,
+    ceiling_dn: float,
+) -> NDArray[np.bool_]:
+    """Reject all pixels of every window without light.
+
+    None of its pixels is lit, so all are rejected. Rejection of the centre alone would leave a rim,
+    whose windows contain the object's light.
+
+    Args:
+        mean, variance: (h, w) of `moments`.
+        least_dn: standard deviation of the darkest lit window [DN of 8 bits].
+        ceiling_dn: brighter windows are lit [DN of 8 bits]; full pixels are as flat as dark ones.
+    """
+    unlit = (variance < np.float32(least_dn) ** 2) & (mean < np.float32(ceiling_dn))
+    window = np.ones((TEXTURE_PX, TEXTURE_PX), np.uint8)
+    return cv2.dilate(unlit.view(np.uint8), window).view(np.bool_)
 
 
 def jump(disparity_px: NDArray[np.float32], *, range_px: float) -> NDArray[np.bool_]:

@@ -120,11 +120,13 @@ def _support(
 ) -> NDArray[np.bool_]:
     """Reject pixels with too little texture, without light, or at depth edges."""
     refused = checks.jump(disparity, range_px=setting.jump_px)
-    if setting.texture_dn > 0:
-        refused |= checks.texture(left, least_dn=setting.texture_dn)
-    if dark is not None and setting.dark_noise * dark.deviation_dn > 0:
-        least_dn = setting.dark_noise * dark.deviation_dn
-        refused |= checks.darkness(left, least_dn=least_dn, ceiling_dn=dark.ceiling_dn)
+    dark_dn = setting.dark_noise * dark.deviation_dn if dark else 0.0
+    if max(setting.texture_dn, dark_dn) > 0:
+        mean, variance = checks.moments(left)
+        refused |= checks.texture(variance, least_dn=setting.texture_dn)
+        if dark and dark_dn > 0:
+            ceiling_dn = dark.ceiling_dn
+            refused |= checks.darkness(mean, variance, least_dn=dark_dn, ceiling_dn=ceiling_dn)
     return refused
 
 

@@ -38,7 +38,7 @@ def test_every_pixel_of_a_window_without_light_is_rejected() -> None:
     """Only the lit column remains, although 15 columns have it in their windows."""
     seen = chequered(1)
     seen[:, 30] = 200
-    rejected = checks.darkness(seen, least_dn=0.3, ceiling_dn=100.0)
+    rejected = checks.darkness(*checks.moments(seen), least_dn=0.3, ceiling_dn=100.0)
     assert np.flatnonzero(~rejected[0]).tolist() == [30]
     assert (rejected == rejected[0]).all()
 
@@ -46,7 +46,7 @@ def test_every_pixel_of_a_window_without_light_is_rejected() -> None:
 @pytest.mark.parametrize(("excess", "dark"), [(-0.01, False), (0.01, True)])
 def test_the_least_deviation_is_a_threshold(excess: float, dark: bool) -> None:
     seen = chequered(2)  # Two codes are half a DN.
-    rejected = checks.darkness(seen, least_dn=0.5 + excess, ceiling_dn=100.0)
+    rejected = checks.darkness(*checks.moments(seen), least_dn=0.5 + excess, ceiling_dn=100.0)
     assert (rejected == dark).all()
 
 
@@ -54,15 +54,17 @@ def test_the_least_deviation_is_a_threshold(excess: float, dark: bool) -> None:
 def test_bright_windows_are_lit(excess: float, dark: bool) -> None:
     """Full pixels are as flat as dark ones."""
     seen = np.full((40, 40), 400, np.uint16)
-    rejected = checks.darkness(seen, least_dn=1.0, ceiling_dn=100.0 + excess)
+    rejected = checks.darkness(*checks.moments(seen), least_dn=1.0, ceiling_dn=100.0 + excess)
     assert (rejected == dark).all()
 
 
 def test_codes_of_eight_bits_are_whole_dn() -> None:
     eight, ten = (chequered(amplitude) for amplitude in (2, 8))
     for least_dn in (1.9, 2.1):
-        first = checks.darkness(eight.astype(np.uint8), least_dn=least_dn, ceiling_dn=100.0)
-        second = checks.darkness(ten, least_dn=least_dn, ceiling_dn=100.0)
+        first = checks.darkness(
+            *checks.moments(eight.astype(np.uint8)), least_dn=least_dn, ceiling_dn=100.0
+        )
+        second = checks.darkness(*checks.moments(ten), least_dn=least_dn, ceiling_dn=100.0)
         assert (first == second).all()
 
 
@@ -113,7 +115,9 @@ def test_every_pixel_of_a_dark_image_is_rejected(name: str, black_dn: float, gai
     seen = imager.read_out(part, dark, **settings).matched
     window = dark_window(part, 10)
     least_dn = D4XX.checks.dark_noise * window.deviation_dn
-    assert checks.darkness(seen, least_dn=least_dn, ceiling_dn=window.ceiling_dn).all()
+    assert checks.darkness(
+        *checks.moments(seen), least_dn=least_dn, ceiling_dn=window.ceiling_dn
+    ).all()
 
 
 def test_captures_of_eight_bits_are_spared() -> None:

@@ -357,8 +357,10 @@ def test_checks_reject_the_named_defects():
     assert not checks.jump(step, range_px=4.0).any()
     assert checks.speckle(step, count=80, step_px=1.0).all()
     assert not checks.speckle(step, count=0, step_px=1.0).any()
-    assert checks.texture(np.full((20, 20), 9, np.uint8), least_dn=0.1).all()
-    assert not checks.texture(dots((40, 40)), least_dn=0.1).any()
+    _, flat = checks.moments(np.full((20, 20), 9, np.uint8))
+    _, dotted = checks.moments(dots((40, 40)))
+    assert checks.texture(flat, least_dn=0.1).all()
+    assert not checks.texture(dotted, least_dn=0.1).any()
 
 
 def test_neutral_checks_reject_only_unmatchable_pixels():
