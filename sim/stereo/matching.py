@@ -123,7 +123,8 @@ def _support(
     dark_dn = setting.dark_noise * dark.deviation_dn if dark else 0.0
     if max(setting.texture_dn, dark_dn) > 0:
         mean, variance = checks.moments(left)
-        refused |= checks.texture(variance, least_dn=setting.texture_dn)
+        if setting.texture_dn > 0:  # Rounding makes variances of flat windows negative.
+            refused |= checks.texture(variance, least_dn=setting.texture_dn)
         if dark and dark_dn > 0:
             ceiling_dn = dark.ceiling_dn
             refused |= checks.darkness(mean, variance, least_dn=dark_dn, ceiling_dn=ceiling_dn)

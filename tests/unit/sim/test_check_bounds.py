@@ -305,10 +305,10 @@ def test_texture_counts_only_if_requested() -> None:
     left = np.full((20, 40), 9, np.uint8)
     disparity = np.full(left.shape, 4, np.float32)
     off, on = (replace(FAST.checks, texture_dn=value, jump_px=3.0) for value in (0.0, 0.1))
-    assert not matching._support(left, disparity, off).any()
-    assert matching._support(left, disparity, on).all()
+    assert not matching._support(left, disparity, off, None).any()
+    assert matching._support(left, disparity, on, None).all()
     disparity[:, 20:] = 9
-    assert np.flatnonzero(matching._support(left, disparity, off)[5]).tolist() == [19, 20]
+    assert np.flatnonzero(matching._support(left, disparity, off, None)[5]).tolist() == [19, 20]
 
 
 @pytest.mark.parametrize(("weight", "cap_dn"), [(1.0, 9.0), (0.5, 100.0), (0.0, 9.0)])
