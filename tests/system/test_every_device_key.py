@@ -70,6 +70,7 @@ VALUES: dict[str, Any] = {
         "matcher.checks.uniqueness": 40.0,
         "matcher.checks.speckle_count": 5000,
         "matcher.checks.texture_dn": 20.0,
+        "matcher.checks.dark_noise": 10.0,
     },
     **{"matcher.checks.left_right_mean_px": 0, "matcher.checks.jump_px": 0.2},
     **{"matcher.refinement.median_px": 0, "matcher.refinement.smooth_px": 5},
@@ -82,6 +83,7 @@ VALUES: dict[str, Any] = {
 WITH: dict[str, dict[str, Any]] = {
     **{f"{side}.blooming": {"imager.exposure_s": 0.1} for side in ("left", "right")},
     "matcher.search_px": {"baseline_m": 0.2},
+    "matcher.checks.dark_noise": {"imager.read_noise_e": 50.0},
     "left.auto_exposure_max_s": {"left.auto_exposure_level": 0.5},
 }
 RENDERED = re.compile("rolling|search")  # Keys that act with other rendered layers only.
