@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import cv2
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,11 +47,20 @@ def left_right(left: NDArray, right: NDArray, *, tolerance_px: float) -> NDArray
     Returns:
         (h, w) mask; pixels that point outside the image are covered by `outside_overlap`.
     """
-    columns = np.arange(left.shape[1], dtype=np.int32)
-    target = columns - np.rint(left).astype(np.int32)
-    inside = (target >= 0) & (target < left.shape[1])
-    matched = np.take_along_axis(right, np.clip(target, 0, left.shape[1] - 1), axis=1)
-    return inside & ((matched < 0) | (np.abs(matched - left) > tolerance_px))
+    out = np.zeros(left.shape, np.bool_)
+    _left_right(left, right, np.float32(tolerance_px), out)
+    return out
+
+
+@nb.njit(nogil=True, cache=True)
+def _left_right(left, right, tolerance, out):  # pragma: no cover - compiled
+    h, w = left.shape
+    for y in range(h):
+        for x in range(w):
+            target = x - np.int64(np.rint(left[y, x]))
+            if 0 <= target < w:
+                matched = right[y, target]
+                out[y, x] = matched < 0 or abs(matched - left[y, x]) > tolerance
 
 
 def moments(image: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

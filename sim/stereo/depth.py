@@ -66,8 +66,9 @@ def disparity_from_depth(
 def to_code(depth_m: NDArray[np.floating], depth_unit_m: float) -> NDArray[np.uint16]:
     """Convert depth to its 16-bit code: depth / depth_unit_m, rounded; 0 means no depth."""
     errors.positive("depth_unit_m", depth_unit_m)
-    code = np.rint(np.nan_to_num(np.asarray(depth_m, np.float64), nan=0.0) / depth_unit_m)
-    return np.where((code >= 0) & (code <= 65535), code, 0).astype(np.uint16)
+    code = np.asarray(np.rint(np.asarray(depth_m, np.float64) / depth_unit_m))
+    np.putmask(code, ~((code >= 0) & (code <= 65535)), 0)
+    return code.astype(np.uint16)
 
 
 def from_code(code: NDArray[np.uint16], depth_unit_m: float) -> NDArray[np.float32]:

@@ -46,12 +46,13 @@ def measure(
     from starling.sim.stereo.post import chain  # The import loads numba.
 
     match = _matched(ir_left, ir_right, sensor, memory)
-    codes = np.flatnonzero(np.bincount(match.reason.ravel(), minlength=len(Reason)))
-    matcher_causes = {Reason(code): match.reason == code for code in codes if code}
-    # Causes known from the scene take precedence over the matcher's reasons.
-    reason = first_cause(match.valid, matcher_causes | causes)
-    unexplained = reason == Reason.UNKNOWN
-    reason[unexplained] = match.reason[unexplained]
+    # Causes known from the scene replace the matcher's; of different causes the lowest code wins.
+    reason = first_cause(match.valid, causes)
+    kept = match.reason < reason
+    for code in causes:
+        kept &= match.reason != code
+    kept |= reason == Reason.UNKNOWN
+    np.copyto(reason, match.reason, where=kept)
     disparity = np.where(match.valid, match.disparity_px, np.float32(np.nan))
     raw = DepthMap(
         disparity_px=disparity,

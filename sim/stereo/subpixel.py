@@ -28,8 +28,9 @@ def refine(
     if setting.median_px:
         known = np.isfinite(out)
         # Holes count as 0 in the median and are restored afterwards.
-        out = cv2.medianBlur(np.where(known, out, np.float32(0)), setting.median_px)
-        out = np.where(known & (out > 0), out, disparity_px)
+        filled = out if known.all() else np.where(known, out, np.float32(0))
+        out = np.asarray(cv2.medianBlur(filled, setting.median_px), np.float32)
+        np.copyto(out, disparity_px, where=~known | (out <= 0))
     if setting.smooth_px > 1:
         weight = np.ones_like(out) if weight is None else weight
         out = smooth(

@@ -5,7 +5,9 @@ Cross-based support: Zhang, Lu and Lafruit 2009 (IEEE TCSVT 19(7)); in AD-Census
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import cv2
 import numba as nb
@@ -129,32 +131,35 @@ class SupportCost:
     cap_dn: int  # Largest difference that counts [DN].
     _sums: NDArray[np.uint16] = field(default_factory=lambda: np.empty(0, np.uint16), repr=False)
     _row: int = -1  # Row after the last one computed.
+    _fill_band: Callable[..., None] = field(init=False, repr=False)  # `_fill` of this pair.
+
+    def __post_init__(self) -> None:
+        h, w = self.left.dn.shape
+        self._fill_band = partial(
+            _fill,
+            self.left.bits.reshape(-1),
+            self.left.dn.reshape(-1),
+            self.right.bits.reshape(-1),
+            self.right.dn.reshape(-1),
+            self.arm.reshape(-1),
+            (h, w, self.right.dn.shape[1], self.search_px, self.left.bits.shape[1]),
+            self.reach,
+            self.least_px,
+            difference_limits(self.weight, self.cap_dn),
+            (_ROW_SHARES, _COLUMN_SHARES),
+        )
 
     def fill(self, start: int, out: NDArray[np.uint16]) -> None:
         """Fill `out` (rows, w, search) from image row `start` on; the cost has COST_SCALE a bit."""
-        h, w = self.left.dn.shape
+        w = self.left.dn.shape[1]
         first = start + self.reach
         if start != self._row or not start:
             first = max(0, start - self.reach)
             self._sums = aligned_words((2 * self.reach + 2) * w * self.search_px)
             self._sums[:] = 0
         self._row = start + len(out)
-        sizes = (h, w, self.right.dn.shape[1], self.search_px, self.left.bits.shape[1])
-        _fill(
-            self.left.bits.reshape(-1),
-            self.left.dn.reshape(-1),
-            self.right.bits.reshape(-1),
-            self.right.dn.reshape(-1),
-            self.arm.reshape(-1),
-            sizes,
-            self.reach,
-            self.least_px,
-            difference_limits(self.weight, self.cap_dn),
-            (_ROW_SHARES, _COLUMN_SHARES),
-            self._sums,
-            (first, start, len(out)),
-            out.reshape(-1),
-        )
+        rows = (first, start, len(out))
+        self._fill_band(self._sums, rows, out.reshape(-1))
 
 
 def padding(search_px: int) -> int:

@@ -95,7 +95,7 @@ def _slope(before, value_px, after):  # pragma: no cover - compiled
     back = value_px - before if before > 0 else _f4(np.inf)
     ahead = after - value_px if after > 0 else _f4(np.inf)
     slope = back if abs(back) < abs(ahead) else ahead
-    return slope if np.isfinite(slope) else _f4(0)
+    return slope if abs(slope) < _f4(np.inf) else _f4(0)
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
@@ -113,21 +113,22 @@ def normals(disparity, first, last, camera, out):  # pragma: no cover - compiled
     """
     h, w = disparity.shape
     fx, fy, cx, cy = camera
+    # Without branches, conversions of indices and unknown strides the loop is vectorised.
+    outside, padded = np.zeros(w, np.float32), np.zeros(w + 2, np.float32)
+    across, flat = np.arange(w).astype(np.float32) - cx, out.reshape(h, 3 * w)
     for y in range(first, last):
-        above, below = disparity[max(y - 1, 0)], disparity[min(y + 1, h - 1)]
-        row, down = disparity[y], _f4(y) - cy
+        above = disparity[y - 1] if y > 0 else outside
+        below = disparity[y + 1] if y + 1 < h else outside
+        row, down, normal = disparity[y], _f4(y) - cy, flat[y]
+        padded[1 : w + 1] = row
         for x in range(w):
             value_px = row[x]
-            if value_px <= 0:
-                out[y, x] = _f4(np.nan)
-                continue
-            gx = _slope(
-                row[x - 1] if x > 0 else _f4(0), value_px, row[x + 1] if x + 1 < w else _f4(0)
-            )
-            gy = _slope(above[x] if y > 0 else _f4(0), value_px, below[x] if y + 1 < h else _f4(0))
-            a, b, c = gx * fx, gy * fy, value_px - gx * (_f4(x) - cx) - gy * down
+            gx = _slope(padded[x], value_px, padded[x + 2])
+            gy = _slope(above[x], value_px, below[x])
+            a, b, c = gx * fx, gy * fy, value_px - gx * across[x] - gy * down
             scale = _f4(-1) / np.sqrt(a * a + b * b + c * c)
-            out[y, x, 0], out[y, x, 1], out[y, x, 2] = a * scale, b * scale, c * scale
+            scale = scale if value_px > 0 else _f4(np.nan)
+            normal[3 * x], normal[3 * x + 1], normal[3 * x + 2] = a * scale, b * scale, c * scale
 
 
 @nb.njit(nogil=True, cache=True, inline="always")
