@@ -67,6 +67,14 @@ def plain(value: Any) -> Any:
     return float(value) if isinstance(value, np.floating) else value
 
 
+def shown(value: object) -> str:
+    """Return the text of a value for a message, also of integers that Python does not print."""
+    try:
+        return repr(value)
+    except ValueError:
+        return f"a value of type {type(value).__name__} that cannot be printed"
+
+
 def instance(name: str, value: object, kinds: type[T] | tuple[type[T], ...], remedy: str) -> T:
     """Check the type of a value and return the value.
 
@@ -77,7 +85,19 @@ def instance(name: str, value: object, kinds: type[T] | tuple[type[T], ...], rem
         return value
     types = kinds if isinstance(kinds, tuple) else (kinds,)
     listed = " or ".join(kind.__name__ for kind in types)
-    raise refuse(name, f"must be of type {listed}", repr(value), remedy)
+    raise refuse(name, f"must be of type {listed}", shown(value), remedy)
+
+
+def unicode_text(name: str, value: object) -> None:
+    """Refuse a value that is no text, or text that UTF-8 cannot hold.
+
+    Raises:
+        InputError: if the value has another type or holds a lone surrogate.
+    """
+    try:
+        instance(name, value, str, "Give text.").encode()
+    except UnicodeEncodeError:
+        raise refuse(name, "must be Unicode text", shown(value), "Rename it.") from None
 
 
 def numbers(name: str, values: Any) -> NDArray[Any]:
@@ -113,7 +133,7 @@ def in_interval(
     value = plain(value)
     # The comparison comes first: `math.isfinite` overflows on very large integers.
     if not is_number(value) or not low <= value <= high or not math.isfinite(value):
-        raise refuse(name, f"must be in [{low:g}, {high:g}]", repr(value), remedy)
+        raise refuse(name, f"must be in [{low:g}, {high:g}]", shown(value), remedy)
 
 
 def positive(name: str, value: object, remedy: str = "Give a number above zero.") -> None:
@@ -124,7 +144,41 @@ def positive(name: str, value: object, remedy: str = "Give a number above zero."
     """
     value = plain(value)
     if not is_number(value) or not 0 < value <= sys.float_info.max:
-        raise refuse(name, "must be > 0", repr(value), remedy)
+        raise refuse(name, "must be > 0", shown(value), remedy)
+
+
+def triple(name: str, value: object) -> tuple[Any, Any, Any]:
+    """Check that a value is a tuple of three entries and return it.
+
+    Raises:
+        InputError: if the value has another type or length.
+    """
+    if not isinstance(value, tuple) or len(value) != 3:
+        raise refuse(name, "must be a tuple of three numbers", shown(value), "Give all three.")
+    return value
+
+
+def vector(
+    name: str, value: object, low: float, high: float, remedy: str = "Choose a value inside."
+) -> None:
+    """Refuse a value that is no tuple of three numbers in the closed interval [low, high].
+
+    Raises:
+        InputError: if it has another form, or a number is outside; the message names its axis.
+    """
+    for axis, number in zip("xyz", triple(name, value), strict=True):
+        in_interval(f"{name}.{axis}", number, low, high, remedy)
+
+
+def direction(name: str, value: object, shortest: float, longest: float, remedy: str) -> None:
+    """Refuse a value that is no vector with a length in the closed interval.
+
+    Raises:
+        InputError: as `vector`, or if the length is outside.
+    """
+    vector(name, value, -longest, longest, remedy)
+    length = math.hypot(*triple(name, value))
+    in_interval(f"length of {name}", length, shortest, longest, remedy)
 
 
 def one_of(name: str, value: object, known: Iterable[str]) -> None:
@@ -136,9 +190,10 @@ def one_of(name: str, value: object, known: Iterable[str]) -> None:
     known = sorted(known)
     if isinstance(value, str) and value in known:
         return
-    near = difflib.get_close_matches(str(value), known, n=len(known), cutoff=0.0)
+    spelling = value if isinstance(value, str) else ""
+    near = difflib.get_close_matches(spelling, known, n=len(known), cutoff=0.0)
     listed = ", ".join(near + [name for name in known if name not in near])
-    raise refuse(name, "must be a known name", repr(value), f"Known: {listed}.")
+    raise refuse(name, "must be a known name", shown(value), f"Known: {listed}.")
 
 
 def whole_number(
@@ -153,7 +208,7 @@ def whole_number(
     """
     integer = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not integer or not low <= value <= high:
-        raise refuse(name, f"must be an integer in [{low}, {high}]", repr(value), remedy)
+        raise refuse(name, f"must be an integer in [{low}, {high}]", shown(value), remedy)
     return int(value)
 
 

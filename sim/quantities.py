@@ -7,8 +7,13 @@ ranges are wide: they exclude wrong units and inverted matrices, no real device.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim.geometry import frames
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -45,6 +50,15 @@ QUANTITIES = {
     "frames_of_a_set": PlausibleRange(
         low=1, high=1e8, remedy="Split the plan into plans of other seeds."
     ),
+    "coordinate_m": PlausibleRange(
+        low=-frames.FARTHEST_M, high=frames.FARTHEST_M, remedy="Give metres; subtract an offset."
+    ),
+    # Single precision resolves a ten-thousandth of a texture at 1e3 widths.
+    "uv": PlausibleRange(low=-1e3, high=1e3, remedy="1 is the texture's width."),
+    "unit_length": PlausibleRange(low=0.999, high=1.001, remedy="Give unit vectors."),
+    "texture": PlausibleRange(low=0, high=1, remedy="Give the reflectance."),
+    # Captured rooms have up to 100.
+    "ambient_share": PlausibleRange(low=0, high=1e3, remedy="1 is the scene's ambient light."),
 }
 
 
@@ -60,6 +74,29 @@ def check(name: str, value: float, quantity: str) -> None:
         InputError: if the value is no finite number, or is implausible.
     """
     _check(name, value, QUANTITIES[quantity], scale=1)
+
+
+def check_array(name: str, values: NDArray[Any], quantity: str) -> None:
+    """Refuse an array of real numbers with an entry outside the quantity's range.
+
+    Args:
+        name: as `check`.
+        values: array of any shape, not empty.
+        quantity: as `check`.
+
+    Raises:
+        InputError: if an entry is no finite number, or is implausible; the message names the first.
+    """
+    plausible = QUANTITIES[quantity]
+    # Comparisons with NaN are false.
+    if plausible.low <= float(values.min()) and float(values.max()) <= plausible.high:
+        return
+    with np.errstate(all="ignore"):  # Limits may exceed half precision.
+        outside = ~((values >= plausible.low) & (values <= plausible.high))
+    first = values[outside][0]
+    if not np.isfinite(first):
+        raise errors.refuse(name, "must be finite", first, "Find where it comes from.")
+    check(name, first, quantity)
 
 
 def check_focal(name: str, value_px: float, width: int) -> None:

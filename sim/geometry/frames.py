@@ -22,7 +22,7 @@ _MITSUBA_FROM_OPENCV = np.diag([-1.0, -1.0, 1.0, 1.0])
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 _ROS_FROM_OPENCV = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 _ROUNDING = 1e-6  # Default tolerance of a rotation's orthonormality.
-_SIMULATOR_ROUNDING = 1e-4  # Simulators compute poses in single precision.
+SIMULATOR_ROUNDING = 1e-4  # Simulators compute poses in single precision.
 FARTHEST_M = 1e7  # Limit of the shift; world coordinates of maps are smaller [m].
 
 
@@ -44,6 +44,7 @@ def refuse_not_rigid(
     Raises:
         InputError: if it is scaled, mirrored, singular, not finite, or shifted beyond 1e7 m.
     """
+    pose = pose.astype(np.float64)
     rotation = pose[:3, :3]
     # No entry of a rotation exceeds 1. The squares of larger entries may overflow.
     bounded = bool(np.abs(rotation).max() <= 1 + rounding)
@@ -149,7 +150,7 @@ def _checked(pose: Any, axes: str) -> Pose:
     if matrix.shape != (4, 4):
         advice = "Give one camera-to-world matrix."
         raise errors.refuse("pose", "must be (4, 4)", matrix.shape, advice)
-    refuse_not_rigid("pose", matrix, rounding=_SIMULATOR_ROUNDING, axes=axes)
+    refuse_not_rigid("pose", matrix, rounding=SIMULATOR_ROUNDING, axes=axes)
     return matrix
 
 

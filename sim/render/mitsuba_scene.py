@@ -23,9 +23,13 @@ class MitsubaScene:
         """Build the shapes.
 
         Raises:
-            InputError: if the scene is not in metres, or the camera is inside a body.
+            InputError: if the scene is not in metres, or the camera is inside a body. Also if an
+                entry of `scene.shapes` is no Mitsuba shape.
         """
         self.scene = scene
+        kind = backend.mitsuba().Shape
+        for shape in scene.shapes:
+            errors.instance("entry of scene.shapes", shape, kind, "Load it with mitsuba.")
         bodies = (_shape(body, bsdf.from_body(body, scene.finish)) for body in scene.bodies)
         shapes = [*bodies, *scene.shapes]
         self.shapes = shapes

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim import arrays, quantities
+from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.sensor.projector import Projector
 
@@ -31,11 +33,12 @@ class Material:
     rgb: tuple[float, float, float] | None = None  # Visible reflectance, linear; None is grey.
 
     def __post_init__(self) -> None:
+        errors.unicode_text("name of a material", self.name)
         errors.one_of(f"kind of {self.name}", self.kind, get_args(Kind))
         errors.in_interval(f"reflectance of {self.name}", self.reflectance, 0.0, 1.0)
         errors.in_interval(f"roughness of {self.name}", self.roughness, 0.01, 1.0)
         errors.in_interval(f"ior of {self.name}", self.ior, 1.0, 3.0)
-        for value in () if self.rgb is None else errors.instance("rgb", self.rgb, tuple, _TUPLE):
+        for value in () if self.rgb is None else errors.triple(f"rgb of {self.name}", self.rgb):
             errors.in_interval(f"rgb of {self.name}", value, 0.0, 1.0)
 
 
@@ -49,21 +52,25 @@ class Mesh:
     uv: NDArray[np.float32] | None = None  # (n, 2) into the body's texture
 
     def __post_init__(self) -> None:
-        for name, array in (("vertices", self.vertices), ("faces", self.faces)):
-            errors.instance(f"mesh {name}", array, np.ndarray, "Give a numpy array.")
-            if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
+        arrays.refuse_other("mesh vertices", self.vertices, ("n", 3))
+        quantities.check_array("mesh vertices", self.vertices, "coordinate_m")
+        corners = len(self.vertices)
+        arrays.refuse_other("mesh faces", self.faces, ("m", 3), kinds="iu")
+        for number in (int(self.faces.min()), int(self.faces.max())):
+            if not 0 <= number < corners:
                 raise errors.refuse(
-                    f"mesh {name}", "must be (n, 3) with n > 0", array.shape, "Is the mesh empty?"
+                    "mesh faces", "must index its vertices", number, "Export the file again."
                 )
-        if not np.isfinite(self.vertices).all():
-            raise errors.refuse("mesh vertices", "must be finite", "NaN", "Check the file.")
-        if int(self.faces.max()) >= len(self.vertices):
-            raise errors.refuse(
-                "mesh faces",
-                "must index its vertices",
-                int(self.faces.max()),
-                "Export the file again.",
-            )
+        if self.normals is not None:
+            arrays.refuse_other("mesh normals", self.normals, (corners, 3), kinds="f")
+            with np.errstate(all="ignore"):  # Huge numbers are refused below.
+                lengths = np.sqrt(np.einsum("ij,ij->i", self.normals, self.normals))
+            # Vertices without a triangle have no normal.
+            lengths = lengths[self.faces]
+            quantities.check_array("length of mesh normals", lengths, "unit_length")
+        if self.uv is not None:
+            arrays.refuse_other("mesh uv", self.uv, (corners, 2))
+            quantities.check_array("mesh uv", self.uv, "uv")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -78,9 +85,18 @@ class Body:
     ambient_share: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
-        errors.instance("name of a body", self.name, str, "Give text.")
+        errors.unicode_text("name of a body", self.name)
         errors.instance(f"mesh of {self.name}", self.mesh, Mesh, "Give a starling.sim Mesh.")
         errors.instance(f"material of {self.name}", self.material, Material, "Give a Material.")
+        for field_name in ("texture", "ambient_share"):
+            image = getattr(self, field_name)
+            if image is None:
+                continue
+            name = f"{field_name} of {self.name}"
+            arrays.refuse_other(name, image, ("h", "w"))
+            quantities.check_array(name, image, field_name)
+            if self.mesh.uv is None:
+                raise errors.refuse(name, "needs uv of the mesh", None, "Give Mesh(uv=...).")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -98,8 +114,8 @@ class Ambient:
     def __post_init__(self) -> None:
         errors.in_interval("ambient.irradiance_w_m2", self.irradiance_w_m2, 0.0, BRIGHTEST_W_M2)
         errors.in_interval("ambient.gradient", self.gradient, 0.0, 1.0)
-        length = float(np.linalg.norm(self.up))
-        errors.in_interval("length of ambient.up", length, 0.999, 1.001, "Give a unit vector.")
+        unit = quantities.QUANTITIES["unit_length"]
+        errors.direction("ambient.up", self.up, unit.low, unit.high, unit.remedy)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -111,8 +127,7 @@ class Sun:
 
     def __post_init__(self) -> None:
         errors.in_interval("sun.irradiance_w_m2", self.irradiance_w_m2, 0.0, BRIGHTEST_W_M2)
-        length = float(np.linalg.norm(self.towards))
-        errors.in_interval("length of sun.towards", length, 1e-3, 1e3, "Give a direction.")
+        errors.direction("sun.towards", self.towards, 1e-3, 1e3, "Give a direction.")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -137,6 +152,7 @@ class Finish:
             errors.in_interval(f"finish.{name}", getattr(self, name), 0.0, 1.0)
         errors.in_interval("finish.roughness", self.roughness, 0.01, 1.0)
         errors.in_interval("finish.subsurface_m", self.subsurface_m, 0.0, 0.05, "Give metres.")
+        errors.unicode_text("finish.of", self.of)
         if not self.of:
             raise errors.refuse(
                 "finish.of", "must name bodies", "''", "Give a name, or * for all of them."
@@ -158,10 +174,8 @@ class Motion:
     turn_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector per second.
 
     def __post_init__(self) -> None:
-        for value in self.velocity_m_s:
-            errors.in_interval("motion.velocity_m_s", value, -50.0, 50.0)
-        for value in self.turn_deg_s:
-            errors.in_interval("motion.turn_deg_s", value, -1000.0, 1000.0)
+        errors.vector("motion.velocity_m_s", self.velocity_m_s, -50.0, 50.0)
+        errors.vector("motion.turn_deg_s", self.turn_deg_s, -1000.0, 1000.0)
 
     @property
     def still(self) -> bool:
@@ -182,21 +196,17 @@ class ModelError:
 
     def __post_init__(self) -> None:
         errors.in_interval("model_error.scale", self.scale, 0.5, 2.0)
-        for value in self.shift_m:
-            errors.in_interval("model_error.shift_m", value, -1.0, 1.0, "Give metres.")
-        for value in self.turn_deg:
-            errors.in_interval("model_error.turn_deg", value, -45.0, 45.0)
+        errors.vector("model_error.shift_m", self.shift_m, -1.0, 1.0, "Give metres.")
+        errors.vector("model_error.turn_deg", self.turn_deg, -45.0, 45.0)
 
 
 _PARTS: dict[str, type] = {  # Type of each part of a scene.
-    "name": str,
     "ambient": Ambient,
     "sun": Sun,
     "other_projector": Projector,
     "finish": Finish,
     "motion": Motion,
     "model_error": ModelError,
-    "world_from_left": np.ndarray,
 }
 
 
@@ -226,6 +236,7 @@ class Scene:
     shadow_tolerance: float = 1e-3
 
     def __post_init__(self) -> None:
+        errors.unicode_text("scene.name", self.name)
         errors.instance("scene.bodies", self.bodies, tuple, _TUPLE)
         errors.instance("scene.shapes", self.shapes, tuple, _TUPLE)
         for body in self.bodies:
@@ -236,6 +247,11 @@ class Scene:
             raise errors.refuse("scene", "must hold at least one body", self.name, "Add a body.")
         errors.in_interval("scene.interreflection", self.interreflection, 0.0, 1.0)
         errors.in_interval("scene.shadow_tolerance", self.shadow_tolerance, 1e-5, 0.1)
+        errors.vector("scene.origin_m", self.origin_m, -frames.FARTHEST_M, frames.FARTHEST_M)
+        arrays.refuse_other("scene.world_from_left", self.world_from_left, (4, 4))
+        frames.refuse_not_rigid(
+            "scene.world_from_left", self.world_from_left, rounding=frames.SIMULATOR_ROUNDING
+        )
 
     @property
     def file_from_left(self) -> Pose:

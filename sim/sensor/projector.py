@@ -20,10 +20,9 @@ class Emitter:
 
     def __post_init__(self) -> None:
         name = "projector.emitters"
-        for axis, value in zip("xyz", self.offset_m, strict=True):
-            errors.in_interval(f"{name}.offset_m.{axis}", value, -0.5, 0.5, "Give metres.")
-        for axis, value in zip("xyz", self.rotation_deg, strict=True):
-            errors.in_interval(f"{name}.rotation_deg.{axis}", value, -360.0, 360.0)
+        errors.vector(f"{name}.offset_m", self.offset_m, -0.5, 0.5, "Give metres.")
+        errors.vector(f"{name}.rotation_deg", self.rotation_deg, -360.0, 360.0)
+        errors.unicode_text(f"{name}.pattern", self.pattern)
         errors.positive(f"{name}.power_share", self.power_share, "Leave a dark emitter out.")
 
 
@@ -75,26 +74,27 @@ class Projector:
         errors.in_interval(
             "projector.wavelength_nm", self.wavelength_nm, 300.0, 1100.0, "Give nanometres."
         )
-        for axis, value in zip("xyz", self.position_m, strict=True):
-            errors.in_interval(f"projector.position_m.{axis}", value, -4.0, 4.0, "Give metres.")
-        for axis, value in zip("xyz", self.rotation_deg, strict=True):
-            errors.in_interval(f"projector.rotation_deg.{axis}", value, -360.0, 360.0)
+        errors.vector("projector.position_m", self.position_m, -4.0, 4.0, "Give metres.")
+        errors.vector("projector.rotation_deg", self.rotation_deg, -360.0, 360.0)
         errors.in_interval("projector.fov_x_deg", self.fov_x_deg, 1.0, 150.0)
         errors.in_interval("projector.fov_y_deg", self.fov_y_deg, 1.0, 150.0)
         errors.in_interval(
             "number of projector.emitters",
-            len(self.emitters),
+            len(errors.instance("projector.emitters", self.emitters, tuple, "Give a tuple.")),
             0,
             _MOST_EMITTERS,
             "The dots of one pattern need one.",
         )
+        for emitter in self.emitters:
+            errors.instance("entry of projector.emitters", emitter, Emitter, "Give Emitters.")
         errors.in_interval(
             "projector.pattern_scale", self.pattern_scale, 0.9, 1.1, "1 is as given."
         )
         errors.in_interval("projector.dot_density", self.dot_density, 0.02, 20.0, "1 is its own.")
         errors.in_interval("projector.dropped_dots", self.dropped_dots, 0.0, 0.99)
         errors.in_interval("projector.shifted_dots_mrad", self.shifted_dots_mrad, 0.0, 100.0)
-        errors.in_interval("projector.faults_seed", self.faults_seed, 0, 2**31 - 1)
+        errors.whole_number("projector.pattern_seed", self.pattern_seed, 0, 2**63 - 1)
+        errors.whole_number("projector.faults_seed", self.faults_seed, 0, 2**31 - 1)
         errors.in_interval("projector.dot_blur_mrad", self.dot_blur_mrad, 0.0, 50.0)
         errors.in_interval("projector.defocus_mrad_m", self.defocus_mrad_m, 0.0, 5.0)
         errors.in_interval("projector.focus_m", self.focus_m, 0.1, 1e4, "Give the distance [m].")
@@ -104,6 +104,7 @@ class Projector:
             "projector.speckle_contrast", self.speckle_contrast, 0.0, 1.0, "1 is one laser mode."
         )
         errors.in_interval("projector.flicker", self.flicker, 0.0, 0.5)
+        errors.unicode_text("projector.pattern", self.pattern)
         if not self.pattern:
             raise errors.refuse(
                 "projector.pattern", "must name a pattern", "''", "Give a name or an image file."
