@@ -13,7 +13,7 @@ Mask = NDArray[np.bool_]  # (h, w), True where a statement holds.
 Labels = NDArray[np.uint32]  # (h, w) codes or object numbers.
 
 
-def refuse_other(
+def check_form(
     name: str, array: object, shape: tuple[int | str, ...], *, kinds: str = "fiu"
 ) -> None:
     """Refuse a value that is no array of real numbers with the given shape.

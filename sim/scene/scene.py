@@ -52,24 +52,24 @@ class Mesh:
     uv: NDArray[np.float32] | None = None  # (n, 2) into the body's texture
 
     def __post_init__(self) -> None:
-        arrays.refuse_other("mesh vertices", self.vertices, ("n", 3))
+        arrays.check_form("mesh vertices", self.vertices, ("n", 3))
         quantities.check_array("mesh vertices", self.vertices, "coordinate_m")
         corners = len(self.vertices)
-        arrays.refuse_other("mesh faces", self.faces, ("m", 3), kinds="iu")
+        arrays.check_form("mesh faces", self.faces, ("m", 3), kinds="iu")
         for number in (int(self.faces.min()), int(self.faces.max())):
             if not 0 <= number < corners:
                 raise errors.refuse(
                     "mesh faces", "must index its vertices", number, "Export the file again."
                 )
         if self.normals is not None:
-            arrays.refuse_other("mesh normals", self.normals, (corners, 3), kinds="f")
+            arrays.check_form("mesh normals", self.normals, (corners, 3), kinds="f")
             with np.errstate(all="ignore"):  # Huge numbers are refused below.
                 lengths = np.sqrt(np.einsum("ij,ij->i", self.normals, self.normals))
             # Vertices without a triangle have no normal.
             lengths = lengths[self.faces]
             quantities.check_array("length of mesh normals", lengths, "unit_length")
         if self.uv is not None:
-            arrays.refuse_other("mesh uv", self.uv, (corners, 2))
+            arrays.check_form("mesh uv", self.uv, (corners, 2))
             quantities.check_array("mesh uv", self.uv, "uv")
 
 
@@ -80,7 +80,8 @@ class Body:
     name: str
     mesh: Mesh
     material: Material
-    texture: NDArray[np.float32] | None = None  # (h, w) reflectance that replaces the material's
+    # (h, w) reflectance that replaces the material's. Both images need uv of the mesh.
+    texture: NDArray[np.float32] | None = None
     # (h, w) local ambient light over the scene's, due to shadows and near lamps; None: 1.
     ambient_share: NDArray[np.float32] | None = None
 
@@ -93,7 +94,7 @@ class Body:
             if image is None:
                 continue
             name = f"{field_name} of {self.name}"
-            arrays.refuse_other(name, image, ("h", "w"))
+            arrays.check_form(name, image, ("h", "w"))
             quantities.check_array(name, image, field_name)
             if self.mesh.uv is None:
                 raise errors.refuse(name, "needs uv of the mesh", None, "Give Mesh(uv=...).")
@@ -248,7 +249,7 @@ class Scene:
         errors.in_interval("scene.interreflection", self.interreflection, 0.0, 1.0)
         errors.in_interval("scene.shadow_tolerance", self.shadow_tolerance, 1e-5, 0.1)
         errors.vector("scene.origin_m", self.origin_m, -frames.FARTHEST_M, frames.FARTHEST_M)
-        arrays.refuse_other("scene.world_from_left", self.world_from_left, (4, 4))
+        arrays.check_form("scene.world_from_left", self.world_from_left, (4, 4))
         frames.refuse_not_rigid(
             "scene.world_from_left", self.world_from_left, rounding=frames.SIMULATOR_ROUNDING
         )

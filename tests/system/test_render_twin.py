@@ -15,6 +15,7 @@ import pytest
 from starling.sim.render import direct, mitsuba_scene
 from starling.sim.render.layers import Layers
 from starling.sim.scene.builtin import scenes
+from starling.sim.scene.scene import Body
 from starling.sim.sensor import presets
 from starling.sim.sensor.projector import Emitter
 from starling.sim.sensor.sensor import Sensor
@@ -48,12 +49,18 @@ def camera(name: str) -> Sensor:
     return dataclasses.replace(sensor, projector=dataclasses.replace(light, emitters=emitters))
 
 
+def unevenly_lit(body: Body, share: np.ndarray) -> Body:
+    """The body with an ambient share that varies along the world's x axis."""
+    mesh = dataclasses.replace(body.mesh, uv=body.mesh.vertices[:, :2])
+    return dataclasses.replace(body, mesh=mesh, ambient_share=share)
+
+
 def rendered(name: str) -> Layers:
     """Layers of a cluttered table; with two emitters the ambient light is uneven."""
     scene = scenes.clutter()
     if name == "two emitters":
         share = np.repeat(np.array([[0.5, 2.5]], np.float32), 2, axis=0)
-        bodies = [dataclasses.replace(body, ambient_share=share) for body in scene.bodies[::2]]
+        bodies = [unevenly_lit(body, share) for body in scene.bodies[::2]]
         scene = dataclasses.replace(scene, bodies=(*bodies, *scene.bodies[1::2]))
     return direct.layers(mitsuba_scene.MitsubaScene(scene), camera(name), subpixels=2)
 

@@ -138,10 +138,9 @@ def test_unreachable_coat_reflectances_are_clipped():
 @pytest.mark.parametrize("scale", [0.0, 0.5, 1.5, 3.0])
 def test_reflectance_scale_is_linear_up_to_one(even, scale):
     paint = np.full((4, 4), WHITE.reflectance, np.float32)
-    body = dataclasses.replace(plate("wall", 1.0), texture=paint)
-    flat = dataclasses.replace(
-        body, mesh=dataclasses.replace(body.mesh, uv=np.zeros((4, 2), np.float32))
-    )
+    body = plate("wall", 1.0)
+    mesh = dataclasses.replace(body.mesh, uv=np.zeros((4, 2), np.float32))
+    flat = dataclasses.replace(body, mesh=mesh, texture=paint)
     for wall in (plate("wall", 1.0), flat):
         seen = rendered(wall, sensor=even, finish=Finish(reflectance_scale=scale)).left
         expected = min(WHITE.reflectance * scale, 1)

@@ -27,9 +27,10 @@ def _sensor(**changes) -> Sensor:
 
 def _wall(material: Material, *, texture: np.ndarray | None = None) -> Scene:
     sheet = solids.body("wall", solids.plane(6, 6), material, frames.pose((0, 0, 1.0)))
+    mesh = dataclasses.replace(sheet.mesh, uv=np.zeros((4, 2), np.float32))
     return Scene(
         name="wall",
-        bodies=(dataclasses.replace(sheet, texture=texture),),
+        bodies=(dataclasses.replace(sheet, mesh=mesh, texture=texture),),
         ambient=Ambient(irradiance_w_m2=0.2, gradient=0.0),
     )
 
