@@ -1,5 +1,8 @@
 """The checks that raise InputError."""
 
+import sys
+from functools import partial
+
 import pytest
 
 from starling.patterns import InputError, errors
@@ -41,3 +44,39 @@ def test_errors_name_what_they_concern():
     message = r"^scene a: size must be > 0; got 0\."
     with pytest.raises(InputError, match=message), errors.naming("scene a"):
         errors.positive("size", 0)
+
+
+def test_integers_that_python_does_not_print_are_refused():
+    huge = 10 ** (sys.get_int_max_str_digits() + 1)
+    rule = r"got a value of type int that cannot be printed\."
+    for check in (
+        lambda: errors.in_interval("size", huge, 0.0, 5.0),
+        lambda: errors.positive("size", huge),
+        lambda: errors.whole_number("size", huge, 0, 5),
+        lambda: errors.instance("size", huge, str, "Give text."),
+        lambda: errors.one_of("size", huge, ("a", "b")),
+    ):
+        with pytest.raises(InputError, match=rule):
+            check()
+
+
+@pytest.mark.parametrize("bad", [None, b"a", "\ud800"])
+def test_unicode_text_refuses(bad):
+    with pytest.raises(InputError, match=r"^name must be (of type str|Unicode text); got"):
+        errors.unicode_text("name", bad)
+    errors.unicode_text("name", "Stube ä 室")
+
+
+@pytest.mark.parametrize("bad", [None, [0, 1, 0], (0, 1), "xyz", (0, 1, 0, 0)])
+def test_vectors_are_tuples_of_three(bad):
+    for check in (errors.vector, partial(errors.direction, remedy="Turn it.")):
+        with pytest.raises(InputError, match=r"^up must be a tuple of three numbers; got"):
+            check("up", bad, 0.5, 2.0)
+
+
+def test_vectors_name_the_axis_outside():
+    with pytest.raises(InputError, match=r"^place\.y must be in \[0, 1\]; got 2"):
+        errors.vector("place", (0, 2, 0), 0.0, 1.0)
+    with pytest.raises(InputError, match=r"^length of up must be in \[0\.5, 2\]; got 0\.0"):
+        errors.direction("up", (0, 0, 0), 0.5, 2.0, "Turn it.")
+    errors.direction("up", (1, 1, 1), 0.5, 2.0, "Turn it.")
