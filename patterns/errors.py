@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 T = TypeVar("T")
 
 _LONGEST = 500  # Values longer than this are cut in messages [characters].
+_LONGEST_VECTOR = 1e6  # Largest component of a direction, whose length has a limit of its own.
 
 
 class InputError(ValueError):
@@ -176,7 +177,7 @@ def direction(name: str, value: object, shortest: float, longest: float, remedy:
     Raises:
         InputError: as `vector`, or if the length is outside.
     """
-    vector(name, value, -longest, longest, remedy)
+    vector(name, value, -_LONGEST_VECTOR, _LONGEST_VECTOR, remedy)
     length = math.hypot(*triple(name, value))
     in_interval(f"length of {name}", length, shortest, longest, remedy)
 
