@@ -113,7 +113,7 @@ class CapturedScene:
         """
         return _record(self.path / str(number))
 
-    def check_form_sensor(self, sensor: Sensor) -> None:
+    def refuse_other_sensor(self, sensor: Sensor) -> None:
         """Refuse a sensor that cannot have captured this scene: of another kind or image size.
 
         Raises:

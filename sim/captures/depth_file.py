@@ -100,7 +100,7 @@ def _step(unit: str) -> float:
 
 def _npy(path: Path) -> NDArray[Any]:
     try:
-        regular_file.check_forms(path)
+        regular_file.refuse_others(path)
         mapped = np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError, OverflowError, TypeError) as error:
         rule = "must be a whole NumPy array"
@@ -116,7 +116,7 @@ def _exr(path: Path) -> NDArray[Any]:
     import OpenEXR
 
     try:
-        regular_file.check_forms(path)
+        regular_file.refuse_others(path)
         with OpenEXR.File(str(path), header_only=True) as file:
             windows = [_windows(part.header) for part in file.parts]
             stated = [{each.name for each in part.header["channels"]} for part in file.parts]

@@ -92,7 +92,7 @@ def match_captures(
 
 
 def _match(scene: CapturedScene, sensor: Sensor) -> depth.DepthMap:
-    scene.check_form_sensor(sensor)
+    scene.refuse_other_sensor(sensor)
     frame = scene.frame(scene.frames[0])
     if frame.ir_left is None or (frame.ir_right is None and sensor.kind == "stereo"):
         raise errors.refuse(

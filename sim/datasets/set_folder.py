@@ -265,7 +265,7 @@ def opened(path: Path, plan: str, layout: Layout) -> Iterator[SetFolder]:
     plan_file = path / PLAN
     begun = plan_file.is_file() and ((path / _PARTS).is_dir() or (path / output.RECORD).is_file())
     if begun:  # Before anything is written.
-        _check_form(files.read_text(plan_file), plan, path)
+        _refuse_other(files.read_text(plan_file), plan, path)
     if path.exists() and not begun and (not path.is_dir() or _others(path)):
         advice = "Choose another folder, or empty this one yourself."
         raise errors.refuse("out", "must be a new folder or an unfinished set", path, advice)
@@ -302,7 +302,7 @@ def _others(path: Path) -> list[Path]:
     ]
 
 
-def _check_form(before: str, now: str, path: Path) -> None:
+def _refuse_other(before: str, now: str, path: Path) -> None:
     if before == now:
         return
     lines = difflib.unified_diff(before.splitlines(), now.splitlines(), n=0, lineterm="")

@@ -146,7 +146,7 @@ def _files(table: Mapping[str, Any], folder: Path, name: str) -> SceneFiles:
         raise errors.refuse(f"{name}.paths", "must list files", repr(words), "As ['a.glb'].")
     paths = tuple(folder / word for word in words)
     for path in paths:
-        _check_form(path, _FILES, f"{name}.paths")
+        _refuse_other(path, _FILES, f"{name}.paths")
     return SceneFiles(weight=weight(table, name), paths=paths, rooms=distinct_names(paths))
 
 
@@ -186,7 +186,7 @@ def _dropped(table: Mapping[str, Any], folder: Path, name: str) -> Dropped:
     )
 
 
-def _check_form(path: Path, suffixes: tuple[str, ...], name: str) -> None:
+def _refuse_other(path: Path, suffixes: tuple[str, ...], name: str) -> None:
     if path.suffix.lower() not in suffixes:
         raise errors.refuse(name, f"must be of {', '.join(suffixes)}", path, "Convert it.")
     if not path.is_file():

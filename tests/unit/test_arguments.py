@@ -38,7 +38,7 @@ def _refuses(name: str, call: Callable[[], object]) -> None:
 
 
 @pytest.mark.parametrize("sensor", ["d435", None, 1])
-def test_functions_of_a_sensor_check_form_values(
+def test_functions_of_a_sensor_refuse_other_values(
     sensor: Any, captures: Path, tmp_path: Path
 ) -> None:
     for call in (

@@ -93,7 +93,7 @@ def apply(sensor: Sensor, controls: Controls) -> tuple[Sensor, Report]:
         InputError: if the sensor is not a stereo pair, has another engine than CensusSemiGlobal, or
             does not admit a value.
     """
-    _check_form_devices(sensor)
+    _refuse_other_devices(sensor)
     default = named_preset()
     mapping = _Mapping(sensor, {**default, **controls})
     for rule in (_thresholds, _costs, _depth_table, _exposure, _laser):
@@ -307,7 +307,7 @@ def _laser(mapping: _Mapping) -> None:
     )
 
 
-def _check_form_devices(sensor: Sensor) -> None:
+def _refuse_other_devices(sensor: Sensor) -> None:
     if sensor.kind != "stereo":
         raise errors.refuse(
             "sensor",

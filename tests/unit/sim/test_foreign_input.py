@@ -167,7 +167,7 @@ def test_a_sensor_of_another_camera_than_the_captures_is_refused(small_set: Path
     with pytest.raises(
         InputError, match=r"must be of structured light; got stereo\. Scene a is of"
     ):
-        dataclasses.replace(scene, info=kinect).check_form_sensor(presets.load("d435"))
+        dataclasses.replace(scene, info=kinect).refuse_other_sensor(presets.load("d435"))
 
 
 def test_match_writes_the_geometry_of_its_depth(tmp_path: Path, small_set: Path) -> None:
