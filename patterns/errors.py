@@ -123,6 +123,18 @@ def numbers(name: str, values: Any) -> NDArray[Any]:
     return array
 
 
+def texts(name: str, values: object, remedy: str) -> list[str]:
+    """Return a list of texts; one text is no list.
+
+    Raises:
+        InputError: if the value or an entry has another type.
+    """
+    if isinstance(values, (str, bytes)):
+        values = instance(name, values, list, remedy)
+    entries = instance(name, values, Iterable, remedy)
+    return [instance(f"entry of {name}", entry, str, remedy) for entry in entries]
+
+
 def in_interval(
     name: str, value: object, low: float, high: float, remedy: str = "Choose a value inside."
 ) -> None:

@@ -141,11 +141,12 @@ def load_sensor(
     from os import PathLike
 
     from starling import arguments
+    from starling.patterns import errors
     from starling.sim.sensor import presets
     from starling.sim.sensor.edits import apply, with_camera
 
     name = arguments.text("name", name, "Give a preset or a sensor file.")
-    changes = arguments.texts("edits", edits, "Give a list: ['projector.power_w=0.2'].")
+    changes = errors.texts("edits", edits, "Give a list: ['projector.power_w=0.2'].")
     if isinstance(camera_matrix, (str, PathLike)):
         sensor = presets.load_file(name, mode=mode, camera_matrix=camera_matrix).sensor
         return apply(sensor, changes)
@@ -591,13 +592,14 @@ def calibrate(
     """
     from starling import arguments
     from starling.calibration.fit_sensor import fit
+    from starling.patterns import errors
     from starling.sim.sensor import presets
 
-    rooms = None if heldout is None else arguments.texts("heldout", heldout, "Give a list.")
+    rooms = None if heldout is None else errors.texts("heldout", heldout, "Give a list.")
     return fit(
         arguments.captures("captures", captures).scenes,
         presets.loaded(sensor),
-        free=arguments.texts("free", free, "Give a list: ['baseline']."),
+        free=errors.texts("free", free, "Give a list: ['baseline']."),
         folder=arguments.path("folder", folder),
         heldout=rooms,
         most_scenes=most_scenes,
@@ -640,9 +642,10 @@ def diagnose(
     """
     from starling import arguments
     from starling.diagnosis.diagnosis import diagnose
+    from starling.patterns import errors
     from starling.sim.sensor import presets
 
-    names = None if families is None else arguments.texts("families", families, "Give a list.")
+    names = None if families is None else errors.texts("families", families, "Give a list.")
     return diagnose(
         arguments.captures("captures", captures),
         presets.loaded(sensor),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,18 +31,6 @@ def path(name: str, value: object) -> Path:
         InputError: if the value is neither.
     """
     return Path(text(name, value, "Give a path."))
-
-
-def texts(name: str, values: object, remedy: str) -> list[str]:
-    """Return a list of texts; one text is no list.
-
-    Raises:
-        InputError: if the value or an entry has another type.
-    """
-    if isinstance(values, (str, bytes)):
-        values = instance(name, values, list, remedy)
-    entries = instance(name, values, Iterable, remedy)
-    return [instance(f"entry of {name}", entry, str, remedy) for entry in entries]
 
 
 def scene(value: object, camera: Sensor) -> Scene:

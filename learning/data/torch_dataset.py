@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
-from starling.patterns.errors import in_interval, one_of, refuse
+from starling.patterns.errors import instance, one_of, refuse, texts, whole_number
 from starling.sim import files
 from starling.sim.captures import frame_record, png
 from starling.sim.captures import info as capture_info
@@ -51,16 +51,19 @@ class Frames(Dataset[Sample]):
                 not independent.
 
         Raises:
-            InputError: if the set has no index, or an image or a room is unknown.
+            InputError: if the set has no index, or an image or a room is unknown. Also if an
+                argument has another type.
         """
-        for name in images:
+        self._images = tuple(texts("images", images, "Give a list of names."))
+        for name in self._images:
             one_of("image", name, IMAGES)
-        self.path, self._images = Path(path), tuple(images)
+        included = texts("rooms", rooms, "Give a list of names.")
+        self.path = Path(instance("path", path, (str, Path), "Give the set's folder."))
         rows = index.read(self.path)
         known = {row["room"] for row in rows}
-        for room in rooms:
+        for room in included:
             one_of("room", room, known)
-        self._rows = [row for row in rows if not rooms or row["room"] in rooms]
+        self._rows = [row for row in rows if not included or row["room"] in included]
         self._info = capture_info.read(self.path / capture_info.FILE)
 
     def __len__(self) -> int:
@@ -76,7 +79,7 @@ class Frames(Dataset[Sample]):
         row = self._rows[number]
         sample: Sample = {name: row[name] for name in ("frame", "scene", "room", "sensor")}
         record = _needed(self.path, row, frame_record.FILE)
-        sample["record"] = frame_record.parse(record, self.path / row["name"])
+        sample["record"] = frame_record.parse(record, self.path / row["name"] / frame_record.FILE)
         own = _file(self.path, row, capture_info.OWN)
         info = self._info
         if own is not None:
@@ -117,12 +120,12 @@ class FrameStream(IterableDataset[Sample]):
             seed: seed of the order.
 
         Raises:
-            InputError: if the rank is out of range.
+            InputError: if the rank is out of range, or an argument has another type.
         """
-        in_interval("ranks", ranks, 1, 10**6)
-        in_interval("rank", rank, 0, ranks - 1)
-        self._frames, self._rank, self._ranks = frames, rank, ranks
-        self._seed = seed
+        self._frames = instance("frames", frames, Frames, "Open them: Frames(PATH).")
+        self._ranks = whole_number("ranks", ranks, 1, 10**6)
+        self._rank = whole_number("rank", rank, 0, self._ranks - 1)
+        self._seed = whole_number("seed", seed, 0, 2**63 - 1)
 
     def __iter__(self) -> Iterator[Sample]:
         """Iterate over this worker's frames."""

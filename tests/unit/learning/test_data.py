@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -139,7 +140,7 @@ def test_missing_content_is_refused(data_set: Path, tmp_path: Path):
         Frames(data_set, ("ir_lfet",))
     with pytest.raises(InputError, match=r"frame 0000000/0 must have rgb.png; got none"):
         Frames(data_set, ("rgb",))[0]
-    with pytest.raises(InputError, match="rank must be in"):
+    with pytest.raises(InputError, match="rank must be an integer in"):
         FrameStream(Frames(data_set), rank=2, ranks=2)
     with pytest.raises(InputError, match=r"set must have an index\.parquet"):
         Frames(tmp_path / "none")
@@ -155,3 +156,49 @@ def test_missing_content_is_refused(data_set: Path, tmp_path: Path):
             InputError, match=r"ir_left must be a PNG file; got .*0000000/0/ir_left\.png"
         ):
             Frames(data_set, ("ir_left",))[0]
+
+
+def test_iterators_of_names_are_lists(data_set: Path):
+    frames = Frames(data_set, iter(("ir_left", "depth_m")), rooms=iter(["room-1"]))  # type: ignore[arg-type]
+    assert len(frames) == 4 and {"ir_left", "depth_m"} <= frames[0].keys()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"images": "ir_left"}, "images must be of type list; got 'ir_left'. Give a list"),
+        ({"images": None}, "images must be of type Iterable; got None"),
+        ({"images": (5,)}, "entry of images must be of type str; got 5"),
+        ({"rooms": "room-1"}, "rooms must be of type list; got 'room-1'"),
+        ({"rooms": None}, "rooms must be of type Iterable"),
+        ({"path": None}, "path must be of type str or Path; got None. Give the set's folder"),
+        ({"path": 5}, "path must be of type str or Path"),
+    ],
+)
+def test_frames_refuse_other_types(data_set: Path, change: dict[str, Any], message: str):
+    with pytest.raises(InputError, match=f"^{message}"):
+        Frames(**{"path": data_set, **change})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"frames": "set"}, "frames must be of type Frames; got 'set'. Open them"),
+        ({"ranks": 1.5}, "ranks must be an integer in"),
+        ({"ranks": 2, "rank": 0.5}, "rank must be an integer in"),
+        ({"seed": -1}, "seed must be an integer in"),
+        ({"seed": None}, "seed must be an integer in"),
+    ],
+)
+def test_streams_refuse_other_types(data_set: Path, change: dict[str, Any], message: str):
+    with pytest.raises(InputError, match=f"^{message}"):
+        FrameStream(**{"frames": Frames(data_set), **change})
+
+
+def test_a_damaged_record_is_named(data_set: Path):
+    for path in data_set.glob("0000000/0/frame.json"):
+        path.write_bytes(b"{")
+        with pytest.raises(
+            InputError, match=r"frame.json must be JSON; got .*0000000/0/frame.json"
+        ):
+            Frames(data_set)[0]
