@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -97,8 +97,12 @@ class Corruptor:
 
         Raises:
             InputError: if the matrix is no camera matrix, or an effect needs surfaces that a depth
-                image does not have.
+                image does not have. Also if the residual is no loaded model.
         """
+        if residual is not None:
+            errors.instance(
+                "residual", residual, Callable, "Load it: starling.load_residual(NAME)."
+            )
         self.camera_matrix = edits.checked_matrix(camera_matrix)
         settings = setting.checked({} if effects is None else effects)
         _refuse_effects(settings)
@@ -166,6 +170,7 @@ class Corruptor:
         truth, depth = shot.layers.truth, shot.depth
         if self._residual is not None:
             depth = self._residual(shot, self.sensor, seed=seed, frame=frame)
+            errors.instance("result of residual", depth, DepthMap, "Return shot.depth, changed.")
         return Reading(
             ir_left=shot.ir_left,
             ir_right=shot.ir_right,
@@ -262,9 +267,12 @@ class Corruptor:
 
         Raises:
             InputError: if `warp-lang` is not installed, the arrays have another shape, type or
-                device, or the sensor has settings that a batch cannot imitate.
+                device, or the sensor has settings that a batch cannot imitate. Also if the
+                corruptor has a residual.
         """
-        from starling.sim.batch import handoff
+        from starling.sim.batch import handoff, refusals
+
+        refusals.refuse_residual(self._residual)
 
         handoff.import_warp()
         from starling.sim.batch import batch_scene, reading  # The imports need Warp.

@@ -309,9 +309,12 @@ def corrupt(
         >>> reading.depth_m.shape, reading.depth_u16.dtype
         ((480, 640), dtype('uint16'))
     """
+    from starling import arguments
     from starling.sim.corrupt import Corruptor
 
-    model = None if residual is None else load_residual(residual)
+    advice = "Give its name or its folder."
+    name = None if residual is None else arguments.text("residual", residual, advice)
+    model = None if name is None else load_residual(name)
     return Corruptor(sensor, camera_matrix, residual=model)(
         depth_m,
         reflectance=reflectance,
@@ -341,9 +344,10 @@ def load_residual(model: Path | str = "hybrid") -> LearnedHoles:
         >>> camera = starling.Corruptor(sensor, camera_matrix, residual=residual)
         >>> reading = camera(np.full((360, 640), 1.2, np.float32))
     """
+    from starling import arguments
     from starling.learning import residual
 
-    return residual.load(model)
+    return residual.load(arguments.text("model", model, "Give its name or its folder."))
 
 
 def depth_from_zbuffer(zbuffer: NDArray[Any], near_m: float, far_m: float) -> NDArray[Any]:

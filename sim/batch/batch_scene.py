@@ -104,8 +104,9 @@ def _share(reflectance: Any, clean: Any) -> Any:
         return share
     if image.dtype != wp.float32 or image.shape != shape:
         rule = f"must be {shape} float32, or {(*shape, 3)} uint8 of RGB"
-        got = f"{image.shape} {image.dtype.__name__}"
-        raise errors.refuse("reflectance", rule, got, "Give one image for each environment.")
+        remedy = "Give one image for each environment."
+        kinds = ("float32", "uint8")
+        raise handoff.refusal("reflectance", rule, image, remedy, kinds=kinds)
     return image
 
 
@@ -117,7 +118,6 @@ def _further(name: str, depth: Any, clean: Any) -> Any:
 def _of_shape(name: str, values: Any, shape: tuple[int, ...], clean: Any) -> Any:
     array = handoff.as_warp(name, values, clean.device)
     if array.dtype != wp.float32 or tuple(array.shape) != shape:
-        got = f"{tuple(array.shape)} {array.dtype.__name__}"
         remedy = "Its first axis is that of the environments."
-        raise errors.refuse(name, f"must be {shape} float32", got, remedy)
+        raise handoff.refusal(name, f"must be {shape} float32", array, remedy)
     return array

@@ -28,7 +28,8 @@ def import_warp() -> Any:
 
 def is_tensor(array: Any) -> bool:
     """Whether an array is a torch tensor; torch is not imported."""
-    return type(array).__module__.partition(".")[0] == "torch"
+    torch = sys.modules.get("torch")
+    return torch is not None and isinstance(array, torch.Tensor)
 
 
 def is_array(array: Any) -> bool:
@@ -47,7 +48,6 @@ def as_warp(name: str, array: Any, device: Any = None) -> Any:
     Raises:
         InputError: if it is neither, or on another device.
     """
-    warp = import_warp()
     if not is_array(array):
         remedy = "Corrupt NumPy images by the corruptor itself: corruptor(depth_m)."
         rule = "must be a torch tensor or a Warp array"
@@ -56,7 +56,41 @@ def as_warp(name: str, array: Any, device: Any = None) -> Any:
     if device is not None and place != device.alias:
         rule = f"must be on {device.alias}, as the depth"
         raise errors.refuse(name, rule, place, "Copy it there first.")
-    return warp.from_torch(array.detach()) if is_tensor(array) else array
+    return _shared(name, array) if is_tensor(array) else array
+
+
+def _shared(name: str, tensor: Any) -> Any:
+    """Return a Warp array that shares the memory of a tensor; a lazy sign is resolved first.
+
+    Raises:
+        InputError: if Warp has no such array: of complex or sparse tensors, or of single numbers.
+    """
+    warp, rule = import_warp(), "must be a dense tensor of real numbers on the CPU or a GPU"
+    try:
+        if tensor.ndim:
+            return warp.from_torch(tensor.detach().resolve_neg())
+        error = "a single number"
+    except (TypeError, RuntimeError, AttributeError) as reason:
+        error = f"{reason}"
+    got = f"{tensor.dtype} {tensor.layout} on {tensor.device}, {error}"
+    raise errors.refuse(name, rule, got, "Convert it; give a single number as float.")
+
+
+def refusal(
+    name: str, rule: str, array: Any, remedy: str, *, kinds: tuple[str, ...] = ("float32",)
+) -> errors.InputError:
+    """Build (not raise) the error for a Warp array of another type or shape.
+
+    Args:
+        name: name of the array in the user's words.
+        rule: its type and shape.
+        array: the Warp array.
+        remedy: advice where only the shape differs.
+        kinds: types that the rule allows.
+    """
+    kind = array.dtype.__name__
+    advice = remedy if kind in kinds else "Convert it to float32."
+    return errors.refuse(name, rule, f"{tuple(array.shape)} {kind}", advice)
 
 
 def like(array: Any, example: Any) -> Any:

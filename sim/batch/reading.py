@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from starling.patterns import errors
 from starling.sim.batch import batch_scene, handoff, images, matching, refusals, result, rig
 from starling.sim.batch.batch_reading import BatchReading
 from starling.sim.batch.batch_scene import BatchScene
@@ -75,7 +74,7 @@ def admit(depth: Any, sensor: Sensor, camera_matrix: np.ndarray[Any, Any]) -> An
     clean = handoff.as_warp("depth", depth)
     if clean.ndim != 3 or clean.dtype != wp.float32 or not clean.shape[0]:
         rule = "must be (environments, height, width) float32, at least one"
-        raise errors.refuse("depth", rule, f"{clean.shape} {clean.dtype.__name__}", "Reshape it.")
+        raise handoff.refusal("depth", rule, clean, "Reshape it.")
     camera = depth_input.DepthCamera(camera_matrix, tuple(clean.shape[1:]))
     refusals.refuse_unsupported(sensor, camera)
     return clean

@@ -12,6 +12,17 @@ _LARGEST_VOLUME = 2**31 - 1  # Kernels count with 32 bits.
 _ADVICE = "Corrupt each image by itself: corruptor(depth_m)."
 
 
+def refuse_residual(residual: object) -> None:
+    """Refuse a model of pixels without depth, which a batch does not call.
+
+    Raises:
+        InputError: if there is a model.
+    """
+    if residual is not None:
+        name, rule = "residual", "must be None in a batch"
+        raise errors.refuse(name, rule, type(residual).__name__, _ADVICE)
+
+
 def refuse_unsupported(sensor: Sensor, camera: depth_input.DepthCamera) -> None:
     """Refuse a sensor that the kernels do not imitate in full.
 

@@ -54,6 +54,7 @@ def test_functions_of_a_sensor_refuse_other_values(
 
 @pytest.mark.parametrize("value", [None, 1, b"wall"])
 def test_names_of_wrong_types_are_refused(value: Any) -> None:
+    _refuses("model must be of type str or Path", lambda: api.load_residual(value))
     _refuses("name must be of type str or Path", lambda: api.load_sensor(value))
     _refuses("specifier must be of type str or Path", lambda: api.load_scene(value, SENSOR))
     _refuses("scene must be of type str or Path", lambda: api.simulate(value, SENSOR))
@@ -111,6 +112,21 @@ def test_counts_are_whole_numbers(captures: Path) -> None:
     for number in (0.0, False, "0"):
         _refuses("frame of wall-1 must be an integer", lambda number=number: frame(number))
     assert frame(np.int64(0)).number == 0
+
+
+def test_residuals_of_wrong_types_are_refused() -> None:
+    for value in (1, b"hybrid", []):
+        _refuses(
+            "residual must be of type str or Path",
+            lambda value=value: api.corrupt(np.ones((32, 32)), K, SMALL, residual=value),
+        )
+    for value in (1, "hybrid"):
+        _refuses(
+            "residual must be of type Callable",
+            lambda value=value: api.Corruptor(SMALL, K, residual=value),
+        )
+    nothing = api.Corruptor(SMALL, K, residual=lambda *arguments, **options: None)
+    _refuses("result of residual must be of type DepthMap", lambda: nothing(np.ones((32, 32))))
 
 
 @pytest.mark.parametrize("shape", ["ab", 3, (3,), (3, 4, 5), (0, 4), (4.0, 4.0)])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from starling.patterns.errors import InputError
+from starling.sim.batch import handoff
 from starling.sim.corrupt import Corruptor
 from tests.unit.sim.batch import steps
 
@@ -45,6 +46,41 @@ def test_arrays_on_another_device_are_refused(name: str) -> None:
     elsewhere = torch.empty(DEPTH.shape, device="meta")
     with pytest.raises(InputError, match=f"{name} must be on cpu, as the depth; got meta. Copy"):
         corruptor().batch(torch.tensor(DEPTH), **{name: elsewhere})
+
+
+def test_tensors_with_a_lazy_sign_are_read_as_they_are() -> None:
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    behind = torch._neg_view(torch.tensor(DEPTH))
+    assert handoff.as_warp("depth", behind).numpy().max() < 0
+    assert np.array_equal(handoff.as_warp("depth", torch._neg_view(behind)).numpy(), DEPTH)
+
+
+def test_tensors_without_a_warp_array_are_refused() -> None:
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    depth = torch.tensor(DEPTH)
+    tensors = {
+        "a single number": depth[0, 0, 0],
+        "torch.sparse_coo": depth.to_sparse(),
+        "torch.complex64": depth.to(torch.complex64),
+        "on meta": depth.to("meta"),
+    }
+    for got, tensor in tensors.items():
+        with pytest.raises(InputError, match=f"depth must be a dense tensor .*; got .*{got}"):
+            handoff.as_warp("depth", tensor)
+    with pytest.raises(InputError, match="depth must be a torch tensor or a Warp array; got Size"):
+        handoff.as_warp("depth", depth.shape)
+
+
+def test_arrays_of_another_type_are_to_be_converted() -> None:
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    depth = torch.tensor(DEPTH)
+    message = r"must be .*; got \(2, 120, 160\) float(64|16). Convert it to float32"
+    for wrong in (depth.double(), depth.half()):
+        with pytest.raises(InputError, match=f"^depth {message}"):
+            corruptor().batch(wrong)
+        for name in ("reflectance", "right_depth_m"):
+            with pytest.raises(InputError, match=f"^{name} {message}"):
+                corruptor().batch(depth, **{name: wrong})
 
 
 def test_arrays_need_no_torch() -> None:
@@ -115,6 +151,12 @@ def test_structured_light_is_refused() -> None:
     sensor = steps.sensor(name="kinect-v1")
     with pytest.raises(InputError, match="kind must be 'stereo' in a batch; got 'structured"):
         Corruptor(sensor, steps.MATRIX).batch(wp.array(DEPTH))
+
+
+def test_a_residual_is_refused() -> None:
+    residual: Any = lambda *arguments, **options: None  # noqa: E731
+    with pytest.raises(InputError, match="residual must be None in a batch; got function"):
+        Corruptor(steps.sensor(), steps.MATRIX, residual=residual).batch(wp.array(DEPTH))
 
 
 def test_volumes_beyond_32_bits_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
