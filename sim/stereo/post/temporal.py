@@ -14,6 +14,7 @@ from starling.patterns import errors
 # at least `needed` of the `last` previous frames. Mode 0 never replaces, mode 8 always.
 _PERSISTENCE = {1: (8, 8), 2: (2, 3), 3: (2, 4), 4: (2, 8), 5: (1, 2), 6: (1, 5), 7: (1, 8)}
 _ALWAYS = 8
+_ADVICE = "Pass `history` of the last frame."
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -22,6 +23,16 @@ class History:
 
     disparity_px: NDArray[np.float32]  # The last value [px], NaN if there was never one.
     seen: NDArray[np.uint8]  # Bit k: the pixel agreed with its history k + 1 frames ago.
+
+    def __post_init__(self) -> None:
+        sizes = set()
+        for field, kind in (("disparity_px", np.float32), ("seen", np.uint8)):
+            name = f"{field} of History"
+            image = errors.instance(name, getattr(self, field), np.ndarray, _ADVICE)
+            sizes.add(image.shape)
+            if image.ndim != 2 or image.dtype != kind or len(sizes) > 1:
+                rule = f"must be (h, w) {np.dtype(kind)}, both of one size"
+                raise errors.refuse(name, rule, f"{image.shape} {image.dtype}", _ADVICE)
 
 
 def persistence_table(persistence: int) -> NDArray[np.bool_]:
@@ -67,18 +78,18 @@ def smooth(
         (h, w) [px] and the history for the next frame.
 
     Raises:
-        InputError: if `past` has another size.
+        InputError: if `past` is no history, or has another size.
 
     Source: librealsense, temporal filter.
     """
+    if past is not None and not isinstance(past, History):
+        rule = "must be a history or None"
+        raise errors.refuse("past", rule, type(past).__name__, _ADVICE)
     if alpha == 1.0:
         return disparity_px, None
     new = np.ascontiguousarray(disparity_px, np.float32)
     if past is None:
         return disparity_px, History(disparity_px=new, seen=np.isfinite(new).astype(np.uint8))
-    if not isinstance(past, History):
-        rule = "must be a history or None"
-        raise errors.refuse("past", rule, type(past).__name__, "Pass `history` of the last frame.")
     if past.disparity_px.shape != new.shape:
         raise errors.refuse(
             "past",

@@ -254,5 +254,22 @@ def test_history_of_another_size_is_refused():
     ):
         temporal.smooth(np.ones((2, 3), np.float32), past, alpha=0.4, delta_px=1.0, persistence=3)
     wrong: Any = np.ones((2, 3))
-    with pytest.raises(InputError, match="past must be a history or None; got ndarray"):
-        temporal.smooth(wrong, wrong, alpha=0.4, delta_px=1.0, persistence=0)
+    for alpha in (0.4, 1.0):
+        with pytest.raises(InputError, match="past must be a history or None; got ndarray"):
+            temporal.smooth(wrong, wrong, alpha=alpha, delta_px=1.0, persistence=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"seen": None}, "seen of History must be of type ndarray; got None"),
+        ({"disparity_px": "a"}, "disparity_px of History must be of type ndarray"),
+        ({"seen": np.zeros((2, 3))}, r"seen .* must be \(h, w\) uint8.*; got \(2, 3\) float64"),
+        ({"seen": np.zeros((3, 2), np.uint8)}, "seen of History must be .* both of one size"),
+        ({"disparity_px": np.zeros(3, np.float32)}, r"disparity_px .* must be \(h, w\) float32"),
+    ],
+)
+def test_histories_of_other_types_are_refused(change: dict[str, Any], message: str):
+    fields: Any = {"disparity_px": np.zeros((2, 3), np.float32), "seen": np.zeros((2, 3), np.uint8)}
+    with pytest.raises(InputError, match=message):
+        temporal.History(**{**fields, **change})
