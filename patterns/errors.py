@@ -117,7 +117,8 @@ def numbers(name: str, values: Any) -> NDArray[Any]:
             return np.ma.filled(values.astype(np.float64), np.nan)
         array = np.asarray(values)
     except (TypeError, ValueError, RuntimeError) as error:
-        raise refuse(name, rule, type(values).__name__, f"{error}") from error
+        got = f"{type(values).__name__}: {error}"
+        raise refuse(name, rule, got, "Convert it to an array of float32.") from error
     if array.dtype.kind not in "fiu":
         raise refuse(name, rule, f"{array.shape} {array.dtype}", "Convert it.")
     return array

@@ -9,6 +9,7 @@ from starling.patterns import errors
 from starling.sim import arrays
 from starling.sim.arrays import Image
 from starling.sim.sensor import edits
+from starling.sim.warp.depth_input import DepthCamera
 
 
 def depth_from_zbuffer(zbuffer: NDArray[np.floating], near_m: float, far_m: float) -> Image:
@@ -49,10 +50,12 @@ def depth_from_range(range_m: NDArray[np.floating], camera_matrix: NDArray[np.fl
     Raises:
         InputError: an image of another shape, or no camera matrix.
     """
-    distance = arrays.numbers("range_m", range_m).astype(np.float32)
+    with np.errstate(over="ignore"):  # As infinity.
+        distance = arrays.numbers("range_m", range_m).astype(np.float32)
     if distance.ndim != 2:
         raise errors.refuse("range_m", "must be (h, w)", distance.shape, "Give one image.")
-    return distance / ray_length(distance.shape, edits.checked_matrix(camera_matrix))
+    camera = DepthCamera(edits.checked_matrix(camera_matrix), distance.shape)
+    return distance / ray_length(camera.shape, camera.matrix)
 
 
 def ray_length(shape: tuple[int, ...], camera_matrix: NDArray[np.floating]) -> Image:

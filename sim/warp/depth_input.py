@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
-from starling.sim import arrays
+from starling.sim import arrays, quantities
 from starling.sim.arrays import Image
 from starling.sim.sensor.sensor import Sensor
 
@@ -23,10 +23,18 @@ REFLECTANCE = 0.5  # Of unknown surfaces.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthCamera:
-    """Camera of a depth image."""
+    """Camera of a depth image; its numbers are plausible for its size."""
 
     matrix: NDArray[np.float64]  # (3, 3) [px]
     shape: tuple[int, ...]  # (h, w)
+
+    def __post_init__(self) -> None:
+        k, (_, width) = self.matrix, self.shape
+        with errors.naming("camera_matrix"):
+            for name, focal_px in (("fx", k[0, 0]), ("fy", k[1, 1])):
+                quantities.check_focal(name, float(focal_px), width)
+            for name, place_px in (("cx", k[0, 2]), ("cy", k[1, 2])):
+                quantities.check(name, float(place_px), "principal_point_px")
 
 
 def checked_depth(
