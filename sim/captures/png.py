@@ -79,19 +79,40 @@ def read_picture(path: Path, name: str, *, colour: bool = False) -> NDArray[Any]
         (h, w, 3) red, green, blue, or (h, w) grey; uint8 or uint16.
 
     Raises:
-        InputError: if the file is missing or damaged.
+        InputError: if the file is missing or damaged, or has other values than 8 or 16 bits, such
+            as the linear ones of HDR.
     """
-    flags = cv2.IMREAD_COLOR if colour else cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
     try:
         data = regular_file.read(path)
         plain = plain_png(png_chunks(data)) if data.startswith(PNG_SIGNATURE) else data
-        image = cv2.imdecode(np.frombuffer(plain, np.uint8), flags)
-    except (OSError, ValueError, cv2.error) as error:
+    except (OSError, ValueError) as error:
         defect = " ".join(str(error).split())
         raise errors.refuse(name, "must be a readable image", path, f"{defect}.") from error
+    image = _picture(plain, colour=colour)
     if image is None:
-        raise errors.refuse(name, "must be a readable image", path, "Copy it again.")
+        got = path if data else f"{path}, an empty file"
+        raise errors.refuse(name, "must be a readable image", got, "Copy it again.")
+    if image.dtype not in (np.uint8, np.uint16):
+        rule, got = "must be a picture of 8 or 16 bits", f"{path} with {image.dtype}"
+        raise errors.refuse(name, rule, got, "Save it as PNG.")
     return np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image
+
+
+def _picture(data: bytes, *, colour: bool) -> NDArray[Any] | None:
+    """Decode a picture without messages on the standard streams; None if damaged."""
+    buffer = np.frombuffer(data, np.uint8)
+    flags = cv2.IMREAD_COLOR if colour else cv2.IMREAD_ANYCOLOR
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(buffer, flags | cv2.IMREAD_ANYDEPTH)
+        if colour and image is not None and image.dtype == np.uint16:
+            return cv2.imdecode(buffer, flags)
+        return image
+    except cv2.error:
+        return None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
 
 
 def _pixels(data: bytes, path: Path, name: str) -> NDArray:

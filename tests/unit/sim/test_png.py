@@ -134,6 +134,34 @@ def test_damaged_pictures_are_refused(tmp_path: Path, data: bytes) -> None:
         png.read_picture(tmp_path / "x.png", "rgb")
 
 
+@pytest.mark.parametrize("suffix", [".bmp", ".tiff", ".hdr"])
+def test_damaged_pictures_print_nothing(
+    tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    kind = np.float32 if suffix == ".hdr" else np.uint8
+    data = png.cv2.imencode(suffix, np.ones((40, 50, 3), kind))[1].tobytes()
+    path = tmp_path / f"x{suffix}"
+    path.write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError, match=r"rgb must be a readable image; got .*Copy it again"):
+        png.read_picture(path, "rgb", colour=True)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_empty_pictures_are_named(tmp_path: Path) -> None:
+    (tmp_path / "x.png").write_bytes(b"")
+    with pytest.raises(InputError, match=r"got .*x.png, an empty file. Copy it again"):
+        png.read_picture(tmp_path / "x.png", "rgb")
+
+
+@pytest.mark.parametrize("suffix", [".hdr", ".pfm", ".tiff"])
+@pytest.mark.parametrize("colour", [False, True])
+def test_linear_pictures_are_refused(tmp_path: Path, suffix: str, colour: bool) -> None:
+    path = tmp_path / f"x{suffix}"
+    path.write_bytes(png.cv2.imencode(suffix, np.ones((4, 5, 3), np.float32))[1].tobytes())
+    with pytest.raises(InputError, match=r"rgb must be a picture of 8 or 16 bits; got .*float32"):
+        png.read_picture(path, "rgb", colour=colour)
+
+
 def test_header_with_more_pixels_than_memory_is_refused(tmp_path: Path) -> None:
     most = 2**31 - 1
     (tmp_path / "x.png").write_bytes(
