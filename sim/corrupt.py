@@ -198,16 +198,20 @@ class Corruptor:
     ) -> LitDepth:
         """Light one depth image, whose frames differ in noise alone.
 
-        An image without a surface is refused; with `empty` all of its depth is missing.
+        An image without a surface in the sensor's view is refused; with `empty` all of its depth
+        is missing.
         """
         sensor, clean = self.sensor, depth_input.checked_depth("depth_m", depth_m, empty=empty)
         camera = depth_input.DepthCamera(self.camera_matrix, clean.shape)
-        seen = not empty or bool(np.isfinite(clean).any())  # Else an empty image was refused.
+        depth = depth_input.resampled(clean, camera, sensor)
+        seen = bool(np.isfinite(depth).any())
+        if not seen and not empty:
+            advice = "Load the sensor with this camera_matrix."
+            raise errors.refuse("depth_m", "must cover part of the sensor's image", "none", advice)
         if clean.shape != self._warned and seen:
             self._warned = clean.shape
             suspicions.warn_of_cameras(camera, sensor)
             suspicions.warn_of_depth(clean, camera)
-        depth = depth_input.resampled(clean, camera, sensor)
         others = [
             None
             if image is None

@@ -35,6 +35,7 @@ def corrupt_captures(
     frames: int = 1,
     seed: int = 0,
     effects: Mapping[str, Value] | None = None,
+    empty: bool = False,
     force: bool = False,
     options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
@@ -55,6 +56,7 @@ def corrupt_captures(
         frames: frames of one depth image, each with independent noise.
         seed: seed of the noise.
         effects: strengths as for `starling.apply_effects`.
+        empty: allow depth images without a surface in the sensor's view.
         force: replace an earlier set.
         options: further command-line options to record, as typed.
         track: wraps the loop over frames.
@@ -87,7 +89,7 @@ def corrupt_captures(
     )
     arguments = {"scene": str(path), "frames": frames, "seed": seed}
     with OutputFolder(out, force=force) as folder:
-        figures = _write_scene(folder, images, pictures, corruptor, unit, seed, track)
+        figures = _write_scene(folder, images, pictures, corruptor, unit, seed, empty, track)
         writer.write_set(
             folder,
             info,
@@ -166,6 +168,7 @@ def _write_scene(
     corruptor: Corruptor,
     unit: str,
     seed: int,
+    empty: bool,
     track: progress.Progress,
 ) -> dict[str, Any]:
     still = len(set(images)) == 1
@@ -173,22 +176,27 @@ def _write_scene(
     unit_m, past = corruptor.sensor.post.depth_unit_m, None
     scene_number = scene_seed(seed, name)
     rates, levels, shot, shape, lit, source = [], [], None, None, None, None
-    bare: list[str] = []  # Images without a surface.
+    bare: list[str] = []  # Images without a surface in view.
     for number, image in enumerate(track(list(images), "simulate")):
         if lit is None or source != (image, pictures[number]):  # Equal frames share their light.
             source = (image, pictures[number])
-            hint = _hint(pictures[number])
             depth_m = depth_file.read(image, unit)
+            hint = _hint(pictures[number], image, depth_m.shape)
             shape = shape or depth_m.shape
             if depth_m.shape != shape:
                 rule = f"must be {shape}, as {images[0].name}"
                 remedy = "A camera matrix belongs to one size."
                 raise errors.refuse(str(image), rule, depth_m.shape, remedy)
-            if not (np.isfinite(depth_m) & (depth_m != 0)).any():
-                bare.append(image.name)
-            some = not still and len(bare) < len(images)  # Another image may have a surface.
             with errors.naming(image):
-                lit = corruptor.light(depth_m, reflectance=hint, empty=some)
+                lit = corruptor.light(depth_m, reflectance=hint, empty=True)
+            if not lit.seen:
+                bare.append(image.name)
+            if not empty and bare and (still or len(bare) == len(images)):
+                rule, advice = (
+                    "must have a surface in view",
+                    "Check camera-matrix, or give --empty.",
+                )
+                raise errors.refuse(str(image), rule, "none", advice)
         shot = lit.shoot(seed=scene_number, frame=number, past=past)
         past = shot.depth.history
         if number == 0:
@@ -212,9 +220,9 @@ def _write_scene(
         )
         rates.append(1 - shot.depth.valid.mean())
         levels.append(shot.ir_left.mean())
-    if bare:
+    if bare and not empty:
         warnings.warn(
-            f"{len(bare)} of {len(images)} depth images have no surface, {bare[0]} first. "
+            f"{len(bare)} of {len(images)} depth images have no surface in view, {bare[0]} first. "
             "Their frames have no depth.",
             stacklevel=3,
         )
@@ -222,5 +230,12 @@ def _write_scene(
     return {name: scene_figures(rates, levels, shot)}
 
 
-def _hint(picture: Path | None) -> NDArray[np.uint8] | None:
-    return None if picture is None else png.read_picture(picture, "rgb", colour=True)
+def _hint(picture: Path | None, image: Path, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:
+    """Read the picture of a depth image, which has its size (h, w)."""
+    if picture is None:
+        return None
+    hint = png.read_picture(picture, "rgb", colour=True)
+    if hint.shape[:2] != shape:
+        rule = f"must be {shape}, as {image.name}"
+        raise errors.refuse("rgb", rule, f"{picture} with {hint.shape[:2]}", "Resize it.")
+    return hint

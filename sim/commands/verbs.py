@@ -104,7 +104,7 @@ def simulate(
             By default floating-point numbers are metres and whole numbers millimetres.
         rgb: Colour picture of a depth image, or folder of them, as a hint of its reflectance.
         own_camera: Keep the camera of the depth images in place of the sensor's.
-        empty: Allow a scene without a surface in view.
+        empty: Allow a scene, or depth images, without a surface in view.
         force: Replace a folder that starling wrote earlier.
     """
     from starling.sim.captures import depth_file
@@ -140,12 +140,10 @@ def simulate(
     if device_file is not None:
         options["camera_matrix"] = str(device_file)
     if camera_matrix is not None:
-        if samples or empty or quality != "full":
+        if samples or quality != "full":
             rule = "must not be given with depth images"
-            got = f"samples {samples}, empty {empty}, quality {quality}"
-            raise refuse(
-                "samples, empty, quality", rule, got, "They are for scenes: leave them out."
-            )
+            got = f"samples {samples}, quality {quality}"
+            raise refuse("samples, quality", rule, got, "They are for scenes: leave them out.")
         from starling.sim.commands import corrupt_captures
 
         camera_matrix = corrupt_captures.intrinsics_of(camera_matrix, Path(scene), depth_unit)
@@ -166,6 +164,7 @@ def simulate(
                 frames=frames,
                 seed=seed,
                 effects=strengths,
+                empty=empty,
                 force=force,
                 options={
                     **options,

@@ -19,7 +19,7 @@ from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
 from starling.sim.scene.scene import Ambient
 from starling.sim.sensor import presets
-from starling.sim.warp import depth_input
+from starling.sim.warp import conversions, depth_input
 from starling.sim.warp import layers as warp_layers
 from starling.sim.warp.layers import DepthScene, layers
 
@@ -35,6 +35,13 @@ SENSOR = dataclasses.replace(
     cy_px=59.5,
 )
 WALL = np.full((HEIGHT, WIDTH), 1.0, np.float32)
+
+
+class _Unreadable:
+    """An array of a type that NumPy lacks, such as bfloat16."""
+
+    def __array__(self, *arguments: Any, **options: Any) -> None:
+        raise TypeError("no such type")
 
 
 def step(near_m: float = 0.8, far_m: float = 1.2) -> np.ndarray[Any, Any]:
@@ -133,6 +140,7 @@ def test_resampling_keeps_a_tilted_plane() -> None:
         ({"depth_m": WALL > 0}, "depth_m must be an array of real numbers; got .* bool"),
         ({"depth_m": WALL * 1e-30}, "depth_m must be 0 or >= 0.001 m; got 1e-30"),
         ({"right_depth_m": WALL * 1e-30}, "right_depth_m must be 0 or >= 0.001 m"),
+        ({"depth_m": _Unreadable()}, "got _Unreadable: no such type. Convert it to an array"),
         ({"seed": -1}, "seed must be an integer"),
         ({"seed": 1.5}, "seed must be an integer"),
         ({"frame": -1}, "frame must be an integer"),
@@ -169,6 +177,30 @@ def test_light_from_above_brightens_surfaces_that_face_it() -> None:
 def test_refused_matrices(matrix: np.ndarray[Any, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Corruptor(SENSOR, matrix)
+
+
+def test_images_outside_the_view_are_refused() -> None:
+    aside = MATRIX - np.array([[0, 0, 1e4], [0, 0, 0], [0, 0, 0]])
+    with pytest.raises(InputError, match="depth_m must cover part of the sensor's image; got none"):
+        Corruptor(SENSOR, aside)(WALL)
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value", "message"),
+    [
+        (0, 0, 6e301, r"camera_matrix: fx must be in \[3.2, 1.6e\+06\]; got 6e\+301"),
+        (1, 1, 2.0, "camera_matrix: fy must be in"),
+        (0, 2, 1e9, r"camera_matrix: cx must be in \[-100000, 100000\]"),
+        (1, 2, -1e9, "camera_matrix: cy must be in"),
+    ],
+)
+def test_implausible_cameras_are_refused(row: int, column: int, value: float, message: str) -> None:
+    matrix = MATRIX.copy()
+    matrix[row, column] = value
+    with pytest.raises(InputError, match=message):
+        Corruptor(SENSOR, matrix)(WALL)
+    with pytest.raises(InputError, match=message):
+        conversions.depth_from_range(WALL, matrix)
 
 
 def test_effects_on_surfaces_are_refused_by_name() -> None:

@@ -240,11 +240,44 @@ def test_frames_of_one_image_share_their_light(
 @pytest.mark.parametrize("frames", [1, 3])
 def test_one_image_without_a_surface_is_refused(tmp_path: Path, frames: int) -> None:
     np.save(tmp_path / "d.npy", depth() * 0)
-    with pytest.raises(InputError, match=r"npy: depth_m must hold a surface"):
+    with pytest.raises(InputError, match=r"npy must have a surface in view; got none"):
         corrupt_captures(
             tmp_path / "d.npy", SENSOR, tmp_path / "out", camera_matrix=CAMERA, frames=frames
         )
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("share", [0, 1])  # Without a surface, and outside the view.
+def test_depth_images_without_a_surface_in_view_need_empty(tmp_path: Path, share: int) -> None:
+    path, out = tmp_path / "d.npy", tmp_path / "out"
+    np.save(path, depth() * share)
+    camera = (CAMERA[0], CAMERA[1], CAMERA[2] - 1e4 * share, CAMERA[3])
+    with pytest.raises(InputError, match=r"d.npy must have a surface in view; got none"):
+        corrupt_captures(path, SENSOR, out, camera_matrix=camera)
+    assert not out.exists()
+    corrupt_captures(path, SENSOR, out, camera_matrix=camera, empty=True, frames=2)
+    (scene,) = capture.open_set(out).scenes
+    for number in (0, 1):
+        depth_m = scene.frame(number).depth_m
+        assert depth_m is not None and np.isnan(depth_m).all()
+
+
+def test_the_flag_empty_allows_depth_images_without_a_surface(tmp_path: Path) -> None:
+    folder = tmp_path / "drive"
+    folder.mkdir()
+    for number in range(2):
+        np.save(folder / f"{number}.npy", depth() * 0)
+    arguments = ["simulate", str(folder), *FLAGS, "--own-camera", "--out", str(tmp_path / "out")]
+    assert command_line.main(arguments) == 1
+    assert command_line.main([*arguments, "--empty"]) == 0
+
+
+def test_pictures_of_another_size_are_named(tmp_path: Path) -> None:
+    path, picture = written(tmp_path, "d.npy"), tmp_path / "rgb.png"
+    cv2.imwrite(str(picture), np.zeros((128, 96, 3), np.uint8))
+    message = r"^rgb must be \(96, 128\), as d.npy; got .*rgb.png with \(128, 96\). Resize it"
+    with pytest.raises(InputError, match=message):
+        corrupt_captures(path, SENSOR, tmp_path / "out", camera_matrix=CAMERA, rgb=picture)
 
 
 @pytest.mark.parametrize(
@@ -286,7 +319,7 @@ def test_an_image_without_a_surface_is_a_frame_without_depth(tmp_path: Path, emp
     for number in range(2):
         np.save(folder / f"{number}.npy", depth() * (number != empty))
     with pytest.warns(
-        UserWarning, match=f"^1 of 2 depth images have no surface, {empty}.npy first"
+        UserWarning, match=f"^1 of 2 depth images have no surface in view, {empty}.npy first"
     ):
         corrupt_captures(folder, SENSOR, tmp_path / "out", camera_matrix=CAMERA)
     (scene,) = capture.open_set(tmp_path / "out").scenes
@@ -295,7 +328,7 @@ def test_an_image_without_a_surface_is_a_frame_without_depth(tmp_path: Path, emp
         assert depth_m is not None and np.isnan(depth_m).all() == (number == empty)
     for number in range(2):
         np.save(folder / f"{number}.npy", depth() * 0)
-    with pytest.raises(InputError, match=r"npy: depth_m must hold a surface"):
+    with pytest.raises(InputError, match=r"npy must have a surface in view; got none"):
         corrupt_captures(folder, SENSOR, tmp_path / "all", camera_matrix=CAMERA)
     assert not (tmp_path / "all").exists()
 
@@ -328,9 +361,10 @@ def test_names_that_are_not_utf8_are_refused(tmp_path: Path) -> None:
     ("flags", "message"),
     [
         (("--sensor", "d435"), "camera-matrix must be given with depth images"),
-        ((*FLAGS, "--samples", "4"), "samples, empty, quality must not be given with depth"),
-        ((*FLAGS, "--empty"), "samples, empty, quality must not be given with depth images"),
-        ((*FLAGS, "--quality", "draft"), "samples, empty, quality must not be given with depth"),
+        ((*FLAGS, "--samples", "4"), "samples, quality must not be given with depth"),
+        (("--sensor", "d435", "--camera-matrix", "120", "120", "1e9", "47.5"), "cx must be in"),
+        (("--sensor", "d435", "--camera-matrix", "1e300", "120", "63.5", "47.5"), "fx must be in"),
+        ((*FLAGS, "--quality", "draft"), "samples, quality must not be given with depth"),
         ((*FLAGS, "--own-camera", "--set", "width=640"), "set must not change the camera"),
     ],
 )
