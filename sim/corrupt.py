@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -99,10 +99,9 @@ class Corruptor:
             InputError: if the matrix is no camera matrix, or an effect needs surfaces that a depth
                 image does not have. Also if the residual is no loaded model.
         """
-        if residual is not None:
-            errors.instance(
-                "residual", residual, Callable, "Load it: starling.load_residual(NAME)."
-            )
+        if not (residual is None or callable(residual)):
+            advice = "Load it: starling.load_residual(NAME)."
+            raise errors.refuse("residual", "must be a loaded model", repr(residual), advice)
         self.camera_matrix = edits.checked_matrix(camera_matrix)
         settings = setting.checked({} if effects is None else effects)
         _refuse_effects(settings)

@@ -122,7 +122,7 @@ def test_residuals_of_wrong_types_are_refused() -> None:
         )
     for value in (1, "hybrid"):
         _refuses(
-            "residual must be of type Callable",
+            "residual must be a loaded model",
             lambda value=value: api.Corruptor(SMALL, K, residual=value),
         )
     nothing = api.Corruptor(SMALL, K, residual=lambda *arguments, **options: None)
