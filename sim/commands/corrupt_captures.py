@@ -71,7 +71,7 @@ def corrupt_captures(
     frames = errors.whole_number("frames", frames, 1, 100_000, "Give a count inside.")
     seed = errors.whole_number("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     images = _images(path, frames)
-    capture.refuse_not_utf8(Path(_scene_name(images)))
+    capture.refuse_not_utf8(path)
     pictures = _pictures(rgb, len(images))
     fx, fy, cx, cy = camera_matrix
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
