@@ -44,6 +44,7 @@ GROUPS: dict[str, dict[str, str]] = {
     },
     "Tools": {
         "sensors": "starling.sim.commands.sensor_verbs",
+        "sensors check": "starling.sim.commands.check_sensors.verbs",
         "effects": "starling.sim.commands.verbs",
         "atlas": "starling.sim.commands.verbs",
         "bench": "starling.sim.commands.verbs",

@@ -40,6 +40,7 @@ PICTURE_MAKERS: dict[str, str] = {
     "sim/plotting/sheet.py": "every picture: an empty figure, and its file; sheets of panels",
     "sim/plotting/panels.py": "the panels",
     "sim/commands/sweep/picture.py": "the curves of a sweep",
+    "sim/commands/check_sensors/picture.py": "noise of cameras against distance",
     "learning/evaluation/pictures.py": "the curves of an evaluation",
     "learning/completion/evaluation/pictures.py": "errors of completed depth",
 }

@@ -1,0 +1,1 @@
+"""Stated and simulated figures of cameras, next to each other."""
