@@ -23,7 +23,7 @@ NOISE_M = (0.3, 0.5, 0.8, 1.2, 2.0, 3.0, 4.5, 6.0)  # Distances of the picture [
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Comparison:
+class FigureComparison:
     """A stated figure and its simulated value."""
 
     stated: StatedFigure
@@ -38,7 +38,7 @@ class CheckedCamera:
     preset: str
     camera: str  # The vendor's name of it.
     mode: str  # Image size of the preset.
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[FigureComparison, ...]
     noise_mm: Mapping[float, float]  # Plane-fit RMS by distance [m]; empty if not requested.
 
 
@@ -85,7 +85,7 @@ def _in_mode(preset: str, mode: str, seed: int) -> CameraMeasurement | None:
     return CameraMeasurement(presets.load(preset, mode=mode), seed=seed)
 
 
-def compare(stated: StatedFigure, camera: CameraMeasurement | None) -> Comparison:
+def compare(stated: StatedFigure, camera: CameraMeasurement | None) -> FigureComparison:
     """Simulate a stated figure and judge it.
 
     Args:
@@ -93,10 +93,10 @@ def compare(stated: StatedFigure, camera: CameraMeasurement | None) -> Compariso
         camera: the camera in the figure's mode; None if the preset has no such mode.
     """
     if camera is None:
-        return Comparison(stated=stated, simulated=None, outcome="mode not available")
+        return FigureComparison(stated=stated, simulated=None, outcome="mode not available")
     simulated = camera.simulated(stated)
     outcome = "reached" if reached(stated.kind, stated.value, simulated) else "missed"
-    return Comparison(stated=stated, simulated=simulated, outcome=outcome)
+    return FigureComparison(stated=stated, simulated=simulated, outcome=outcome)
 
 
 def size_of(sensor: Sensor) -> str:

@@ -15,7 +15,7 @@ import pytest
 
 from starling.patterns import InputError
 from starling.sim.commands.check_sensors import check, measurement, picture, planes, table
-from starling.sim.commands.check_sensors.check import CheckedCamera, Comparison
+from starling.sim.commands.check_sensors.check import CheckedCamera, FigureComparison
 from starling.sim.commands.check_sensors.measurement import CameraMeasurement, field_deg
 from starling.sim.commands.check_sensors.planes import FlatTarget
 from starling.sim.scene.scene import Ambient
@@ -39,9 +39,9 @@ def _camera(preset: str = "d435", *, noise: bool = True) -> CheckedCamera:
         camera="Intel RealSense D435",
         mode="848x480",
         comparisons=(
-            Comparison(stated=NEAR, simulated=0.17412, outcome="reached"),
-            Comparison(stated=FIELD, simulated=None, outcome="mode not available"),
-            Comparison(stated=FILL, simulated=math.nan, outcome="missed"),
+            FigureComparison(stated=NEAR, simulated=0.17412, outcome="reached"),
+            FigureComparison(stated=FIELD, simulated=None, outcome="mode not available"),
+            FigureComparison(stated=FILL, simulated=math.nan, outcome="missed"),
         ),
         noise_mm={0.3: math.nan, 1.0: 4.0, 2.0: 16.0} if noise else {},
     )
@@ -189,7 +189,9 @@ def test_geometry_is_compared_without_rendering() -> None:
 
 def test_other_modes_are_not_simulated() -> None:
     comparison = check.compare(FIELD, None)
-    assert comparison == Comparison(stated=FIELD, simulated=None, outcome="mode not available")
+    assert comparison == FigureComparison(
+        stated=FIELD, simulated=None, outcome="mode not available"
+    )
 
 
 def test_figures_are_simulated_in_their_mode(monkeypatch: pytest.MonkeyPatch) -> None:
