@@ -247,7 +247,31 @@ Window 9 px and 1/8 px: Konolige and Mihelich, Technical description of Kinect c
 The thresholds are assumed: docs/decisions/0015-structured-light.md.
 """
 
-_NAMED = {"fast": FAST, "d4xx": D4XX, "kinect": KINECT}
+OAK = Matcher(
+    engine=CensusSemiGlobal(
+        census_px=5,
+        presmooth_px=0.0,
+        tolerance_dn=0.0,  # Threshold of 0.
+        difference_weight=0.0,  # Alpha of 0: the cost is the census alone.
+        support_px=1,  # No mean of the cost.
+        small_penalty=5.0,  # P1 is half of P2, as 250 of 500. The unit of both is unknown.
+        large_penalty=10.0,
+    ),
+    search_px=96,
+    refinement=Refinement(median_px=5, quantum_px=1 / 8),  # Median 7x7, 3 bits of sub-pixels.
+    checks=Checks(
+        uniqueness=6.0,  # Confidence of 15 of 255, read as a share; assumed.
+        left_right_px=10.0,
+        speckle_count=50,
+        speckle_step_px=2.0,
+    ),
+)
+"""The Myriad X in cameras of Luxonis: settings of depthai-core, as far as the engine has them.
+
+What it leaves out is in docs/design/matcher.md.
+"""
+
+_NAMED = {"fast": FAST, "d4xx": D4XX, "kinect": KINECT, "oak": OAK}
 
 
 def names() -> tuple[str, ...]:
