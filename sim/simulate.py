@@ -20,6 +20,7 @@ from starling.sim.imaging.optics import image as optics
 from starling.sim.render import direct
 from starling.sim.render.layers import Layers, ViewLayers
 from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.scene import visible
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.post import refuse_single_frame
 from starling.sim.sensor.sensor import Imager, Sensor
@@ -254,12 +255,14 @@ def render_layers(
 ) -> Layers:
     """Render the layers that `expose` needs (arguments as in `simulate`).
 
-    If the sensor moves, the views of one exposure time are averaged. Between two of these views no
-    point moves by more than `step_px`.
+    A sensor of visible light sees visible reflectances (`starling.sim.scene.visible`). If the
+    sensor moves, the views of one exposure time are averaged. Between two of these views no point
+    moves by more than `step_px`.
     """
     samples = errors.whole_number("samples", samples, 1, 4096, "16 are enough for most scenes.")
     seed = errors.whole_number("seed", seed, 0, 2**63 - 1)
     errors.one_of("quality", quality, _SUBPIXELS)
+    mi_scene = mi_scene.with_scene(visible.in_band(mi_scene.scene, sensor))
     render = partial(direct.layers, mi_scene, sensor, subpixels=_SUBPIXELS[quality])
     exposure_s = sensor.left.exposure_s
     if sensor.left.auto_exposure_level and not mi_scene.scene.motion.still:

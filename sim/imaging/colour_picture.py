@@ -14,10 +14,10 @@ from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render import direct
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.scene import Body, Scene
+from starling.sim.scene.visible import LUMINANCE, with_reflectance
 from starling.sim.sensor.projector import Projector
 from starling.sim.sensor.sensor import Colour, Sensor
 
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. ITU-R BT.709-6, 3.2.
 _LINEAR_END = 0.0031308  # The sRGB curve is linear below this value (IEC 61966-2-1).
 
 
@@ -79,17 +79,8 @@ def _visible(scene: Scene, index: int) -> Scene:
 
 
 def _tinted(body: Body, index: int) -> Body:
-    material = body.material
-    if material.rgb is None:
-        return body
-    value = material.rgb[index]
-    texture = body.texture
-    if texture is not None:
-        tint = value / max(material.reflectance, 1e-3)
-        texture = np.minimum(texture * np.float32(tint), np.float32(1))
-    return dataclasses.replace(
-        body, material=dataclasses.replace(material, reflectance=value), texture=texture
-    )
+    colour = body.material.rgb
+    return body if colour is None else with_reflectance(body, colour[index])
 
 
 def _channel(scene: Scene, camera: Sensor) -> Image:
@@ -101,7 +92,7 @@ def _channel(scene: Scene, camera: Sensor) -> Image:
 def _srgb(linear: NDArray[np.float32], level: float) -> NDArray[np.uint8]:
     """Expose and encode linear light (h, w, 3)."""
     # The encoded mean is then near `level`, because the sRGB curve is close to a square root.
-    gain = level**2 / max(float((linear @ _LUMINANCE).mean()), 1e-30)
+    gain = level**2 / max(float((linear @ LUMINANCE).mean()), 1e-30)
     exposed = np.clip(linear * np.float32(gain), 0, 1)
     encoded = np.where(
         exposed <= _LINEAR_END, 12.92 * exposed, 1.055 * exposed ** (1 / 2.4) - 0.055

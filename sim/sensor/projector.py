@@ -31,7 +31,8 @@ class Projector:
     """The infrared pattern projector, posed in the left imager's frame."""
 
     power_w: float = 0.15  # Mean optical power during exposure [W]; 0 is off (passive stereo).
-    wavelength_nm: float = 850.0  # Laser line [nm].
+    # Laser line, or middle of a passive camera's band [nm]. It chooses the scene's reflectances.
+    wavelength_nm: float = 850.0
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # In the left imager's frame [m].
     rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector [deg].
     fov_x_deg: float = 90.0  # Full horizontal field [deg].

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from starling.patterns import errors, regular_file
-from starling.sim.sensor import edits, intrinsics, mode_keys, modes, scaling, sensor_table
+from starling.sim.sensor import edits, intrinsics, mode_keys, modes, other_kinds, scaling, sensor_table
 from starling.sim.sensor.intrinsics import DeviceCalibration
 from starling.sim.sensor.modes import ChosenMode, Modes
 from starling.sim.sensor.sensor import Sensor
@@ -62,10 +62,12 @@ def path_of(name: str, key: str = "sensor") -> Path:
         key: name of the value in messages.
 
     Raises:
-        InputError: for an unknown preset; the message lists the known ones, nearest first.
+        InputError: for a camera of another principle, or an unknown preset. The message names the
+            nearest preset.
     """
     if name.endswith(_SUFFIX):
         return Path(name)
+    other_kinds.refuse(key, name)
     try:
         errors.one_of(key, name, names())
     except errors.InputError as error:
