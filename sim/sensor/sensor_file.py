@@ -21,7 +21,15 @@ from pathlib import Path
 from typing import Any
 
 from starling.patterns import errors, regular_file
-from starling.sim.sensor import edits, intrinsics, mode_keys, modes, other_kinds, scaling, sensor_table
+from starling.sim.sensor import (
+    edits,
+    intrinsics,
+    mode_keys,
+    modes,
+    other_kinds,
+    scaling,
+    sensor_table,
+)
 from starling.sim.sensor.intrinsics import DeviceCalibration
 from starling.sim.sensor.modes import ChosenMode, Modes
 from starling.sim.sensor.sensor import Sensor

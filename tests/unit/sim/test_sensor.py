@@ -46,8 +46,8 @@ def test_presets_survive_the_round_trip(name: str, tmp_path: Path) -> None:
 def test_every_number_of_a_preset_has_its_source(name: str) -> None:
     """A number without a comment shares that of the line above (width and height)."""
     lines = presets.text(name).splitlines()
-    numbers = [at for at, line in enumerate(lines) if re.match(r"\w+ = [\d.\[-]", line)]
-    assert len(numbers) > 20
+    numbers = [at for at, line in enumerate(lines) if re.match(r"[\w.]+ = [\d.\[-]", line)]
+    assert len(numbers) > 20 or presets.load_file(name).base
     assert [lines[at] for at in numbers if "#" not in lines[at] + lines[at - 1]] == []
 
 
@@ -57,8 +57,8 @@ def test_defaults_are_neutral_and_survive(tmp_path: Path) -> None:
 
 
 def test_unknown_preset_lists_the_known_nearest_first() -> None:
-    with pytest.raises(InputError, match=r"sensor must be a known name; got 'd436'. Known: d435,"):
-        presets.load("d436")
+    with pytest.raises(InputError, match=r"sensor must be a known name; got 'd434'. Known: d435,"):
+        presets.load("d434")
     with pytest.raises(InputError, match=r"sensor must be a known name; got 'd4'"):
         presets.text("d4")
 
