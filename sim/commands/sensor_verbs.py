@@ -42,7 +42,7 @@ def sensors(
 
     Example: starling sensors show d435
 
-    Example: starling sensors new d456 --from d435 --set baseline_m=0.095 > d456.toml
+    Example: starling sensors new wide --from d435 --set baseline_m=0.095 > wide.toml
 
     Args:
         action: `list` all presets, `show` one sensor, or print the file of a `new` one.
@@ -82,7 +82,7 @@ def _new(
 
     for key, value in (("name", name), ("from", base_name)):
         if not value:
-            advice = "Example: starling sensors new d456 --from d435 --set baseline_m=0.095."
+            advice = "Example: starling sensors new wide --from d435 --set baseline_m=0.095."
             raise refuse(key, "must be given", "nothing", advice)
     file = presets.load_file(base_name, mode=mode, camera_matrix=camera_matrix)
     base = presets.load_file(base_name)
@@ -122,16 +122,18 @@ def _page(file: SensorFile, text: str) -> str:
 
 
 def _listed(summary: dict[str, dict[str, Any]]) -> str:
-    """Return the presets as a table, then the ones that are based on others."""
+    """Return the presets as a table, then what describes them or differs from their bases."""
     extra = ("base", "differs", "description")
     main = {
         name: {key: value for key, value in row.items() if key not in extra}
         for name, row in summary.items()
     }
-    notes = [
-        f"{name}: {row['base']} with other {', '.join(row['differs']) or 'name only'}."
-        + (f" {row['description']}" if row.get("description") else "")
-        for name, row in summary.items()
-        if "base" in row
-    ]
+    notes = []
+    for name, row in summary.items():
+        parts = [row["description"]] if "description" in row else []
+        if "base" in row:
+            differs = ", ".join(row["differs"]) or "name only"
+            parts.insert(0, f"{row['base']} with other {differs}.")
+        if parts:
+            notes.append(f"{name}: {' '.join(parts)}")
     return "\n".join([shell.render(main), *(["", *notes] if notes else [])])

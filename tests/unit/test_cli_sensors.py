@@ -56,14 +56,14 @@ def test_a_new_file_reads_as_the_edited_base(capsys: Capsys, tmp_path: Path, mod
     flags = ["--set", "baseline_m=0.095", "--set", "imager.gain=2", "--set", "right.prnu=0.01"]
     flags += ["--set", "matcher.setting=fast", "--set", "projector.position_m.x=0.04"]
     flags += ["--mode", mode] if mode else []
-    code, text, err = _run("sensors", "new", "d456", "--from", "d435", *flags, capsys=capsys)
+    code, text, err = _run("sensors", "new", "wide", "--from", "d435", *flags, capsys=capsys)
     assert (code, err) == (0, "")
     assert set(tomllib.loads(text)) <= {"base", "name", "mode", "baseline_m", "left", "right",
                                         "matcher", "projector"}  # fmt: skip
-    (tmp_path / "d456.toml").write_text(text)
+    (tmp_path / "wide.toml").write_text(text)
     wanted = edits.apply(presets.load("d435", mode=mode), flags[1:10:2])
-    loaded = presets.load(str(tmp_path / "d456.toml"))
-    assert loaded == dataclasses.replace(wanted, name="d456")
+    loaded = presets.load(str(tmp_path / "wide.toml"))
+    assert loaded == dataclasses.replace(wanted, name="wide")
 
 
 def test_a_new_file_on_a_file_works_in_other_folders(
@@ -95,7 +95,7 @@ def test_new_in_json_and_with_a_calibration(capsys: Capsys, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("new", "d456"), "from must be given; got nothing. Example: starling sensors new"),
+        (("new", "wide"), "from must be given; got nothing. Example: starling sensors new"),
         (("new", "--from", "d435"), "name must be given; got nothing. Example"),
         (("list", "--mode", "640x480"), "mode must come with show; got 640x480"),
         (("show", "d435", "--set", "unit=3"), "from, camera-matrix, set must come with new"),
@@ -113,10 +113,13 @@ def test_modes_are_shown(capsys: Capsys, tmp_path: Path) -> None:
     )
     used = [row["mode"] for row in table["modes"] if row["used"]]
     assert (table["width"], used) == (640, ["640x480"])
-    assert "modes" not in json.loads(_run("sensors", "show", "xtion", "--json", capsys=capsys)[1])
+    plain = presets.dumps(presets.load("xtion"))
+    (tmp_path / "plain.toml").write_text(plain)
+    shown = _run("sensors", "show", tmp_path / "plain.toml", "--json", capsys=capsys)[1]
+    assert "modes" not in json.loads(shown)
     (tmp_path / "a.toml").write_text('base = "xtion"\n')
     shown = _run("sensors", "show", tmp_path / "a.toml", capsys=capsys)[1]
-    assert shown.rstrip().endswith("# All other keys are those of xtion.")
+    assert "# All other keys are those of xtion.\n" in shown
     dumped = _run("sensors", "show", "d435", "--mode", "640x480", capsys=capsys)[1]
     assert tomllib.loads(dumped)["width"] == 640
 

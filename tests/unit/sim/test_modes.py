@@ -244,9 +244,9 @@ def test_keys_of_a_mode_hold_in_it_only(tmp_path: Path) -> None:
             r"^mode must start from an image .*; got 600x480",
         ),
         (
-            'base = "xtion"',
+            PLAIN,
             "320x240",
-            r"^mode must be of a camera with modes; got '320x240' of xtion",
+            r"^mode must be of a camera with modes; got '320x240' of a",
         ),
         (PLAIN + MODES, "848x480@30", r"^mode must be without a rate where the mode lists none"),
         ("mode = '424x240'\n" + PLAIN + MODES, "", r"^width and height .* 424x240; got 848x480"),
