@@ -262,7 +262,9 @@ def render_layers(
     samples = errors.whole_number("samples", samples, 1, 4096, "16 are enough for most scenes.")
     seed = errors.whole_number("seed", seed, 0, 2**63 - 1)
     errors.one_of("quality", quality, _SUBPIXELS)
-    mi_scene = mi_scene.with_scene(visible.in_band(mi_scene.scene, sensor))
+    seen = visible.in_band(mi_scene.scene, sensor)
+    if seen is not mi_scene.scene:
+        mi_scene = mi_scene.with_scene(seen)
     render = partial(direct.layers, mi_scene, sensor, subpixels=_SUBPIXELS[quality])
     exposure_s = sensor.left.exposure_s
     if sensor.left.auto_exposure_level and not mi_scene.scene.motion.still:
