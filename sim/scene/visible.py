@@ -10,7 +10,6 @@ from starling.sim.scene.scene import Body, Scene
 from starling.sim.sensor.sensor import Sensor
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. ITU-R BT.709-6, 3.2.
-LONGEST_NM = 700.0  # Longer wavelengths are infrared [nm].
 
 
 def in_band(scene: Scene, sensor: Sensor) -> Scene:
@@ -24,11 +23,11 @@ def in_band(scene: Scene, sensor: Sensor) -> Scene:
         scene: scene with near-infrared reflectances.
         sensor: sensor that observes it.
     """
-    if sensor.projector.wavelength_nm > LONGEST_NM:
+    if not sensor.projector.visible:
         return scene
     bodies = tuple(with_reflectance(body, luminance(body)) for body in scene.bodies)
     other = scene.other_projector
-    if sensor.left.lens.filter_width_nm and other.wavelength_nm > LONGEST_NM:
+    if sensor.left.lens.filter_width_nm and not other.visible:
         other = dataclasses.replace(other, power_w=0.0)
     return dataclasses.replace(scene, bodies=bodies, other_projector=other)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from starling.patterns import errors
 
+_LONGEST_VISIBLE_NM = 700.0  # Longer wavelengths are infrared [nm].
 _MOST_EMITTERS = 16  # Each emitter costs a pass of shadow rays. Dots are not emitters.
 
 
@@ -60,6 +61,11 @@ class Projector:
     falloff: float = 0.0  # Exponent n of cos^n about the projector's axis; 0 is none.
     speckle_contrast: float = 0.0  # Standard deviation / mean of the speckle in a pixel.
     flicker: float = 0.0  # Standard deviation / mean of the power over frames.
+
+    @property
+    def visible(self) -> bool:
+        """Whether the wavelength is visible: a passive camera has it, which has no projector."""
+        return self.wavelength_nm <= _LONGEST_VISIBLE_NM
 
     @property
     def faulty(self) -> bool:

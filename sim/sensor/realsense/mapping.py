@@ -123,9 +123,12 @@ def with_emitter(sensor: Sensor, state: Literal["on", "off"]) -> Sensor:
     """Switch the projector on, with its power or the default of 150 mW, or off.
 
     Raises:
-        InputError: if the state is not `on` or `off`.
+        InputError: if the state is not `on` or `off`, or `on` for a camera without a projector.
     """
     errors.one_of("emitter", state, ("on", "off"))
+    if state == "on" and sensor.projector.visible:
+        rule, advice = "must be off where the camera has no projector", "Leave it out."
+        raise errors.refuse("emitter", rule, f"on for {sensor.name}", advice)
     power_w = sensor.projector.power_w or DEFAULT_POWER_W
     return edits.with_values(sensor, [("projector.power_w", power_w if state == "on" else 0.0)])
 
@@ -292,6 +295,10 @@ def _exposure(mapping: _Mapping) -> None:
 
 def _laser(mapping: _Mapping) -> None:
     """Power of the emitter, or its switch."""
+    if mapping.sensor.projector.visible:
+        for name in ("controls-laserstate", "controls-laserpower"):
+            mapping.idle[name] = "the camera has no projector"
+        return
     state, power = mapping.values.get("controls-laserstate"), mapping.number("controls-laserpower")
     power_w = mapping.sensor.projector.power_w if power is None else power * 1e-3
     if state == "off":

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from typing import Literal
 
 import numpy as np
 import pytest
 
-import starling
 from starling.patterns.errors import InputError
 from starling.sim import simulate
+from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import materials, sources, visible
 from starling.sim.scene.builtin import solids
 from starling.sim.scene.scene import Body, Scene
-from starling.sim.sensor import differences, other_kinds, presets, scaling, sensor_file
+from starling.sim.scene.spectra import Band, ambient_w_m2
+from starling.sim.sensor import differences, other_kinds, presets, realsense, scaling, sensor_file
 from starling.sim.sensor.projector import Projector
 from starling.sim.sensor.sensor import Sensor
 
 MODES = [(name, mode) for name in presets.names() for mode in presets.load_file(name).modes]
 PASSIVE = [name for name in presets.names() if presets.load(name).projector.power_w == 0]
 BASED = [name for name in presets.names() if presets.load_file(name).base]
-# Distance [m] and width [px] of the simulated images, by kind.
+# Distance of the wall [m] and width of the image [px], by kind.
 SETTINGS: dict[str, tuple[float, int]] = {"stereo": (1.0, 160), "structured_light": (1.2, 320)}
-LENSES = {"left.lens.filter_centre_nm", "left.lens.filter_width_nm"}
 # Fields that each derived camera says it changes.
 DIFFERENCES = {
     "d435i": set(),
@@ -48,8 +47,7 @@ def small(name: str) -> Sensor:
 
 def reading(name: str, scene: Scene) -> tuple[float, float]:
     """Return the share of pixels with depth, and the median relative error of depth."""
-    quality: Literal["draft"] = "draft"
-    shot = simulate.simulate(scene, small(name), quality=quality)
+    shot = simulate.simulate(scene, small(name), quality="draft")
     depth_m, truth_m = shot.depth.depth_m, shot.layers.truth.depth_m
     known = np.isfinite(depth_m)
     error = np.median(np.abs(depth_m[known] / truth_m[known] - 1)) if known.any() else np.nan
@@ -84,10 +82,8 @@ def test_a_base_is_described_by_what_differs(name: str) -> None:
     file = presets.load_file(name)
     base = presets.load_file(file.base)
     assert file.description.endswith(".")
-    keys = sensor_file.names()
-    assert file.base in keys
+    assert file.base in sensor_file.names()
     changed = set(differences.changed_paths(base, file.sensor)) - {"name"}
-    changed -= {path for path in changed if any(p.startswith(f"{path}.") for p in changed)}
     if name in DIFFERENCES:
         assert changed == DIFFERENCES[name]
     else:
@@ -96,8 +92,6 @@ def test_a_base_is_described_by_what_differs(name: str) -> None:
 
 def test_filters_for_infrared_dim_daylight_alone() -> None:
     """A lamp of visible light gives the filtered imager fewer electrons for the same laser."""
-    from starling.sim.scene.spectra import Band, ambient_w_m2
-
     plain, filtered = (presets.load(name) for name in ("d435", "d435f"))
     lit = [
         ambient_w_m2("led", illuminance_lx=500.0, band=Band.from_imager(each.left, each.projector))
@@ -139,7 +133,7 @@ def at_one_metre() -> np.ndarray:
 @pytest.mark.parametrize("name", sorted(set(presets.names()) - set(PASSIVE)))
 def test_every_active_preset_measures_a_wall(name: str) -> None:
     distance_m = SETTINGS[presets.load(name).kind][0]
-    share, error = reading(name, starling.sim.scene.sources.load(f"wall:{distance_m}", small(name)))
+    share, error = reading(name, sources.load(f"wall:{distance_m}", small(name)))
     assert share > 0.5
     assert error < 0.06
 
@@ -163,7 +157,7 @@ def test_a_visible_pair_sees_visible_reflectances() -> None:
     assert seen.bodies[0].material.reflectance == pytest.approx(0.1307, abs=1e-4)
     ratio = [
         float(
-            simulate.render_layers(simulate.MitsubaScene(scene), small(name), quality="draft")
+            simulate.render_layers(MitsubaScene(scene), small(name), quality="draft")
             .left.ambient[40:60, 60:100]
             .mean()
         )
@@ -203,3 +197,23 @@ def test_other_principles_are_refused_by_name(name: str) -> None:
     nearest = re.search(r"Nearest preset: (\S+)\.$", str(caught.value))
     assert nearest is not None
     assert nearest[1] in presets.names()
+
+
+def test_a_camera_without_projector_refuses_the_emitter() -> None:
+    camera = presets.load("d405")
+    assert realsense.with_emitter(camera, "off") == camera
+    with pytest.raises(InputError, match=r"^emitter must be off where .*; got on for d405. Leave"):
+        realsense.with_emitter(camera, "on")
+    changed, report = realsense.apply(
+        camera, {"controls-laserpower": 300, "controls-laserstate": "on"}
+    )
+    assert changed == camera
+    assert {item.control: item.reason for item in report.unmapped} == {
+        "controls-laserpower": "the camera has no projector",
+        "controls-laserstate": "the camera has no projector",
+    }
+
+
+@pytest.mark.parametrize("name", [name for name in presets.names() if name.startswith("d")])
+def test_the_default_device_preset_changes_no_camera_of_the_family(name: str) -> None:
+    assert realsense.with_preset(presets.load(name), "default")[0] == presets.load(name)
