@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,6 +76,25 @@ def test_every_preset_has_the_mode_of_its_own_numbers(name: str) -> None:
     file = presets.load_file(name)
     assert file.mode is not None
     assert presets.load(name, mode=file.mode.mode) == file.sensor
+
+
+def test_the_page_of_cameras_has_the_presets_numbers() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "cameras.md").read_text("utf-8")
+    rows = [
+        (name, *cells.split(" | "))
+        for listed, cells in re.findall(r"^\| ([a-z][^|]*) \| (.*) \|$", page, re.MULTILINE)
+        if listed != "preset"
+        for name in listed.split(", ")
+    ]
+    assert {row[0] for row in rows} == set(presets.names())
+    for name, kind, baseline_mm, image, nearest_m, *_ in rows:
+        sensor = presets.load(name)
+        assert f"{sensor.width}x{sensor.height}" == image
+        assert round(1e3 * sensor.baseline_m) == int(baseline_mm)
+        assert f"{sensor.post.near_m:.2g}" == f"{float(nearest_m):.2g}"
+        assert ("passive" in kind) == (name in PASSIVE)
+        assert ("structured" in kind) == (sensor.kind == "structured_light")
+        assert name in PASSIVE or f"{sensor.projector.wavelength_nm:g} nm" in kind
 
 
 @pytest.mark.parametrize("name", BASED)
