@@ -26,10 +26,10 @@ def in_band(scene: Scene, sensor: Sensor) -> Scene:
     if not sensor.projector.visible:
         return scene
     bodies = tuple(with_reflectance(body, luminance(body)) for body in scene.bodies)
-    other = scene.other_projector
-    if sensor.left.lens.filter_width_nm and not other.visible:
-        other = dataclasses.replace(other, power_w=0.0)
-    return dataclasses.replace(scene, bodies=bodies, other_projector=other)
+    projector = scene.other_projector
+    if sensor.left.lens.filter_width_nm and not projector.visible:
+        projector = dataclasses.replace(projector, power_w=0.0)
+    return dataclasses.replace(scene, bodies=bodies, other_projector=projector)
 
 
 def luminance(body: Body) -> float:
@@ -41,7 +41,7 @@ def luminance(body: Body) -> float:
 
 
 def with_reflectance(body: Body, reflectance: float) -> Body:
-    """Return a body of another reflectance; its texture is scaled alike, at most to 1."""
+    """Return a body of another reflectance; its texture is scaled by the same factor, to at most 1."""
     material, texture = body.material, body.texture
     if reflectance == material.reflectance:
         return body
