@@ -41,7 +41,7 @@ def luminance(body: Body) -> float:
 
 
 def with_reflectance(body: Body, reflectance: float) -> Body:
-    """Return a body of another reflectance; its texture is scaled by the same factor, to at most 1."""
+    """Return a body of another reflectance; its texture is scaled by the factor, to at most 1."""
     material, texture = body.material, body.texture
     if reflectance == material.reflectance:
         return body
