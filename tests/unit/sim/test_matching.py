@@ -22,7 +22,7 @@ from starling.sim.sensor.matcher import (
     SemiGlobalBlock,
 )
 from starling.sim.stereo import census, checks, opencv, semiglobal, subpixel, support
-from starling.sim.stereo.matching import DisparityMap, match
+from starling.sim.stereo.matching import match
 from starling.sim.stereo.matching import support_cost as cost_volume
 
 ENGINES = {
@@ -390,12 +390,3 @@ def test_pairs_that_cannot_be_matched_are_refused(left, right, message):
     with pytest.raises(InputError) as refusal:
         match(left, right, D4XX)
     assert message in str(refusal.value)
-
-
-def test_result_arrays_share_one_shape():
-    with pytest.raises(InputError, match="must share one shape"):
-        DisparityMap(
-            disparity_px=np.zeros((2, 2), np.float32),
-            valid=np.zeros((2, 3), bool),
-            reason=np.zeros((2, 2), np.uint32),
-        )

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from starling.patterns.errors import InputError
 from starling.sim.stereo import checks, opencv
+from starling.sim.stereo.matching import DisparityMap
 
 
 def test_texture_is_in_codes_of_eight_bits() -> None:
@@ -27,3 +30,12 @@ def test_holes_of_an_occlusion_disagree_and_others_are_ambiguous() -> None:
     disagree, ambiguous = opencv._causes(row)
     assert np.flatnonzero(disagree[0]).tolist() == [1, 2, 3]
     assert np.flatnonzero(ambiguous[0]).tolist() == [6, 9]
+
+
+def test_result_arrays_share_one_shape():
+    with pytest.raises(InputError, match="must share one shape"):
+        DisparityMap(
+            disparity_px=np.zeros((2, 2), np.float32),
+            valid=np.zeros((2, 3), bool),
+            reason=np.zeros((2, 2), np.uint32),
+        )
