@@ -254,8 +254,8 @@ OAK = Matcher(
         tolerance_dn=0.0,  # Threshold of 0.
         difference_weight=0.0,  # Alpha of 0: the cost is the census alone.
         support_px=1,  # No mean of the cost.
-        small_penalty=5.0,  # P1 is half of P2, as 250 of 500. The unit of both is unknown.
-        large_penalty=10.0,
+        small_penalty=12.0,  # P1 is half of P2, as 250 of 500. Their unit is unknown: both are
+        large_penalty=24.0,  # chosen on half a real frame (docs/results/matcher.md).
     ),
     search_px=96,
     refinement=Refinement(median_px=5, quantum_px=1 / 8),  # Median 7x7, 3 bits of sub-pixels.
