@@ -262,6 +262,7 @@ OAK = Matcher(
     checks=Checks(
         uniqueness=6.0,  # Confidence of 15 of 255, read as a share; assumed.
         left_right_px=10.0,
+        dark_noise=1.2,  # As d4xx, assumed.
         speckle_count=50,
         speckle_step_px=2.0,
     ),

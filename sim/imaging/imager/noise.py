@@ -53,12 +53,12 @@ class DarkWindow(NamedTuple):
 def dark_window(part: Imager, bits: int) -> DarkWindow:
     """Return what a window shows without light, at the longest exposure.
 
-    Coarse codes hide the noise. Dark surfaces are then as flat as no surface, as in the images of
-    8 bits that most devices deliver.
+    Images with fewer bits than the matcher reads may hide the noise. Dark surfaces, which the matcher
+    sees, are then as flat as no surface. So are the images of 8 bits that most devices deliver.
 
     Args:
         part: the imager.
-        bits: of the codes that the matcher reads, at most 10.
+        bits: of the codes, at most 10.
     """
     exposure_s = part.auto_exposure_max_s if part.auto_exposure_level else part.exposure_s
     dark_e = noise_e(part, np.zeros((1, 1), np.float32), exposure_s)
@@ -67,7 +67,8 @@ def dark_window(part: Imager, bits: int) -> DarkWindow:
     noise_codes = codes_per_dn * noise.item()
     current_dn = part.dark_current_e_s * exposure_s * part.dn_per_electron
     level = codes_per_dn * (part.black_level_dn + current_dn)
-    deviation = _rounded_deviation(level, noise_codes) if noise_codes >= _LEAST_SEEN else 0.0
+    hidden = not noise_codes or (noise_codes < _LEAST_SEEN and bits < part.matched_bits)
+    deviation = 0.0 if hidden else _rounded_deviation(level, noise_codes)
     middle = codes_per_dn * (part.black_level_dn + part.saturation_dn) / 2
     per_eight = 1 if bits == 8 else 4  # The matcher takes other images for 10 bits.
     return DarkWindow(deviation / per_eight, middle / per_eight)
