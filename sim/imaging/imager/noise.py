@@ -53,8 +53,8 @@ class DarkWindow(NamedTuple):
 def dark_window(part: Imager, bits: int) -> DarkWindow:
     """Return what a window shows without light, at the longest exposure.
 
-    Images with fewer bits than the matcher reads may hide the noise. Dark surfaces, which the matcher
-    sees, are then as flat as no surface. So are the images of 8 bits that most devices deliver.
+    Images with fewer bits than the matcher reads may hide the noise. Dark surfaces, which the
+    matcher sees, are then as flat as no surface. So are 8-bit images that most devices deliver.
 
     Args:
         part: the imager.
