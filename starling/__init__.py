@@ -102,7 +102,7 @@ def list_sensors() -> list[str]:
 
     Examples:
         >>> starling.list_sensors()
-        ['d415', 'd435', 'd455', 'kinect-v1', 'xtion']
+        ['astra', 'carmine-1.08', ..., 'xtion', 'zed-2i', 'zed-mini']
     """
     from starling.sim.sensor import presets
 

@@ -81,7 +81,7 @@ def test_every_preset_has_the_mode_of_its_own_numbers(name: str) -> None:
 def test_the_page_of_cameras_has_the_presets_numbers() -> None:
     page = (Path(__file__).parents[3] / "docs" / "cameras.md").read_text("utf-8")
     rows = [
-        (name, *cells.split(" | "))
+        (name, *(cell.strip() for cell in cells.split("|")))
         for listed, cells in re.findall(r"^\| ([a-z][^|]*) \| (.*) \|$", page, re.MULTILINE)
         if listed != "preset"
         for name in listed.split(", ")
