@@ -137,10 +137,10 @@ def painted(material: str, *, textured: bool = True) -> Scene:
     """A plane at 1 m with blots of 20 mm."""
     blots = np.random.default_rng(1).uniform(0.2, 0.8, (150, 150)).astype(np.float32)
     flat = solids.body("plane", solids.plane(3, 3), materials.named(material), at_one_metre())
-    return Scene(
-        name="painted",
-        bodies=(dataclasses.replace(flat, texture=blots if textured else None),),
-    )
+    uv = (flat.mesh.vertices[:, :2] / 3 + 0.5).astype(np.float32)
+    mesh = dataclasses.replace(flat.mesh, uv=uv)
+    texture = blots if textured else None
+    return Scene(name="painted", bodies=(dataclasses.replace(flat, mesh=mesh, texture=texture),))
 
 
 def at_one_metre() -> np.ndarray:
