@@ -23,6 +23,8 @@ from starling.sim.console import record
 from starling.sim.scene.builtin import scenes as builtin
 from tests.system.test_scene_model import model_of, sensor
 
+pytestmark = pytest.mark.long  # Nine scenes, rendered several times.
+
 COUNT = 2 * MOST_HELD + 1
 EFFECTS: tuple[dict[str, Any], ...] = ({"gamma": 1.2}, {"dot_blur": 0.3}, {"read_noise": 6.0})
 

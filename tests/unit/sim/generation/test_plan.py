@@ -116,7 +116,7 @@ def test_a_plan_is_read_from_its_file(tmp_path: Path):
         ({"source": [{"kind": "files", "paths": ["a.ply"]}]}, "must be files that exist"),
         ({"source": [{"kind": "captures", "folder": "none"}]}, "captures must be a folder"),
         ({"source": [{"kind": "dropped", "folder": "none"}]}, "source 1.folder must hold meshes"),
-        ({"sensor": [{"preset": "d436"}]}, "Known: d435"),
+        ({"sensor": [{"preset": "d436"}]}, "Known: d456, d435"),
         ({"sensor": [{"preset": "d435", "weight": 0}]}, "sensor 1.weight must be > 0"),
         ({"sensor": [{"preset": "d435", "set": 3}]}, "sensor 1.set must be a table"),
         ({"sensor": [{"preset": "d435", "set": {"projector.pwoer_w": 1}}]}, "pwoer_w"),
