@@ -10,6 +10,7 @@ import difflib
 import os
 import sys
 import warnings
+from collections import Counter
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
@@ -53,6 +54,7 @@ GROUPS: dict[str, dict[str, str]] = {
 }
 VERBS = {name: module for group in GROUPS.values() for name, module in group.items()}
 _HELP = ("-h", "--help")
+_APPENDED = ("--set", "--effect")  # Flags that may be given several times.
 _BAD_FLAGS = 2
 _INTERRUPTED = 130  # 128 and the number of SIGINT.
 
@@ -116,6 +118,7 @@ def _run(arguments: list[str]) -> int:
         print(_unknown(name), file=sys.stderr)
         return _BAD_FLAGS
     _refuse_lost_folder()
+    _warn_of_repeated(arguments)
     tyro.cli(
         _function(name),
         prog=f"starling {name}",
@@ -123,6 +126,14 @@ def _run(arguments: list[str]) -> int:
         config=(FlagCreatePairsOff, PositionalMetavarFromFieldName),
     )
     return 0
+
+
+def _warn_of_repeated(arguments: list[str]) -> None:
+    """Warn of a flag that is given twice: the last one counts."""
+    flags = Counter(word.split("=")[0] for word in arguments if word.startswith("--"))
+    for flag, count in flags.items():
+        if count > 1 and flag not in _APPENDED:
+            warnings.warn(f"{flag} is given {count} times; the last one counts.", stacklevel=1)
 
 
 def _refuse_lost_folder() -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import json
 import tomllib
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from starling import command_line
 from starling.sim.commands import corrupt_captures, simulate_captures
 from starling.sim.sensor import edits, presets, resolve, sensor_file
 from tests.unit.command_line import Capsys
@@ -197,3 +199,12 @@ def test_a_scene_has_the_camera_of_a_device_file(
     assert (sensor.width, sensor.fx_px, typed) == (640, 390.0, str(path))
     message = _refused("simulate", small_set, *flags, capsys=capsys)
     assert "camera_matrix must not be given with captures; got" in message
+
+
+@pytest.mark.parametrize(("flags", "count"), [(("--mode", "640x480") * 2, 1), ((), 0)])
+def test_a_flag_given_twice_is_reported(flags: tuple[str, ...], count: int, capsys: Capsys) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert command_line.main(["sensors", "show", "d435", *flags]) == 0
+    message = "--mode is given 2 times; the last one counts."
+    assert capsys.readouterr().err.count(message) == count
