@@ -54,7 +54,6 @@ GROUPS: dict[str, dict[str, str]] = {
 }
 VERBS = {name: module for group in GROUPS.values() for name, module in group.items()}
 _HELP = ("-h", "--help")
-_APPENDED = ("--set", "--effect")  # Flags that may be given several times.
 _BAD_FLAGS = 2
 _INTERRUPTED = 130  # 128 and the number of SIGINT.
 
@@ -130,9 +129,11 @@ def _run(arguments: list[str]) -> int:
 
 def _warn_of_repeated(arguments: list[str]) -> None:
     """Warn of a flag that is given twice: the last one counts."""
+    from starling.sim.console.flags import REPEATED
+
     flags = Counter(word.split("=")[0] for word in arguments if word.startswith("--"))
     for flag, count in flags.items():
-        if count > 1 and flag not in _APPENDED:
+        if count > 1 and flag not in REPEATED:
             warnings.warn(f"{flag} is given {count} times; the last one counts.", stacklevel=1)
 
 

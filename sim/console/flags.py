@@ -20,6 +20,7 @@ class Common:
 
 
 Shared = OmitArgPrefixes[Common]
+REPEATED = ("--set", "--effect")  # Flags that may be given several times.
 Edits = Annotated[
     UseAppendAction[tuple[str, ...]],
     arg(

@@ -129,9 +129,8 @@ def _size(parts: list[dict[str, Any]], entry: dict[str, Any], key: str) -> int:
 def _refuse_primitive(primitive: dict[str, Any], header: dict[str, Any]) -> None:
     if primitive.get("mode") == _FAN:
         raise ValueError("triangle fans are not supported; export triangles")
-    places = {"POSITION": primitive["attributes"].get("POSITION")}
-    places["indices"] = primitive.get("indices")
-    for name, place in places.items():
+    positions = primitive["attributes"].get("POSITION")
+    for name, place in (("POSITION", positions), ("indices", primitive.get("indices"))):
         if place is None:
             continue
         accessor = header["accessors"][place]

@@ -48,11 +48,7 @@ def new_file(name: str, base_name: str, base: SensorFile, sensor: Sensor, mode: 
     table: dict[str, Any] = {"base": base_name, "name": name}
     if mode:
         table["mode"] = mode
-    return tomli_w.dumps(table | {"name": name, **_without_name(differences(base, sensor))})
-
-
-def _without_name(keys: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in keys.items() if key != "name"}
+    return tomli_w.dumps(table | differences(base, sensor) | {"name": name})
 
 
 def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:

@@ -27,7 +27,7 @@ USUAL_FPS = 30.0  # Rate of a mode that is chosen without one, if the mode has i
 _KEYS = {"scale", "fps"} | {field.name for field in dataclasses.fields(Sensor)} - {
     *("name", "kind", "width", "height"),
 }
-_NAME = re.compile(r"([1-9]\d{0,4})x([1-9]\d{0,4})")
+NAME = re.compile(r"([1-9]\d{0,4})x([1-9]\d{0,4})")
 _EXAMPLE = "Example: 848x480 or 848x480@30."
 
 
@@ -122,6 +122,11 @@ def choose(modes: Modes, text: object, camera: str) -> ChosenMode:
     return ChosenMode(mode=name, fps=fps)
 
 
+def name_of(sensor: Sensor) -> str:
+    """Return the name of the mode of a sensor's image size: `848x480`."""
+    return f"{sensor.width}x{sensor.height}"
+
+
 def listed(modes: Modes) -> str:
     """List the names of modes in a sentence without its full stop."""
     return f"Modes: {', '.join(modes)}"
@@ -153,7 +158,7 @@ def _usual(fps: tuple[float, ...]) -> float | None:
 
 
 def _mode(name: str, table: Any) -> Mode:
-    size = _NAME.fullmatch(name)
+    size = NAME.fullmatch(name)
     path = f"modes.{name}"
     if not size:
         raise errors.refuse("name of a mode", "must be WIDTHxHEIGHT", repr(name), _EXAMPLE)

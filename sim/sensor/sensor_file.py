@@ -102,7 +102,7 @@ def in_mode(file: SensorFile, text: object) -> SensorFile:
     chosen = modes.choose(file.modes, text, file.sensor.name)
     if file.mode is None:
         advice = f"Leave width and height as they are. {modes.listed(file.modes)}."
-        rule, got = "must start from an image size of a mode", _size(file.sensor)
+        rule, got = "must start from an image size of a mode", modes.name_of(file.sensor)
         raise errors.refuse("mode", rule, got, advice)
     old, new = file.modes[file.mode.mode], file.modes[chosen.mode]
     sensor = file.sensor
@@ -130,7 +130,7 @@ def with_calibration(
         InputError: if the calibration does not fit the sensor.
     """
     sizes = calibration.sizes
-    sole = len(sizes) == 1 and sizes[0] in file.modes and sizes[0] != _size(file.sensor)
+    sole = len(sizes) == 1 and sizes[0] in file.modes and sizes[0] != modes.name_of(file.sensor)
     if sole and not same_mode and file.mode is not None:
         file = in_mode(file, sizes[0])
     cut = 1.0
@@ -175,8 +175,8 @@ def _root(
     if "mode" in table:
         chosen = modes.choose(known, table["mode"], sensor.name)
         _refuse_other_size(sensor, chosen)
-    elif _size(sensor) in known:
-        chosen = modes.choose(known, _size(sensor), sensor.name)
+    elif modes.name_of(sensor) in known:
+        chosen = modes.choose(known, modes.name_of(sensor), sensor.name)
     if chosen is not None and known[chosen.mode].changes:
         rule, got = "must have scale and fps only", ", ".join(known[chosen.mode].changes)
         advice = "The keys of the file itself are of this mode."
@@ -208,7 +208,7 @@ def _derived(
     own_right = file.own_right or "right" in keys
     sensor = sensor_table.changed(file.sensor, keys, own_right=own_right)
     chosen = file.mode
-    if chosen is not None and chosen.mode != _size(sensor):
+    if chosen is not None and chosen.mode != modes.name_of(sensor):
         if "mode" in table:
             _refuse_other_size(sensor, chosen)
         chosen = None
@@ -249,11 +249,8 @@ def _nearest(path: Path) -> str:
     return f" Nearest: {near[0]}." if near else ""
 
 
-def _size(sensor: Sensor) -> str:
-    return f"{sensor.width}x{sensor.height}"
-
-
 def _refuse_other_size(sensor: Sensor, chosen: ChosenMode) -> None:
-    if chosen.mode != _size(sensor):
+    if chosen.mode != modes.name_of(sensor):
         rule = f"must be those of the mode {chosen.mode}"
-        raise errors.refuse("width and height", rule, _size(sensor), "Leave them out, or mode.")
+        got = modes.name_of(sensor)
+        raise errors.refuse("width and height", rule, got, "Leave them out, or mode.")

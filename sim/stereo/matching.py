@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns.errors import refuse
-from starling.sim.imaging.imager import DarkWindow
+from starling.sim.imaging.imager import DarkWindow, dark_window
 from starling.sim.reason import Reason, first_cause
+from starling.sim.sensor.imager import Imager
 from starling.sim.sensor.matcher import CensusSemiGlobal, Checks, Matcher
 from starling.sim.stereo import census, checks, opencv, semiglobal, subpixel, support
 from starling.sim.stereo.disparity import DisparityMap as DisparityMap
@@ -77,6 +78,12 @@ def readable(image: NDArray, bit_depth: int) -> NDArray:
     """Drop the lowest bits if an image has more than the ten bits that `match` accepts."""
     excess = bit_depth - TEN_BITS.bit_length()
     return image if image.dtype == np.uint8 or excess <= 0 else image >> excess
+
+
+def darkness(image: NDArray, part: Imager) -> DarkWindow:
+    """Return what a window of a readable image shows without light."""
+    bits = 8 if image.dtype == np.uint8 else min(part.matched_bits, TEN_BITS.bit_length())
+    return dark_window(part, bits)
 
 
 def _admit(left: NDArray, right: NDArray) -> None:

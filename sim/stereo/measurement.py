@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
-from starling.sim.imaging.imager import dark_window
 from starling.sim.reason import Reason, first_cause
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import DepthMap, depth_from_disparity
@@ -46,13 +45,12 @@ def measure(
     from starling.sim.stereo.post import chain  # The import loads numba.
 
     match = _matched(ir_left, ir_right, sensor, memory)
-    # Causes known from the scene replace the matcher's; of different causes the lowest code wins.
-    reason = first_cause(match.valid, causes)
-    kept = match.reason < reason
-    for code in causes:
-        kept &= match.reason != code
-    kept |= reason == Reason.UNKNOWN
-    np.copyto(reason, match.reason, where=kept)
+    codes = np.flatnonzero(np.bincount(match.reason.ravel(), minlength=len(Reason)))
+    matcher_causes = {Reason(code): match.reason == code for code in codes if code}
+    # Causes known from the scene take precedence over the matcher's reasons.
+    reason = first_cause(match.valid, matcher_causes | causes)
+    unexplained = reason == Reason.UNKNOWN
+    reason[unexplained] = match.reason[unexplained]
     disparity = np.where(match.valid, match.disparity_px, np.float32(np.nan))
     raw = DepthMap(
         disparity_px=disparity,
@@ -76,9 +74,9 @@ def _matched(
         raise errors.refuse(
             "ir_right", "must be given", "None", "Only structured light matches one image."
         )
-    from starling.sim.stereo.matching import match, readable
+    from starling.sim.stereo.matching import darkness, match, readable
 
     bits = sensor.left.matched_bits
     left, right = readable(ir_left, bits), readable(ir_right, bits)
-    dark = dark_window(sensor.left, 8 if left.dtype == np.uint8 else min(bits, 10))
+    dark = darkness(left, sensor.left)
     return match(left, right, sensor.matcher, dark=dark, memory=memory)

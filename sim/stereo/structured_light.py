@@ -10,7 +10,7 @@ import numpy as np
 
 from starling.patterns import errors
 from starling.sim.geometry import frames
-from starling.sim.imaging.imager import Infrared, dark_window, quantise_matched
+from starling.sim.imaging.imager import Infrared, quantise_matched
 from starling.sim.imaging.optics.spot import blur
 from starling.sim.render import emission
 from starling.sim.sensor.sensor import Sensor
@@ -85,15 +85,14 @@ def match_reference(ir_left: Infrared, sensor: Sensor) -> DisparityMap:
         InputError: if the image cannot be matched.
     """
     from starling.sim.stereo.disparity import DisparityMap
-    from starling.sim.stereo.matching import match, readable
+    from starling.sim.stereo.matching import darkness, match, readable
 
     beyond = sensor.matcher.min_disparity_px + sensor.matcher.search_px
     padded = cv2.copyMakeBorder(ir_left, 0, 0, beyond, 0, cv2.BORDER_REPLICATE)
     bits = sensor.left.matched_bits
     stored = readable(reference_image(sensor, beyond_px=beyond), bits)
     seen = readable(np.asarray(padded), bits)
-    dark = dark_window(sensor.left, 8 if seen.dtype == np.uint8 else min(bits, 10))
-    disparities = match(seen, stored, sensor.matcher, dark=dark)
+    disparities = match(seen, stored, sensor.matcher, dark=darkness(seen, sensor.left))
     return DisparityMap(
         disparity_px=np.ascontiguousarray(disparities.disparity_px[:, beyond:]),
         valid=np.ascontiguousarray(disparities.valid[:, beyond:]),

@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
-import sys
 from collections import Counter
 from pathlib import Path
-from types import ModuleType
 
 import pytest
+
+from tests import script
 
 ROOT = Path(__file__).parents[2]
 
 
-def _load() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("language", ROOT / "tools" / "language.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["language"] = module  # A dataclass looks its module up.
-    spec.loader.exec_module(module)
-    return module
-
-
-language = _load()
+language = script.load("tools/language.py")
 
 
 @pytest.mark.parametrize("folder", language.FOLDERS)

@@ -2,26 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests import script
+
 pytestmark = pytest.mark.long
-
-ROOT = Path(__file__).parents[2]
-
-
-def _benchmark():
-    """Load the benchmark module, so that test and published table use the same code."""
-    path = ROOT / "benchmarks/calibration/calibrate_depth_only.py"
-    spec = importlib.util.spec_from_file_location("calibrate_depth_only", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["calibrate_depth_only"] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +17,8 @@ def geometry(captures: Path):
     folder = captures / "d415-faro"
     if not folder.is_dir():
         pytest.skip(f"no captures at {folder}; set STARLING_CAPTURES to the folder above it")
-    return _benchmark().outcome(folder, 3, free=("baseline", "offset"))
+    benchmark = script.load("benchmarks/calibration/calibrate_depth_only.py")
+    return benchmark.outcome(folder, 3, free=("baseline", "offset"))
 
 
 def test_device_s_focal_baseline_is_recovered(geometry) -> None:

@@ -8,7 +8,6 @@ score.
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from pathlib import Path
 
@@ -17,22 +16,11 @@ import pytest
 
 from starling.sim.captures import capture
 from starling.sim.sensor import presets
+from tests import script
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
 TABLES = ("test20", "test27", "test48")  # At 0.76 to 0.91 m.
-
-
-def _benchmark():
-    """Load the benchmark module, so that test and published table use the same code."""
-    path = ROOT / "benchmarks/matcher/structured_light.py"
-    spec = importlib.util.spec_from_file_location("structured_light", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["structured_light"] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +29,7 @@ def frames(captures: Path):
     folder = captures / "kinect-v1-tables"
     if not folder.is_dir():
         pytest.skip(f"no captures at {folder}; set STARLING_CAPTURES to the folder above it")
-    return _benchmark(), capture.open_set(folder)
+    return script.load("benchmarks/matcher/structured_light.py"), capture.open_set(folder)
 
 
 @pytest.fixture(scope="module")

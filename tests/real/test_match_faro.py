@@ -5,27 +5,13 @@ The setting was chosen on the tuned rooms; the others are held out (docs/decisio
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests import script
+
 pytestmark = pytest.mark.long
-
-ROOT = Path(__file__).parents[2]
-
-
-def _benchmark():
-    """Load the benchmark module, so that test and published table use the same code."""
-    spec = importlib.util.spec_from_file_location(
-        "match_faro", ROOT / "benchmarks/matcher/match_faro.py"
-    )
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["match_faro"] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +20,7 @@ def rows(captures: Path):
     folder = captures / "d415-faro"
     if not folder.is_dir():
         pytest.skip(f"no captures at {folder}; set STARLING_CAPTURES to the folder above it")
-    benchmark = _benchmark()
+    benchmark = script.load("benchmarks/matcher/match_faro.py")
     from starling.sim.sensor.matcher import D4XX
 
     scenes = benchmark.scenes(folder)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
 
 from starling.sim.corrupt import Corruptor
 from starling.sim.sensor import edits, presets
+from tests import script
 
-ROOT = Path(__file__).parents[2]
 MOST = 0.01  # Largest share of the frame with depth, but without surface.
 HALF_WINDOW_PX = 7
 BLUR_PX = 1  # Light of the object reaches further by this much.
@@ -25,18 +21,6 @@ MATRIX = np.array([[FOCAL, 0, 159.5], [0, FOCAL, 119.5], [0, 0, 1]])
 
 ACTIVE = [name for name in presets.names() if presets.load(name).projector.power_w]
 PASSIVE = sorted(set(presets.names()) - set(ACTIVE))
-
-
-def _benchmark():
-    """Load the benchmark module, so that test and published table use the same code."""
-    spec = importlib.util.spec_from_file_location(
-        "empty_space", ROOT / "benchmarks/matcher/empty_space.py"
-    )
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["empty_space"] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def box_alone() -> np.ndarray:
@@ -99,7 +83,7 @@ def test_the_check_removes_depth_far_from_the_box() -> None:
 @pytest.mark.parametrize("label", ["box", "duck", "arm"])
 def test_objects_alone_have_no_depth_around_them(name: str, label: str) -> None:
     """In the sensor's own mode; the arm is a chain of cylinders and boxes with a gripper."""
-    benchmark = _benchmark()
+    benchmark = script.load("benchmarks/matcher/empty_space.py")
     (shot,) = benchmark.shots(benchmark.OBJECTS[label](), presets.load(name))
     figures = benchmark.measure(shot)
     assert figures.false <= MOST

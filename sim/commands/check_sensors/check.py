@@ -13,10 +13,9 @@ from starling.sim.commands.check_sensors.measurement import CameraMeasurement
 from starling.sim.console import progress, record
 from starling.sim.console.output import RECORD, OutputFolder
 from starling.sim.render import backend
-from starling.sim.sensor import datasheets, presets
+from starling.sim.sensor import datasheets, modes, presets, sensor_file
 from starling.sim.sensor.datasheets import StatedFigure
 from starling.sim.sensor.datasheets.figures import reached
-from starling.sim.sensor.sensor import Sensor
 
 Outcome = Literal["reached", "missed", "mode not available"]
 NOISE_M = (0.3, 0.5, 0.8, 1.2, 2.0, 3.0, 4.5, 6.0)  # Distances of the picture [m].
@@ -62,7 +61,7 @@ def check(
     """
     sheet = datasheets.load(preset)
     camera = CameraMeasurement(presets.load(preset), seed=seed)
-    mode = size_of(camera.sensor)
+    mode = modes.name_of(camera.sensor)
     cameras: dict[str, CameraMeasurement | None] = {"": camera, mode: camera}
     comparisons = []
     for stated in track(sheet.figures, preset):
@@ -80,9 +79,10 @@ def check(
 
 def _in_mode(preset: str, mode: str, seed: int) -> CameraMeasurement | None:
     """Return a preset in one of its modes; None if it has no such mode."""
-    if mode not in presets.load_file(preset).modes:
+    file = presets.load_file(preset)
+    if mode not in file.modes:
         return None
-    return CameraMeasurement(presets.load(preset, mode=mode), seed=seed)
+    return CameraMeasurement(sensor_file.in_mode(file, mode).sensor, seed=seed)
 
 
 def compare(stated: StatedFigure, camera: CameraMeasurement | None) -> FigureComparison:
@@ -97,11 +97,6 @@ def compare(stated: StatedFigure, camera: CameraMeasurement | None) -> FigureCom
     simulated = camera.simulated(stated)
     outcome = "reached" if reached(stated.kind, stated.value, simulated) else "missed"
     return FigureComparison(stated=stated, simulated=simulated, outcome=outcome)
-
-
-def size_of(sensor: Sensor) -> str:
-    """Return the mode of a sensor's image size: `848x480`."""
-    return f"{sensor.width}x{sensor.height}"
 
 
 def run(

@@ -12,7 +12,6 @@ of the camera's preset.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,12 +19,11 @@ from typing import Any, Literal
 
 from starling.patterns import errors
 from starling.sim import files
-from starling.sim.sensor import presets, structure
+from starling.sim.sensor import modes, presets, structure
 from starling.sim.sensor.datasheets.figures import FIGURES, FigureKind
 
 Target = Literal["plain", "textured"]
 _FOLDER = Path(__file__).parent
-_SIZE = re.compile(r"[1-9]\d{0,4}x[1-9]\d{0,4}")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -51,7 +49,7 @@ class StatedFigure:
             raise errors.refuse("value", "must be [low, high]", list(self.value), "Swap them.")
         if not self.source:
             raise errors.refuse("source", "must name a document", "''", "Every figure has one.")
-        if self.mode and not _SIZE.fullmatch(self.mode):
+        if self.mode and not modes.NAME.fullmatch(self.mode):
             raise errors.refuse(
                 "mode", "must be WIDTHxHEIGHT", repr(self.mode), "Example: 848x480."
             )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import subprocess
 import sys
@@ -12,6 +11,7 @@ from typing import Any
 import pytest
 
 from starling.diagnosis.validation.camera.errors import WithheldError
+from tests import script
 
 PATH = Path(__file__).parents[3] / "benchmarks" / "diagnosis" / "detection_limits.py"
 FOUND = {"veil": {"base": 0.0, "below": None, "above": 0.1}}
@@ -19,11 +19,7 @@ FOUND = {"veil": {"base": 0.0, "below": None, "above": 0.1}}
 
 @pytest.fixture
 def benchmark() -> Any:
-    spec = importlib.util.spec_from_file_location("detection_limits", PATH)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script.load("benchmarks/diagnosis/detection_limits.py")
 
 
 def run(benchmark: Any, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:

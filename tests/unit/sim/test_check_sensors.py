@@ -19,7 +19,7 @@ from starling.sim.commands.check_sensors.check import CheckedCamera, FigureCompa
 from starling.sim.commands.check_sensors.measurement import CameraMeasurement, field_deg
 from starling.sim.commands.check_sensors.planes import FlatTarget
 from starling.sim.scene.scene import Ambient
-from starling.sim.sensor import datasheets, presets
+from starling.sim.sensor import datasheets, modes, presets
 from starling.sim.sensor.datasheets import Datasheet, StatedFigure
 from starling.sim.sensor.edits import with_values
 from tests.unit.command_line import Capsys, refused, run
@@ -199,7 +199,7 @@ def test_figures_are_simulated_in_their_mode(monkeypatch: pytest.MonkeyPatch) ->
     sizes: dict[str, set[str]] = {}
 
     def simulated(self: CameraMeasurement, stated: StatedFigure) -> float:
-        sizes.setdefault(stated.mode, set()).add(check.size_of(self.sensor))
+        sizes.setdefault(stated.mode, set()).add(modes.name_of(self.sensor))
         return math.nan
 
     monkeypatch.setattr(CameraMeasurement, "simulated", simulated)
