@@ -210,8 +210,8 @@ def test_unpaired_scenes_are_left_out(place, diagnosed, tmp_path):
 
 def refused(place: Path, captures: Path, out: Path, capsys: Any, *flags: str) -> str:
     """Return the single line of a refusal, which leaves no output."""
-    own = ["--sensor", str(place / "sensor.toml"), "--out", str(out)]
-    assert command_line.main(["diagnose", str(captures), *own, *flags]) == 1
+    own = () if "--sensor" in flags else ("--sensor", str(place / "sensor.toml"))
+    assert command_line.main(["diagnose", str(captures), *own, "--out", str(out), *flags]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert not out.exists()
     return line
