@@ -57,6 +57,7 @@ QUANTITIES = {
     "uv": PlausibleRange(low=-1e3, high=1e3, remedy="1 is the texture's width."),
     "unit_length": PlausibleRange(low=0.999, high=1.001, remedy="Divide it by its length."),
     "texture": PlausibleRange(low=0, high=1, remedy="Give the reflectance."),
+    "colour": PlausibleRange(low=0, high=1, remedy="Give the linear visible reflectance."),
     # Captured rooms have up to 100.
     "ambient_share": PlausibleRange(low=0, high=1e3, remedy="1 is the scene's ambient light."),
 }

@@ -87,7 +87,7 @@ def scene(pile: Pile, sensor: Sensor) -> tuple[Scene, tuple[RestingMesh, ...]]:
     reach = max(
         float(np.hypot(*spot)) + radius for spot, (_, radius) in zip(spots, chosen, strict=True)
     )
-    height = max(float(body.mesh.vertices[:, 1].max()) for body in things)
+    height = max(float(body.world_mesh.vertices[:, 1].max()) for body in things)
     return (
         Scene(
             name=pile.room,

@@ -13,8 +13,8 @@ from starling.sim.geometry import frames, placement
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render import direct
 from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.scene import visible
 from starling.sim.scene.scene import Body, Scene
-from starling.sim.scene.visible import LUMINANCE, with_reflectance
 from starling.sim.sensor.projector import Projector
 from starling.sim.sensor.sensor import Colour, Sensor
 
@@ -25,8 +25,8 @@ def picture(scene: Scene, sensor: Sensor) -> NDArray[np.uint8]:
     """Render what the colour camera sees of a scene under its ambient light and sun.
 
     Ambient light and sun are assumed white. The projector is invisible, because the camera's
-    filter blocks near infrared. A textured body keeps its texture, tinted by its material's
-    colour. There is no noise; the exposure brings the mean luminance to `colour.level`.
+    filter blocks near infrared. A body without `colour` keeps its texture, tinted by its material's
+    `rgb`. There is no noise; the exposure brings the mean luminance to `colour.level`.
 
     Args:
         scene: materials without visible reflectances (`rgb`) are grey.
@@ -51,7 +51,7 @@ def picture(scene: Scene, sensor: Sensor) -> NDArray[np.uint8]:
     pose = scene.world_from_left @ frames.pose(colour.position_m, colour.rotation_deg)
     scene = dataclasses.replace(scene, world_from_left=pose)
     # Without any material colour the scene is grey, and one render serves all three channels.
-    coloured = any(body.material.rgb is not None for body in scene.bodies)
+    coloured = any(visible.is_coloured(body) for body in scene.bodies)
     channels = [_channel(_visible(scene, index), camera) for index in range(3 if coloured else 1)]
     linear = np.stack(channels if coloured else 3 * channels, axis=-1)
     return _srgb(linear, colour.level)
@@ -79,8 +79,10 @@ def _visible(scene: Scene, index: int) -> Scene:
 
 
 def _tinted(body: Body, index: int) -> Body:
-    colour = body.material.rgb
-    return body if colour is None else with_reflectance(body, colour[index])
+    if body.colour is not None:
+        return dataclasses.replace(body, texture=np.ascontiguousarray(body.colour[..., index]))
+    rgb = body.material.rgb
+    return body if rgb is None else visible.with_reflectance(body, rgb[index])
 
 
 def _channel(scene: Scene, camera: Sensor) -> Image:
@@ -92,7 +94,7 @@ def _channel(scene: Scene, camera: Sensor) -> Image:
 def _srgb(linear: NDArray[np.float32], level: float) -> NDArray[np.uint8]:
     """Expose and encode linear light (h, w, 3)."""
     # The encoded mean is then near `level`, because the sRGB curve is close to a square root.
-    gain = level**2 / max(float((linear @ LUMINANCE).mean()), 1e-30)
+    gain = level**2 / max(float((linear @ visible.LUMINANCE).mean()), 1e-30)
     exposed = np.clip(linear * np.float32(gain), 0, 1)
     encoded = np.where(
         exposed <= _LINEAR_END, 12.92 * exposed, 1.055 * exposed ** (1 / 2.4) - 0.055

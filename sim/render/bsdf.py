@@ -40,7 +40,8 @@ def albedo_bsdf(body: Body, finish: Finish) -> Dict | None:
     """
     if not is_shiny(body, finish):
         return None
-    return _twosided({"type": "diffuse", "reflectance": _spectrum(_value(body, finish))})
+    value = _spectrum(_value(body, finish), body.repeats)
+    return _twosided({"type": "diffuse", "reflectance": value})
 
 
 def ambient_share(body: Body, largest: float) -> Dict:
@@ -50,7 +51,7 @@ def ambient_share(body: Body, largest: float) -> Dict:
     """
     share = body.ambient_share
     value = 1 / largest if share is None else share / np.float32(largest)
-    return _twosided({"type": "diffuse", "reflectance": _spectrum(value)})
+    return _twosided({"type": "diffuse", "reflectance": _spectrum(value, body.repeats)})
 
 
 def is_shiny(body: Body, finish: Finish) -> bool:
@@ -59,7 +60,7 @@ def is_shiny(body: Body, finish: Finish) -> bool:
     return shiny_finish or body.material.kind in ("glossy", "metal")
 
 
-def grey_bitmap(image: NDArray[np.float32]) -> Dict:
+def grey_bitmap(image: NDArray[np.float32], *, repeats: bool = False) -> Dict:
     """Texture dict of a linear grey image; uv (0, 0) is the corner of pixel (0, 0)."""
     mi = backend.mitsuba()
     channels = 1 if backend.is_jit() else 3
@@ -69,7 +70,7 @@ def grey_bitmap(image: NDArray[np.float32]) -> Dict:
         "bitmap": mi.Bitmap(data),
         "raw": True,
         "filter_type": "bilinear",
-        "wrap_mode": "clamp",
+        "wrap_mode": "repeat" if repeats else "clamp",
     }
 
 
@@ -92,11 +93,12 @@ def _value(body: Body, finish: Finish) -> Reflectance:
 
 def _blend(body: Body, finish: Finish) -> Dict:
     value = _value(body, finish)
-    surface = _plain(body.material, value)
+    repeats = body.repeats
+    surface = _plain(body.material, value, repeats)
     if not finish_applies(body, finish):
         return surface
-    surface = _share(finish.gloss, surface, _coated(value, finish.roughness))
-    return _share(finish.metal, surface, _metal(value, finish.roughness))
+    surface = _share(finish.gloss, surface, _coated(value, finish.roughness, repeats))
+    return _share(finish.metal, surface, _metal(value, finish.roughness, repeats))
 
 
 def _share(share: float, below: Dict, above: Dict) -> Dict:
@@ -105,35 +107,35 @@ def _share(share: float, below: Dict, above: Dict) -> Dict:
     return {"type": "blendbsdf", "weight": share, "below": below, "over": above}
 
 
-def _plain(material: Material, value: Reflectance) -> Dict:
+def _plain(material: Material, value: Reflectance, repeats: bool) -> Dict:
     """BSDF of a material on the front side."""
     if material.kind == "diffuse":
-        return {"type": "diffuse", "reflectance": _spectrum(value)}
+        return {"type": "diffuse", "reflectance": _spectrum(value, repeats)}
     if material.kind == "glossy":
-        return _coated(value, material.roughness)
+        return _coated(value, material.roughness, repeats)
     if material.kind == "metal":
-        return _metal(value, material.roughness)
+        return _metal(value, material.roughness, repeats)
     if material.kind == "mirror":
-        return {"type": "conductor", "specular_reflectance": _spectrum(value)}
+        return {"type": "conductor", "specular_reflectance": _spectrum(value, repeats)}
     return {"type": "dielectric", "int_ior": material.ior, "ext_ior": 1.0}
 
 
-def _coated(value: Reflectance, roughness: float) -> Dict:
+def _coated(value: Reflectance, roughness: float, repeats: bool) -> Dict:
     return {
         "type": "roughplastic",
         "distribution": "ggx",
         "alpha": roughness,
         "int_ior": IOR,
-        "diffuse_reflectance": _spectrum(base_albedo(value, roughness)),
+        "diffuse_reflectance": _spectrum(base_albedo(value, roughness), repeats),
         "nonlinear": True,
     }
 
 
-def _metal(value: Reflectance, roughness: float) -> Dict:
+def _metal(value: Reflectance, roughness: float, repeats: bool) -> Dict:
     return {
         "type": "principled",
         "metallic": 1.0,
-        "base_color": _spectrum(value),
+        "base_color": _spectrum(value, repeats),
         "roughness": roughness**0.5,  # The model squares it to alpha.
     }
 
@@ -151,9 +153,9 @@ def _with_transparency(bsdf: Dict, body: Body, finish: Finish) -> Dict:
     return {"type": "mask", "opacity": 1 - finish.transparency, "bsdf": bsdf}
 
 
-def _spectrum(value: Reflectance) -> Dict:
+def _spectrum(value: Reflectance, repeats: bool) -> Dict:
     if isinstance(value, np.ndarray):
-        return grey_bitmap(value)
+        return grey_bitmap(value, repeats=repeats)
     return {"type": "spectrum", "value": value}
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -10,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim.geometry.frames import Pose
 from starling.sim.render import backend, bsdf, skylight
 from starling.sim.render.mirrors_and_glass import Specular, shape_handle
 from starling.sim.render.skylight import Skylight
-from starling.sim.scene.scene import Body, Scene
+from starling.sim.scene.scene import Body, Scene, move_mesh
 
 
 class MitsubaScene:
@@ -107,6 +110,51 @@ class MitsubaScene:
             for shape, body, surface in zip(self.shapes, bodies, bsdfs, strict=False)
         ]
         return _scene([*replaced, *self.shapes[len(bodies) :]])
+
+    def place(self, poses: Mapping[str, Pose]) -> MitsubaScene:
+        """Move bodies, and return the scene to render; equal bits to a scene built anew.
+
+        The shapes move in place, so this object and its copies are of no use afterwards.
+
+        Args:
+            poses: `world_from_body` (4, 4) by the body's name; other bodies keep theirs.
+
+        Raises:
+            InputError: unknown body, a pose that is not rigid, or as for a new scene.
+        """
+        names = {body.name for body in self.scene.bodies}
+        for name in poses:
+            errors.one_of("body", name, names)
+        bodies = tuple(
+            dataclasses.replace(body, world_from_body=poses[body.name])
+            if body.name in poses
+            else body
+            for body in self.scene.bodies
+        )
+        scene = dataclasses.replace(self.scene, bodies=bodies)
+        if not backend.is_jit():
+            return MitsubaScene(scene)
+        for number, body in enumerate(bodies):
+            if body is not self.scene.bodies[number]:
+                self._move(number, body)
+        self._parameters.update()
+        placed = copy.copy(self)
+        placed.scene = scene
+        _refuse_extent(placed)
+        _refuse_inside(placed)
+        return placed
+
+    def _move(self, number: int, body: Body) -> None:
+        """Set the vertices of a body's shape, without an update of the scene."""
+        mi, name = backend.mitsuba(), _key(number)
+        vertices, normals = move_mesh(body.mesh, body.world_from_body)
+        self._parameters[f"{name}.vertex_positions"] = mi.Float(vertices.ravel())
+        if normals is not None:
+            self._parameters[f"{name}.vertex_normals"] = mi.Float(normals.ravel())
+
+    @cached_property
+    def _parameters(self) -> Any:
+        return backend.mitsuba().traverse(self.mitsuba)
 
     def with_scene(self, scene: Scene) -> MitsubaScene:
         """Return another scene in Mitsuba; equal surfaces are shared."""
@@ -228,14 +276,18 @@ def _skylight(scene: Scene, shapes: list[Any]) -> Skylight | None:
 
 def _scene(shapes: list[Any]) -> Any:
     """Build Mitsuba's scene of shapes, in their order."""
-    named = {f"body_{number:04d}": shape for number, shape in enumerate(shapes)}
+    named = {_key(number): shape for number, shape in enumerate(shapes)}
     return backend.mitsuba().load_dict({"type": "scene", **named})
+
+
+def _key(number: int) -> str:
+    return f"body_{number:04d}"
 
 
 def _shape(body: Body, surface: dict[str, Any]) -> Any:
     """Build a Mitsuba mesh with a BSDF."""
     mi = backend.mitsuba()
-    mesh = body.mesh
+    mesh = body.world_mesh
     props = mi.Properties()
     props["bsdf"] = mi.load_dict(surface)
     props["face_normals"] = mesh.normals is None

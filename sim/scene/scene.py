@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any, Literal, get_args
@@ -18,6 +19,7 @@ from starling.sim.sensor.projector import Projector
 BRIGHTEST_W_M2 = 2e3  # Upper limit of the light of sky or sun, above full sunlight.
 
 _TUPLE = "Give a tuple."
+_IMAGES = {"texture": ("h", "w"), "colour": ("h", "w", 3), "ambient_share": ("h", "w")}
 Kind = Literal["diffuse", "glossy", "metal", "mirror", "glass"]
 
 
@@ -44,7 +46,7 @@ class Material:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Mesh:
-    """Triangles in the world frame [m]."""
+    """Triangles in the body's frame [m]."""
 
     vertices: NDArray[np.float32]  # (n, 3)
     faces: NDArray[np.uint32]  # (m, 3), counter-clockwise seen from outside
@@ -80,8 +82,12 @@ class Body:
     name: str
     mesh: Mesh
     material: Material
-    # (h, w) reflectance that replaces the material's. Both images need uv of the mesh.
+    world_from_body: Pose = field(default_factory=lambda: np.eye(4))
+    # (h, w) reflectance that replaces the material's. All images need uv of the mesh.
     texture: NDArray[np.float32] | None = None
+    # (h, w, 3) visible reflectance, linear, that replaces the material's `rgb`.
+    colour: NDArray[np.float32] | None = None
+    repeats: bool = False  # Images repeat outside uv of 0 to 1; otherwise their edges continue.
     # (h, w) local ambient light over the scene's, due to shadows and near lamps; None: 1.
     ambient_share: NDArray[np.float32] | None = None
 
@@ -89,15 +95,35 @@ class Body:
         errors.unicode_text("name of a body", self.name)
         errors.instance(f"mesh of {self.name}", self.mesh, Mesh, "Give a starling.sim Mesh.")
         errors.instance(f"material of {self.name}", self.material, Material, "Give a Material.")
-        for field_name in ("texture", "ambient_share"):
+        name = f"world_from_body of {self.name}"
+        arrays.check_form(name, self.world_from_body, (4, 4))
+        frames.refuse_not_rigid(name, self.world_from_body, rounding=frames.SIMULATOR_ROUNDING)
+        errors.instance(f"repeats of {self.name}", self.repeats, bool, "Give True or False.")
+        for field_name, form in _IMAGES.items():
             image = getattr(self, field_name)
             if image is None:
                 continue
             name = f"{field_name} of {self.name}"
-            arrays.check_form(name, image, ("h", "w"))
+            arrays.check_form(name, image, form)
             quantities.check_array(name, image, field_name)
             if self.mesh.uv is None:
                 raise errors.refuse(name, "needs uv of the mesh", None, "Give Mesh(uv=...).")
+
+    @property
+    def world_mesh(self) -> Mesh:
+        """The mesh in the world frame."""
+        if np.array_equal(self.world_from_body, np.eye(4)):
+            return self.mesh
+        vertices, normals = move_mesh(self.mesh, self.world_from_body)
+        return dataclasses.replace(self.mesh, vertices=vertices, normals=normals)
+
+
+def move_mesh(mesh: Mesh, pose: Pose) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Vertices and normals of a mesh, moved by a pose `world_from_body` (4, 4)."""
+    turn, shift = pose[:3, :3].T, pose[:3, 3]
+    vertices = (mesh.vertices @ turn + shift).astype(np.float32)
+    normals = None if mesh.normals is None else (mesh.normals @ turn).astype(np.float32)
+    return vertices, normals
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

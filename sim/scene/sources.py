@@ -216,7 +216,7 @@ def _front(bodies: tuple[Body, ...], sensor: Sensor) -> frames.Pose:
 
     The distance respects the sensor's nearest depth and its search range.
     """
-    points = np.concatenate([body.mesh.vertices for body in bodies])
+    points = np.concatenate([body.world_mesh.vertices for body in bodies])
     low, high = points.min(axis=0), points.max(axis=0)
     middle = (low + high) / 2
     radius = float(np.linalg.norm(high - low)) / 2

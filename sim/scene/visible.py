@@ -25,11 +25,22 @@ def in_band(scene: Scene, sensor: Sensor) -> Scene:
     """
     if not sensor.projector.visible:
         return scene
-    bodies = tuple(with_reflectance(body, luminance(body)) for body in scene.bodies)
+    bodies = tuple(_in_band(body) for body in scene.bodies)
     projector = scene.other_projector
     if sensor.left.lens.filter_width_nm and not projector.visible:
         projector = dataclasses.replace(projector, power_w=0.0)
     return dataclasses.replace(scene, bodies=bodies, other_projector=projector)
+
+
+def is_coloured(body: Body) -> bool:
+    """Whether a body has a visible reflectance of its own."""
+    return body.colour is not None or body.material.rgb is not None
+
+
+def _in_band(body: Body) -> Body:
+    if body.colour is not None:
+        return dataclasses.replace(body, texture=body.colour @ LUMINANCE)
+    return with_reflectance(body, luminance(body))
 
 
 def luminance(body: Body) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from starling.patterns import errors
 from starling.sim import arrays, quantities
 from starling.sim.arrays import Image
+from starling.sim.scene import colours
 from starling.sim.sensor.sensor import Sensor
 
 NEAREST_SURFACE_M = 1e-3  # Nearer surfaces are errors of the renderer.
@@ -98,7 +99,7 @@ def reflectance(values: float | NDArray[Any] | None, camera: DepthCamera, sensor
         return np.full(shape, REFLECTANCE, np.float32)
     image = arrays.numbers("reflectance", values)
     if image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8:
-        image = _linear(image).max(-1) * np.float32(0.6) + np.float32(0.25)
+        image = colours.near_infrared(colours.linear(image))
     if image.ndim and image.shape != camera.shape:
         remedy = "Resize it; give RGB as (h, w, 3) uint8."
         raise errors.refuse(
@@ -121,13 +122,6 @@ def reflectance(values: float | NDArray[Any] | None, camera: DepthCamera, sensor
     columns, rows = np.meshgrid(x.astype(np.float32), y.astype(np.float32))
     moved = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(moved, np.float32)
-
-
-def _linear(image: NDArray[np.uint8]) -> Image:
-    """Linear light of sRGB bytes (IEC 61966-2-1)."""
-    level = np.arange(256) / 255
-    table = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
-    return table.astype(np.float32)[image]
 
 
 def matches(camera: DepthCamera, sensor: Sensor) -> bool:

@@ -251,7 +251,7 @@ def _refuse_changed_preset(sensor: Sensor, camera: Nominal) -> None:
 
 
 def _body(body: Body) -> job.JobBody:
-    mesh = body.mesh
+    mesh = body.world_mesh
     return job.JobBody(
         name=body.name,
         vertices=np.asarray(mesh.vertices, np.float32),

@@ -10,7 +10,7 @@ import pytest
 from starling.patterns import InputError
 from starling.sim.geometry import frames
 from starling.sim.imaging import colour_picture
-from starling.sim.scene import materials
+from starling.sim.scene import materials, visible
 from starling.sim.scene.builtin import solids
 from starling.sim.scene.scene import Ambient, Material, ModelError, Scene
 from starling.sim.sensor import presets
@@ -101,3 +101,37 @@ def test_a_sensor_without_colour_camera_is_refused() -> None:
     blind = dataclasses.replace(_sensor(), colour=None)
     with pytest.raises(InputError, match="colour must be given; got none in d435"):
         colour_picture.picture(_wall(Material(name="plain")), blind)
+
+
+def _board(**changes) -> Scene:
+    """A board that fills the picture; its uv run from 0 to 2, left to right and top to bottom."""
+    sheet = solids.body("board", solids.plane(1.2, 0.8), PAINT, frames.pose((0, 0, 1.0)))
+    uv = (sheet.mesh.vertices[:, :2] / np.float32([1.2, 0.8]) + np.float32(0.5)) * 2
+    mesh = dataclasses.replace(sheet.mesh, uv=uv.astype(np.float32))
+    body = dataclasses.replace(sheet, mesh=mesh, **changes)
+    return Scene(name="board", bodies=(body,), ambient=Ambient(gradient=0.0))
+
+
+PAINT = Material(name="paint", reflectance=0.9)
+TILES = np.array([[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1]]], np.float32)
+
+
+def test_a_colour_image_shows_in_the_picture_and_repeats() -> None:
+    camera = _sensor(position_m=(0.0, 0.0, 0.0))
+    dyed = _board(colour=np.repeat(np.repeat(TILES, 8, 0), 8, 1), repeats=True)
+    seen = _linear(colour_picture.picture(dyed, camera)[32])
+    for column, brightest in ((6, 0), (30, 1), (54, 0), (78, 1)):
+        others = np.delete(seen[column], brightest)
+        np.testing.assert_allclose(others / seen[column, brightest], 0.125, rtol=0.05)
+    once = dataclasses.replace(dyed.bodies[0], repeats=False)
+    edge = colour_picture.picture(dataclasses.replace(dyed, bodies=(once,)), camera)[32, 54]
+    assert edge[1] > edge[0], "the edge of an image that does not repeat continues"
+
+
+def test_a_colour_image_is_its_luminance_in_visible_light() -> None:
+    dyed = _board(colour=TILES)
+    sensor = presets.load("zed-2i")
+    (body,) = visible.in_band(dyed, sensor).bodies
+    assert body.texture is not None
+    np.testing.assert_allclose(body.texture, TILES @ visible.LUMINANCE)
+    assert visible.in_band(dyed, presets.load("d435")) is dyed
