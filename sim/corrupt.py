@@ -52,6 +52,24 @@ class Reading:
     gain: float
     history: History | None  # Pass as `past` with the next frame, for a temporal filter.
 
+    @classmethod
+    def from_shot(cls, shot: Shot, depth: DepthMap, sensor: Sensor) -> Reading:
+        """Collect what a device returns, with a depth map that replaces the shot's."""
+        truth = shot.layers.truth
+        return cls(
+            ir_left=shot.ir_left,
+            ir_right=shot.ir_right,
+            depth_m=depth.depth_m,
+            depth_u16=to_code(depth.depth_m, sensor.post.depth_unit_m),
+            reason=depth.reason,
+            lit=truth.lit,
+            right_sees=truth.right_sees,
+            true_depth_m=truth.depth_m,
+            exposure_s=shot.exposure_s,
+            gain=shot.gain,
+            history=shot.depth.history,
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LitDepth:
@@ -65,7 +83,7 @@ class LitDepth:
     def shoot(self, *, seed: int = 0, frame: int = 0, past: History | None = None) -> Shot:
         """Return a reading with noise of its own, as `starling.simulate` does."""
         shot = expose(self.layers, self.scene, self.sensor, seed=seed, frame=frame, past=past)
-        return shot if self.seen else _without_depth(shot, past)
+        return shot if self.seen else without_depth(shot, past)
 
 
 class HoleModel(Protocol):
@@ -165,24 +183,14 @@ class Corruptor:
             right_depth_m=right_depth_m,
             projector_depth_m=projector_depth_m,
         )
+        return self.read(lit, seed=seed, frame=frame, past=past)
+
+    def read(
+        self, lit: LitDepth, *, seed: int = 0, frame: int = 0, past: History | None = None
+    ) -> Reading:
+        """Return a reading of a lit depth image (see `light`), with noise of its own."""
         shot = lit.shoot(seed=seed, frame=frame, past=past)
-        truth, depth = shot.layers.truth, shot.depth
-        if self._residual is not None:
-            depth = self._residual(shot, self.sensor, seed=seed, frame=frame)
-            errors.instance("result of residual", depth, DepthMap, "Return shot.depth, changed.")
-        return Reading(
-            ir_left=shot.ir_left,
-            ir_right=shot.ir_right,
-            depth_m=depth.depth_m,
-            depth_u16=to_code(depth.depth_m, self.sensor.post.depth_unit_m),
-            reason=depth.reason,
-            lit=truth.lit,
-            right_sees=truth.right_sees,
-            true_depth_m=truth.depth_m,
-            exposure_s=shot.exposure_s,
-            gain=shot.gain,
-            history=shot.depth.history,
-        )
+        return reading_of(shot, self.sensor, self._residual, seed=seed, frame=frame)
 
     def light(
         self,
@@ -236,7 +244,7 @@ class Corruptor:
             ),
             sensor,
         )
-        return LitDepth(rendered, scene, _searching(sensor, depth), seen)
+        return LitDepth(rendered, scene, narrow_search(sensor, depth), seen)
 
     def batch(
         self,
@@ -324,7 +332,22 @@ def _refuse_effects(effects: Mapping[str, Value]) -> None:
             )
 
 
-def _without_depth(shot: Shot, past: History | None) -> Shot:
+def reading_of(
+    shot: Shot, sensor: Sensor, residual: HoleModel | None, *, seed: int, frame: int
+) -> Reading:
+    """Return a shot as a reading, after a model has removed depth.
+
+    Raises:
+        InputError: if the model returns no depth map.
+    """
+    if residual is None:
+        return Reading.from_shot(shot, shot.depth, sensor)
+    depth = residual(shot, sensor, seed=seed, frame=frame)
+    errors.instance("result of residual", depth, DepthMap, "Return shot.depth, changed.")
+    return Reading.from_shot(shot, depth, sensor)
+
+
+def without_depth(shot: Shot, past: History | None) -> Shot:
     """Return a reading of no surface, without the false matches in its noise."""
     shape = shot.depth.valid.shape
     depth = DepthMap(
@@ -340,7 +363,7 @@ def _without_depth(shot: Shot, past: History | None) -> Shot:
     return dataclasses.replace(shot, depth=depth, registered_m=registered_m)
 
 
-def _searching(sensor: Sensor, depth_m: Image) -> Sensor:
+def narrow_search(sensor: Sensor, depth_m: Image) -> Sensor:
     """The sensor, which searches only the disparities of the scene, and 8 px beyond them."""
     known = depth_m[np.isfinite(depth_m)]
     if sensor.kind != "stereo" or not known.size:

@@ -2,7 +2,7 @@
 # Set up what a command of the Makefile needs: tools/setup.sh [run|test|docs]
 #   run   .venv with the program itself (no torch), and an LLVM library for the fast variants
 #   test  the same with the extras `learning` (torch first, so that pip keeps the build the
-#         machine offers), `completion`, `data`, `ros`, `ray`, `batch` and `dev`
+#         machine offers), `completion`, `data`, `ros`, `ray`, `batch`, `mujoco` and `dev`
 #   docs  .venv with the program and what builds the documentation
 # A second call finds everything done and returns at once. PYTHON chooses the interpreter.
 set -eu
@@ -106,6 +106,13 @@ get_llvm() {
         "To mend it: apt-get install libllvm19, or set DRJIT_LIBLLVM_PATH."
 }
 
+# MuJoCo draws by EGL where there is no display. Tests that need it skip without.
+get_egl() {
+    [ "$kind" = test ] && [ ! -e .venv/.egl-refused ] || return 0
+    .venv/bin/python -c 'import ctypes; ctypes.CDLL("libEGL.so.1")' 2>/dev/null && return
+    debian_install libegl1 libgl1-mesa-dri || : >.venv/.egl-refused
+}
+
 pip_install() {
     say "installing $* (minutes the first time)"
     .venv/bin/python -m pip install --quiet --disable-pip-version-check "$@"
@@ -123,7 +130,7 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
     run) pip_install -e . ;;
     test)
         pip_install "torch==2.13.0"
-        pip_install -e '.[learning,completion,data,ros,ray,batch,dev]'
+        pip_install -e '.[learning,completion,data,ros,ray,batch,mujoco,dev]'
         echo "$wanted" >.venv/.ready-run # It includes what `run` has.
         ;;
     docs) pip_install -e '.[docs]' ;;
@@ -136,3 +143,4 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
     echo "$wanted" >"$stamp"
 fi
 [ "$kind" = docs ] || get_llvm
+get_egl

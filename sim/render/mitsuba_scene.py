@@ -112,7 +112,7 @@ class MitsubaScene:
         return _scene([*replaced, *self.shapes[len(bodies) :]])
 
     def place(self, poses: Mapping[str, Pose]) -> MitsubaScene:
-        """Move bodies, and return the scene to render; equal bits to a scene built anew.
+        """Move bodies, and return the scene to render, with the bits of a newly built one.
 
         The shapes move in place, so this object and its copies are of no use afterwards.
 

@@ -279,7 +279,7 @@ def test_the_search_holds_all_disparities_that_the_sensor_searches(
     sensor = dataclasses.replace(SENSOR, matcher=own)
     disparity = np.array([[far_px, far_px + step_px]])
     depth = (SENSOR.fx_px * SENSOR.true_baseline_m / disparity).astype(np.float32)
-    search = corrupt._searching(sensor, depth).matcher
+    search = corrupt.narrow_search(sensor, depth).matcher
     end, own_end = search.min_disparity_px + search.search_px, least + own.search_px
     assert least <= search.min_disparity_px and end <= own_end and search.search_px % 16 == 0
     assert search.min_disparity_px <= max(far_px - 7, least)
@@ -287,4 +287,4 @@ def test_the_search_holds_all_disparities_that_the_sensor_searches(
 
 
 def test_the_search_without_a_surface_is_the_sensor_s() -> None:
-    assert corrupt._searching(SENSOR, np.full((2, 2), np.nan, np.float32)) == SENSOR
+    assert corrupt.narrow_search(SENSOR, np.full((2, 2), np.nan, np.float32)) == SENSOR

@@ -1,0 +1,231 @@
+"""A depth camera in a MuJoCo model, read in a loop."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim.corrupt import (
+    Corruptor,
+    HoleModel,
+    Reading,
+    narrow_search,
+    reading_of,
+    without_depth,
+)
+from starling.sim.geometry import frames
+from starling.sim.geometry.frames import Pose
+from starling.sim.mujoco import model_scene
+from starling.sim.mujoco.buffers import Buffers
+from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.sensor import edits, presets
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.simulate import Quality, expose, refuse_impossible, render_layers
+from starling.sim.stereo.post.temporal import History
+
+By = Literal["warp", "trace"]
+
+
+class DepthCamera:
+    """Reads what a depth camera at a named camera of a model would return."""
+
+    def __init__(
+        self,
+        model: Any,
+        camera: str,
+        sensor: Sensor | Path | str = "d435",
+        *,
+        by: By = "warp",
+        size: tuple[int, int] | None = None,
+        left_from_camera_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        views: Literal[1, 3] = 1,
+        quality: Quality = "draft",
+        groups: tuple[int, ...] = model_scene.GROUPS,
+        ambient_w_m2: float = 0.1,
+        residual: HoleModel | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Prepare the camera.
+
+        Args:
+            model: `mujoco.MjModel`.
+            camera: name of a camera in the model. The left imager stands there.
+            sensor: depth camera to imitate, or its name as for `starling.load_sensor`.
+            by: `warp` corrupts MuJoCo's own depth image, at camera rate. `trace` traces rays
+                through the model, with the shadows and gloss that a depth image lacks.
+            size: (width, height) of the images, with the field of the model's camera. Without it,
+                images are those of the model's camera if it has a `resolution`, and the sensor's
+                own otherwise.
+            left_from_camera_m: place of the left imager from the model's camera, if that is the
+                middle of a housing; x right, y down, z forward. D435: (-0.0175, 0, 0), D415:
+                (-0.020, 0, 0), D455: (-0.0475, 0, 0).
+            views: 3 draws two further depth images for `warp`, from the right imager and the
+                projector, which makes occlusions and shadows exact.
+            quality: quality of `trace`, as for `starling.simulate`.
+            groups: groups of geoms to show.
+            ambient_w_m2: irradiance of ambient light.
+            residual: removes depth where a trained model does; from `starling.load_residual`.
+            seed: seed of the noise. Each reading has its own.
+
+        Raises:
+            InputError: unknown camera, sensor or argument; or MuJoCo cannot draw on this machine.
+        """
+        errors.one_of("by", by, get_args(By))
+        if views not in (1, 3):
+            raise errors.refuse("views", "must be 1 or 3", views, "3 is exact, 1 is faster.")
+        errors.vector("left_from_camera_m", left_from_camera_m, -1.0, 1.0, "Give metres.")
+        self._seed = errors.whole_number("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
+        self._number = model_scene.camera_number(model, camera)
+        self.sensor = _with_camera(presets.resolved(sensor), model, self._number, size)
+        self._camera_from_left = frames.pose(left_from_camera_m)
+        self._frame = 0
+        self._history: History | None = None
+        self._source: _Warp | _Trace
+        if by == "warp":
+            self._source = _Warp(model, self.sensor, groups, ambient_w_m2, views, residual)
+        else:
+            self._source = _Trace(model, self.sensor, groups, ambient_w_m2, quality, residual)
+
+    def read(self, data: Any) -> Reading:
+        """Return one reading of the model's state; a temporal filter continues from the last one.
+
+        Args:
+            data: `mujoco.MjData` with current kinematics, as after `mujoco.mj_step`.
+        """
+        pose = model_scene.camera_pose(data, self._number) @ self._camera_from_left
+        reading = self._source.read(data, pose, (self._seed, self._frame), self._history)
+        self._frame += 1
+        self._history = reading.history
+        return reading
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begin a new episode: frame 0, nothing to filter; `seed` replaces the seed."""
+        if seed is not None:
+            self._seed = errors.whole_number("seed", seed, 0, 2**63 - 1, "Give a whole number.")
+        self._frame, self._history = 0, None
+
+    @property
+    def camera_matrix(self) -> NDArray[np.float64]:
+        """Camera matrix (3, 3) of the depth image [px]."""
+        return _matrix(self.sensor)
+
+    def close(self) -> None:
+        """Free what the camera draws with."""
+        self._source.close()
+
+
+class _Warp:
+    """Corrupts MuJoCo's own depth images."""
+
+    def __init__(
+        self,
+        model: Any,
+        sensor: Sensor,
+        groups: tuple[int, ...],
+        ambient_w_m2: float,
+        views: int,
+        residual: HoleModel | None,
+    ) -> None:
+        effects = {"ambient": ambient_w_m2}
+        matrix = _matrix(sensor)
+        self._corruptor = Corruptor(sensor, matrix, effects=effects, residual=residual)
+        self._buffers = Buffers(model, sensor, groups)
+        self._views = views
+
+    def read(self, data: Any, pose: Pose, number: tuple[int, int], past: History | None) -> Reading:
+        corruptor, draw = self._corruptor, self._buffers.draw
+        self._buffers.update(data, pose)
+        depth, colours = draw(pose, colours=True)
+        right = projector = None
+        if self._views == 3:
+            right, _ = draw(pose @ corruptor.left_from_right)
+            projector, _ = draw(pose @ corruptor.left_from_projector)
+        lit = corruptor.light(
+            depth,
+            reflectance=colours,
+            up=pose[:3, :3].T @ model_scene.UP,
+            right_depth_m=right,
+            projector_depth_m=projector,
+            empty=True,
+        )
+        seed, frame = number
+        return corruptor.read(lit, seed=seed, frame=frame, past=past)
+
+    def close(self) -> None:
+        self._buffers.close()
+
+
+class _Trace:
+    """Traces rays through the model's geoms."""
+
+    def __init__(
+        self,
+        model: Any,
+        sensor: Sensor,
+        groups: tuple[int, ...],
+        ambient_w_m2: float,
+        quality: Quality,
+        residual: HoleModel | None,
+    ) -> None:
+        refuse_impossible(sensor, 2)
+        errors.one_of("quality", quality, get_args(Quality))
+        self._model, self._sensor = model, sensor
+        self._quality: Quality = quality
+        self._groups, self._ambient_w_m2, self._residual = groups, ambient_w_m2, residual
+        self._geoms = model_scene.shown(model, groups)
+        self._names = model_scene.names(model, self._geoms)
+        self._scene: MitsubaScene | None = None
+
+    def read(self, data: Any, pose: Pose, number: tuple[int, int], past: History | None) -> Reading:
+        mi_scene = self._placed(data, pose)
+        sensor, (seed, frame) = self._sensor, number
+        layers = render_layers(mi_scene, sensor, seed=seed, quality=self._quality)
+        depth_m = layers.truth.depth_m
+        narrowed = narrow_search(sensor, depth_m)
+        shot = expose(layers, mi_scene.scene, narrowed, seed=seed, frame=frame, past=past)
+        if not np.isfinite(depth_m).any():
+            shot = without_depth(shot, past)
+        return reading_of(shot, sensor, self._residual, seed=seed, frame=frame)
+
+    def _placed(self, data: Any, pose: Pose) -> MitsubaScene:
+        """The model in its present state, seen from a pose."""
+        poses = {
+            name: model_scene.geom_pose(data, geom)
+            for name, geom in zip(self._names, self._geoms, strict=True)
+        }
+        if self._scene is None:
+            scene = model_scene.scene(
+                self._model, data, groups=self._groups, ambient_w_m2=self._ambient_w_m2
+            )
+            self._scene = MitsubaScene(dataclasses.replace(scene, world_from_left=pose))
+            return self._scene
+        bodies = {body.name: body for body in self._scene.scene.bodies}
+        moved = {
+            name: placed
+            for name, placed in poses.items()
+            if not np.array_equal(placed, bodies[name].world_from_body)
+        }
+        posed = dataclasses.replace(self._scene.scene, world_from_left=pose)
+        self._scene = self._scene.with_scene(posed).place(moved)
+        return self._scene
+
+    def close(self) -> None:
+        self._scene = None
+
+
+def _with_camera(sensor: Sensor, model: Any, number: int, size: tuple[int, int] | None) -> Sensor:
+    """The sensor with the intrinsics of the model's camera, if it has any."""
+    chosen = size or model_scene.resolution(model, number)
+    if chosen is None:
+        return sensor
+    return edits.with_camera(sensor, model_scene.intrinsics(model, number, chosen), chosen)
+
+
+def _matrix(sensor: Sensor) -> NDArray[np.float64]:
+    rows = [[sensor.fx_px, 0, sensor.cx_px], [0, sensor.fy_px, sensor.cy_px], [0, 0, 1]]
+    return np.array(rows, np.float64)

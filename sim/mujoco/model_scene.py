@@ -1,0 +1,153 @@
+"""A MuJoCo model in one state as a scene, and the poses of its geoms and cameras."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim.geometry import frames
+from starling.sim.geometry.frames import Pose
+from starling.sim.mujoco import geoms, looks
+from starling.sim.mujoco.library import mujoco
+from starling.sim.scene.scene import Ambient, Scene
+
+GROUPS = (0, 1, 2)  # Groups of geoms that MuJoCo draws by default; others are for collisions.
+UP = (0.0, 0.0, 1.0)
+
+
+def scene(
+    model: Any,
+    data: Any,
+    *,
+    camera: str | None = None,
+    groups: tuple[int, ...] = GROUPS,
+    ambient_w_m2: float = 0.1,
+) -> Scene:
+    """Return what a model shows in one state: geoms with their colours and textures.
+
+    Near-infrared reflectances are guessed from colours (see `starling.sim.scene.colours`). Infinite
+    planes end 50 m from their middle. Skins and flexible bodies are left out, with a warning.
+
+    Args:
+        model: `mujoco.MjModel`.
+        data: `mujoco.MjData` with current kinematics (`mujoco.mj_forward`).
+        camera: name of the camera that becomes the left imager; None looks from the origin.
+        groups: groups of geoms to show.
+        ambient_w_m2: irradiance of ambient light from above.
+
+    Raises:
+        InputError: nothing to show, or an unknown camera.
+
+    Examples:
+        >>> scene = starling.mujoco.scene(model, data, camera="wrist")
+        >>> starling.simulate(scene, "d435").depth.depth_m.shape
+        (480, 848)
+    """
+    number = None if camera is None else camera_number(model, camera)
+    numbers = shown(model, groups)
+    bodies = tuple(
+        dataclasses.replace(looks.body(model, geom, name), world_from_body=geom_pose(data, geom))
+        for name, geom in zip(names(model, numbers), numbers, strict=True)
+    )
+    left = np.eye(4) if number is None else camera_pose(data, number)
+    title = f"mujoco {camera}" if camera else "mujoco"
+    ambient = Ambient(irradiance_w_m2=ambient_w_m2, up=UP)
+    return Scene(name=title, bodies=bodies, ambient=ambient, world_from_left=left)
+
+
+def shown(model: Any, groups: tuple[int, ...]) -> list[int]:
+    """Numbers of the geoms that are in the groups and not fully transparent.
+
+    Raises:
+        InputError: if there is none.
+    """
+    known = geoms.names()
+    numbers = [
+        geom
+        for geom in range(model.ngeom)
+        if int(model.geom_group[geom]) in groups and looks.rgba(model, geom)[3] > 0
+    ]
+    other = sorted({int(model.geom_type[geom]) for geom in numbers} - set(known))
+    dropped = [f"geoms of kind {kind}" for kind in other]
+    dropped += [kind for kind in ("skin", "flex") if getattr(model, f"n{kind}")]
+    if dropped:
+        warnings.warn(f"{', '.join(dropped)} are not shown. Convert them to meshes.", stacklevel=4)
+    numbers = [geom for geom in numbers if int(model.geom_type[geom]) in known]
+    if not numbers:
+        rule = f"must have geoms in the groups {', '.join(map(str, groups))}"
+        held = sorted({int(group) for group in model.geom_group})
+        raise errors.refuse("model", rule, f"groups {held}", "Give groups=(...).")
+    return numbers
+
+
+def names(model: Any, numbers: list[int]) -> list[str]:
+    """Names of bodies for geoms: the geom's name, or the body's with the geom's number."""
+    return [
+        model.geom(geom).name or f"{model.body(int(model.geom_bodyid[geom])).name or 'body'}/{geom}"
+        for geom in numbers
+    ]
+
+
+def camera_number(model: Any, name: str) -> int:
+    """Number of a named camera.
+
+    Raises:
+        InputError: if the model has none of this name, or it is no perspective camera.
+    """
+    known = [model.camera(number).name for number in range(model.ncam)]
+    if not known:
+        raise errors.refuse("camera", "must be a camera of the model", repr(name), "It has none.")
+    errors.one_of("camera", name, known)
+    number = int(model.camera(name).id)
+    if int(model.cam_projection[number]) != mujoco().mjtProjection.mjPROJ_PERSPECTIVE:
+        rule = "must be a perspective camera"
+        raise errors.refuse("camera", rule, f"another kind of {name}", "Remove its projection.")
+    return number
+
+
+def camera_pose(data: Any, number: int) -> Pose:
+    """Pose `world_from_camera` (4, 4) of a camera, in OpenCV's axes."""
+    return frames.from_opengl(_pose(data.cam_xpos[number], data.cam_xmat[number]))
+
+
+def geom_pose(data: Any, number: int) -> Pose:
+    """Pose `world_from_geom` (4, 4)."""
+    return _pose(data.geom_xpos[number], data.geom_xmat[number])
+
+
+def _pose(place: NDArray[np.float64], turn: NDArray[np.float64]) -> Pose:
+    if not turn.any():
+        advice = "Call mujoco.mj_forward(model, data)."
+        raise errors.refuse("data", "must have current kinematics", "poses of zeros", advice)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = np.reshape(turn, (3, 3)), place
+    return pose
+
+
+def intrinsics(model: Any, number: int, size: tuple[int, int]) -> NDArray[np.float64]:
+    """Camera matrix (3, 3) [px] of a camera with images of (width, height).
+
+    A camera with `sensorsize` has its own focal lengths and principal point; others have `fovy`.
+    MuJoCo draws a principal point with positive offsets left of and above the image's middle.
+    """
+    width, height = size
+    x, y = (width - 1) / 2, (height - 1) / 2
+    if model.cam_sensorsize[number].any():
+        focal_x, focal_y, left, up = model.cam_intrinsic[number].tolist()
+        side_x, side_y = model.cam_sensorsize[number].tolist()
+        fx, fy = focal_x / side_x * width, focal_y / side_y * height
+        x, y = x - left / side_x * width, y - up / side_y * height
+    else:
+        fx = fy = height / 2 / np.tan(np.deg2rad(float(model.cam_fovy[number])) / 2)
+    return np.array([[fx, 0, x], [0, fy, y], [0, 0, 1]])
+
+
+def resolution(model: Any, number: int) -> tuple[int, int] | None:
+    """(width, height) of a camera's images; None if its file gives none."""
+    width, height = model.cam_resolution[number].tolist()
+    return None if width <= 1 or height <= 1 else (width, height)

@@ -1,0 +1,90 @@
+"""MJCF and URDF files: recognised by their first element, and loaded in one state."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from starling.patterns import InputError
+from starling.sim.mujoco import files
+from tests.unit.sim.mujoco.small_model import MODEL, assets
+
+URDF = """<?xml version="1.0"?><!-- one link --><robot name="arm"><link name="base"><visual>
+<geometry><box size=".1 .2 .3"/></geometry></visual><collision><geometry><box size=".1 .2 .3"/>
+</geometry></collision></link></robot>"""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    for name, content in assets().items():
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "scene.xml").write_text(MODEL)
+    return tmp_path / "scene.xml"
+
+
+def test_files_are_recognised_by_their_first_element(tmp_path: Path):
+    texts = {
+        "mujoco.xml": "<!-- a --> <mujoco model='a'>",
+        "robot.urdf": URDF,
+        "empty.mjcf": "<mujoco/>",
+        "mitsuba.xml": "<scene version='3.0.0'/>",
+        "blank.xml": "  ",
+        "cut.xml": "<!-- <mujoco>",
+        "bare.xml": "<",
+        "mujoco.txt": "<mujoco/>",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    known = {name for name in texts if files.is_model(tmp_path / name)}
+    assert known == {"mujoco.xml", "robot.urdf", "empty.mjcf"}
+    assert not files.is_model(tmp_path / "missing.xml")
+
+
+def test_a_keyframe_or_positions_set_the_state(path: Path, tmp_path: Path):
+    def height(**state: object) -> float:
+        scene = files.load(path, camera="top", **state)
+        (ball,) = (body for body in scene.bodies if body.name.startswith("ball"))
+        return float(ball.world_from_body[2, 3])
+
+    assert height() == pytest.approx(0.2)
+    assert height(keyframe="lifted") == pytest.approx(0.4)
+    positions = np.array([0, 0, 0.7, 1, 0, 0, 0])
+    np.save(tmp_path / "q.npy", positions)
+    np.savetxt(tmp_path / "q.txt", positions)
+    assert height(qpos=tmp_path / "q.npy") == height(qpos=tmp_path / "q.txt")
+    assert height(qpos=tmp_path / "q.npy") == pytest.approx(0.7)
+
+
+def test_states_that_do_not_fit_are_refused(path: Path, tmp_path: Path):
+    np.save(tmp_path / "short.npy", np.zeros(3))
+    np.save(tmp_path / "nan.npy", np.full(7, np.nan))
+    (tmp_path / "words.txt").write_text("a b c")
+    for state, message in (
+        ({"keyframe": "home"}, "keyframe must be a known name; got 'home'. Known: lifted"),
+        ({"qpos": tmp_path / "short.npy"}, r"qpos must be \(7,\) finite numbers"),
+        ({"qpos": tmp_path / "nan.npy"}, r"qpos must be \(7,\) finite numbers"),
+        ({"qpos": tmp_path / "words.txt"}, "qpos must be .npy or text"),
+        ({"qpos": tmp_path / "missing.npy"}, "qpos must be .npy or text"),
+        ({"qpos": tmp_path / "short.npy", "keyframe": "lifted"}, "must not be given with keyframe"),
+    ):
+        with pytest.raises(InputError, match=message):
+            files.load(path, **state)
+
+
+def test_a_robot_of_ros_loads(tmp_path: Path):
+    (tmp_path / "arm.urdf").write_text(URDF)
+    scene = files.load(tmp_path / "arm.urdf")
+    low, high = (bound(scene.bodies[0].mesh.vertices, axis=0) for bound in (np.min, np.max))
+    np.testing.assert_allclose(high - low, [0.1, 0.2, 0.3], rtol=1e-6)
+    with pytest.raises(InputError, match=r"keyframe must be in the model; got home. It has none"):
+        files.load(tmp_path / "arm.urdf", keyframe="home")
+
+
+def test_missing_files_are_named(path: Path, tmp_path: Path):
+    (tmp_path / "sheet.obj").unlink()
+    with pytest.raises(InputError, match=r"scene must load in MuJoCo; .*sheet.obj"):
+        files.load(path)
+    with pytest.raises(InputError, match="must be a file that exists"):
+        files.load(tmp_path / "arm.xml")
