@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 
 
 class Reason(IntEnum):
-    """Reason code of a pixel; 0 means depth. Stored as uint32, since OpenEXR has no uint8."""
+    """Reason code of a pixel; 0 means depth. Stored as uint32, since OpenEXR has no uint8.
+
+    The page on conventions explains each (`docs/conventions.md`, missing depth).
+    """
 
     VALID = 0  # The pixel has depth.
     NO_SURFACE = 1  # The pixel's ray meets no surface.

@@ -288,11 +288,12 @@ def corrupt(
         ambient_lux: daylight on the surfaces [lux]; an indoor level if None.
         up: (3,) direction of the zenith in the camera's axes (x right, y down, z forward), from
             which more ambient light comes. None: equal from all directions.
-        right_depth_m: (h, w) depth seen from `Corruptor.left_from_right`; warped if None.
-        projector_depth_m: (h, w) depth seen from `Corruptor.left_from_projector`; warped if None.
+        right_depth_m: (h, w) depth seen from `Corruptor.left_from_right`, with the matrix of
+            `depth_m`; warped if None.
+        projector_depth_m: same, seen from `Corruptor.left_from_projector`.
         seed: seed of all noise; equal seeds give equal bits on one machine.
         frame: number of the frame; each frame has noise of its own.
-        past: `history` of the frame before, for a temporal filter.
+        past: `history` of the frame before, for a temporal filter; None at first.
         residual: model as for `load_residual`; none if None.
 
     Returns:

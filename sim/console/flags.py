@@ -58,8 +58,8 @@ CameraMatrix = Annotated[
     tuple[float, float, float, float] | Path | None,
     arg(
         metavar="FX FY CX CY|FILE",
-        help="Camera of depth images [px]; pixel centres have whole coordinates. FILE, with other "
-        "scenes the sensor's own: output of rs-enumerate-devices -c, a ROS camera_info, or a "
-        "board file of depthai.",
+        help="Camera of depth images [px]; pixel centres have whole coordinates. For other scenes, "
+        "a FILE gives the camera of the sensor. FILE is the output of rs-enumerate-devices -c, a "
+        "ROS camera_info, or a board file of depthai.",
     ),
 ]
