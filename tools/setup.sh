@@ -2,7 +2,7 @@
 # Set up what a command of the Makefile needs: tools/setup.sh [run|test|docs]
 #   run   .venv with the program itself (no torch), and an LLVM library for the fast variants
 #   test  the same with the extras `learning` (torch first, so that pip keeps the build the
-#         machine offers), `completion`, `data`, `ros`, `ray`, `batch`, `mujoco` and `dev`
+#         machine offers), `completion`, `data`, `ros`, `ray`, `batch`, `mujoco`, `gymnasium` and `dev`
 #   docs  .venv with the program and what builds the documentation
 # A second call finds everything done and returns at once. PYTHON chooses the interpreter.
 set -eu
@@ -130,7 +130,7 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
     run) pip_install -e . ;;
     test)
         pip_install "torch==2.13.0"
-        pip_install -e '.[learning,completion,data,ros,ray,batch,mujoco,dev]'
+        pip_install -e '.[learning,completion,data,ros,ray,batch,mujoco,gymnasium,dev]'
         echo "$wanted" >.venv/.ready-run # It includes what `run` has.
         ;;
     docs) pip_install -e '.[docs]' ;;

@@ -1,0 +1,228 @@
+"""Depth observations of Gymnasium environments as a camera returns them; needs `gymnasium`.
+
+Examples:
+    >>> env = starling.gymnasium.RealisticDepth(env, camera_matrix, "d435", key="depth")
+    >>> observation, _ = env.reset(seed=0)
+    >>> observation["depth"].dtype
+    dtype('float32')
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, SupportsFloat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim.corrupt import Corruptor, HoleModel
+from starling.sim.effects import Value
+from starling.sim.sensor import edits, presets
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.post.temporal import History
+
+try:
+    import gymnasium
+    from gymnasium import spaces
+except ImportError:
+    raise errors.needs("starling.gymnasium", "gymnasium", "gymnasium") from None
+
+_SEEDS = 2**31  # Number of seeds from which an episode without one draws its own.
+
+
+class RealisticDepth(gymnasium.Wrapper):
+    """Replaces a clean depth image in the observations of an environment.
+
+    Images keep their size and camera. Each step has noise of its own, each episode another seed.
+    A temporal filter of the sensor goes on from step to step.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        camera_matrix: NDArray[np.floating],
+        sensor: Sensor | Path | str = "d435",
+        *,
+        key: str | None = "depth",
+        rgb_key: str | None = None,
+        missing: float = 0.0,
+        effects: Mapping[str, Value] | None = None,
+        residual: HoleModel | None = None,
+    ) -> None:
+        """Wrap an environment.
+
+        Args:
+            env: environment whose depth is (h, w) or (h, w, 1), in metres along the optical axis.
+            camera_matrix: (3, 3) intrinsics of the depth image [px].
+            sensor: depth camera to imitate, or its name as for `starling.load_sensor`.
+            key: entry of the observation that is the depth image; None if it is all of it.
+            rgb_key: entry with the colour image (h, w, 3) uint8, as a hint of reflectance.
+            missing: value of pixels without depth.
+            effects: strengths as for `starling.apply_effects`.
+            residual: removes depth where a trained model does; from `starling.load_residual`.
+
+        Raises:
+            InputError: if the observation has no such image, or as `starling.Corruptor`.
+        """
+        super().__init__(env)
+        self._key, self._rgb_key, self._missing = key, rgb_key, np.float32(missing)
+        space = _entry(env.observation_space, key)
+        if rgb_key is not None:
+            _entry(env.observation_space, rgb_key)
+        self._shape = tuple(space.shape)
+        self.observation_space = _with_entry(env.observation_space, key, _depth_space(space))
+        self.corruptor = _corruptor(sensor, camera_matrix, self._shape, effects, residual)
+        self._seed, self._frame = 0, 0
+        self._history: History | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment, and the noise by its seed."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        drawn = int(self.env.unwrapped.np_random.integers(_SEEDS)) if seed is None else seed
+        self._seed, self._frame, self._history = drawn, 0, None
+        return self._corrupted(observation), info
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Step the environment."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return self._corrupted(observation), reward, terminated, truncated, info
+
+    def _corrupted(self, observation: Any) -> Any:
+        clean = observation if self._key is None else observation[self._key]
+        lit = self.corruptor.light(
+            np.asarray(clean).reshape(self._shape[:2]),
+            reflectance=None if self._rgb_key is None else observation[self._rgb_key],
+            empty=True,
+        )
+        reading = self.corruptor.read(lit, seed=self._seed, frame=self._frame, past=self._history)
+        self._frame, self._history = self._frame + 1, reading.history
+        depth = np.where(np.isfinite(reading.depth_m), reading.depth_m, self._missing)
+        depth = depth.astype(np.float32).reshape(self._shape)
+        return depth if self._key is None else {**observation, self._key: depth}
+
+
+class RealisticDepthVector(gymnasium.vector.VectorWrapper):
+    """Replaces clean depth images in the observations of a vector of environments.
+
+    Torch tensors stay on their device (`starling.Corruptor.batch`). NumPy arrays are computed by
+    the same kernels on the processor.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.vector.VectorEnv[Any, Any, Any],
+        camera_matrix: NDArray[np.floating],
+        sensor: Sensor | Path | str = "d435",
+        *,
+        key: str | None = "depth",
+        rgb_key: str | None = None,
+        missing: float = 0.0,
+        effects: Mapping[str, Value] | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Wrap a vector of environments.
+
+        Args:
+            env: environments whose depth is (n, h, w) or (n, h, w, 1), in metres.
+            camera_matrix: as in `RealisticDepth`.
+            sensor: as in `RealisticDepth`.
+            key: as in `RealisticDepth`.
+            rgb_key: as in `RealisticDepth`.
+            missing: as in `RealisticDepth`.
+            effects: as in `RealisticDepth`.
+            seed: seed of the noise until a reset has one.
+
+        Raises:
+            InputError: as `RealisticDepth`, and as `starling.Corruptor.batch`.
+        """
+        super().__init__(env)
+        self._key, self._rgb_key, self._missing = key, rgb_key, float(missing)
+        space = _entry(env.single_observation_space, key)
+        if rgb_key is not None:
+            _entry(env.single_observation_space, rgb_key)
+        single = _with_entry(env.single_observation_space, key, _depth_space(space))
+        self.single_observation_space = single
+        self.observation_space = gymnasium.vector.utils.batch_space(single, env.num_envs)
+        self._size = tuple(space.shape)[:2]
+        self.corruptor = _corruptor(sensor, camera_matrix, self._size, effects, None)
+        self._seed, self._frame = seed, 0
+
+    def reset(
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the environments, and the noise by the first seed."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        seeds: list[int | None] = [seed] if isinstance(seed, int) else list(seed or [])
+        if seeds and seeds[0] is not None:
+            self._seed = seeds[0]
+        self._frame = 0
+        return self._corrupted(observation), info
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Step the environments."""
+        observation, reward, terminated, truncated, info = self.env.step(actions)
+        return self._corrupted(observation), reward, terminated, truncated, info
+
+    def _corrupted(self, observation: Any) -> Any:
+        clean = observation if self._key is None else observation[self._key]
+        rgb = None if self._rgb_key is None else observation[self._rgb_key]
+        depth = self._depth(clean, rgb)
+        self._frame += 1
+        return depth if self._key is None else {**observation, self._key: depth}
+
+    def _depth(self, clean: Any, rgb: Any) -> Any:
+        import torch
+
+        depth, colours = torch.as_tensor(clean), None if rgb is None else torch.as_tensor(rgb)
+        flat = depth.reshape(-1, *self._size).to(torch.float32)
+        reading = self.corruptor.batch(
+            flat, reflectance=colours, seed=self._seed, frame=self._frame
+        )
+        out = torch.nan_to_num(reading.depth_m, nan=self._missing).reshape(depth.shape)
+        return out.numpy() if isinstance(clean, np.ndarray) else out
+
+
+def _entry(space: spaces.Space[Any], key: str | None) -> spaces.Box:
+    """The space of an image in an observation."""
+    part: Any = space
+    if key is not None:
+        known = list(space.spaces) if isinstance(space, spaces.Dict) else []
+        if not isinstance(space, spaces.Dict):
+            advice = "Give key=None if the observation is the image."
+            raise errors.refuse("observation", "must be a Dict space", type(space).__name__, advice)
+        errors.one_of("key", key, known)
+        part = space.spaces[key]
+    if not isinstance(part, spaces.Box) or len(part.shape) not in (2, 3):
+        rule = f"must be an image (h, w) or (h, w, channels) at {key or 'its top'}"
+        raise errors.refuse("observation", rule, part, "Give its key.")
+    return part
+
+
+def _depth_space(space: spaces.Box) -> spaces.Box:
+    if len(space.shape) == 3 and space.shape[2] != 1:
+        raise errors.refuse("depth", "must be (h, w) or (h, w, 1)", space.shape, "Give its key.")
+    return spaces.Box(0.0, np.inf, space.shape, np.float32)
+
+
+def _with_entry(space: spaces.Space[Any], key: str | None, depth: spaces.Box) -> spaces.Space[Any]:
+    if key is None:
+        return depth
+    assert isinstance(space, spaces.Dict)  # Checked by `_entry`.
+    return spaces.Dict({**space.spaces, key: depth})
+
+
+def _corruptor(
+    sensor: Sensor | Path | str,
+    camera_matrix: NDArray[np.floating],
+    shape: tuple[int, ...],
+    effects: Mapping[str, Value] | None,
+    residual: HoleModel | None,
+) -> Corruptor:
+    """A corruptor whose images have the size and camera of the observation."""
+    height, width = shape[:2]
+    device = edits.with_camera(presets.resolved(sensor), camera_matrix, (width, height))
+    return Corruptor(device, camera_matrix, effects=effects, residual=residual)
