@@ -1,5 +1,6 @@
-"""Coordinates into the textures of MuJoCo's geoms, as its renderer has them since version 4.
+"""Coordinates into the textures of MuJoCo's geoms, as its classic renderer has them.
 
+Since version 4, solids have coordinates of their own; before, all flat textures were projected.
 Starling's uv (0, 0) is the corner of an image's first pixel; so is that of MuJoCo.
 """
 
@@ -43,9 +44,12 @@ def on_image(model: Any, geom: int, mesh: Mesh) -> Mesh:
     repeat = np.array(model.mat_texrepeat[material], np.float64)
     if model.mat_texuniform[material]:
         repeat = repeat * np.where(half[:2] > 0, half[:2], 1)
+    solids_projected = int(mujoco().__version__.split(".")[0]) < 4
     if mesh.uv is not None:
-        return dataclasses.replace(mesh, uv=(mesh.uv * repeat).astype(np.float32))
-    if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF, kinds.mjGEOM_HFIELD):
+        scale = np.ones(2) if solids_projected else repeat
+        return dataclasses.replace(mesh, uv=(mesh.uv * scale).astype(np.float32))
+    meshes = (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF, kinds.mjGEOM_HFIELD)
+    if solids_projected or kind in meshes:
         place = mesh.vertices[:, :2] / np.where(half[:2] > 0, half[:2], 1)
         uv = place * (0.5 * repeat * [1, -1]) - 0.5
         return dataclasses.replace(mesh, uv=uv.astype(np.float32))
