@@ -209,7 +209,7 @@ class Corruptor:
         is missing.
         """
         sensor, clean = self.sensor, depth_input.checked_depth("depth_m", depth_m, empty=empty)
-        camera = depth_input.DepthCamera(self.camera_matrix, clean.shape)
+        camera = depth_input.InputCamera(self.camera_matrix, clean.shape)
         depth = depth_input.resampled(clean, camera, sensor)
         seen = bool(np.isfinite(depth).any())
         if not seen and not empty:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim.batch import handoff
 from starling.sim.corrupt import Corruptor, HoleModel
 from starling.sim.effects import Value
 from starling.sim.sensor import edits, presets
@@ -175,15 +176,16 @@ class RealisticDepthVector(gymnasium.vector.VectorWrapper):
         return depth if self._key is None else {**observation, self._key: depth}
 
     def _depth(self, clean: Any, rgb: Any) -> Any:
-        import torch
-
-        depth, colours = torch.as_tensor(clean), None if rgb is None else torch.as_tensor(rgb)
-        flat = depth.reshape(-1, *self._size).to(torch.float32)
-        reading = self.corruptor.batch(
-            flat, reflectance=colours, seed=self._seed, frame=self._frame
-        )
-        out = torch.nan_to_num(reading.depth_m, nan=self._missing).reshape(depth.shape)
-        return out.numpy() if isinstance(clean, np.ndarray) else out
+        flat = clean.reshape(-1, *self._size)
+        frame = {"seed": self._seed, "frame": self._frame}
+        if isinstance(clean, np.ndarray):
+            warp = handoff.import_warp()
+            host = warp.array(np.ascontiguousarray(flat, np.float32), device="cpu")
+            colours = None if rgb is None else warp.array(np.ascontiguousarray(rgb), device="cpu")
+            seen = self.corruptor.batch(host, reflectance=colours, **frame).depth_m.numpy()
+            return np.nan_to_num(seen, nan=self._missing).reshape(clean.shape)
+        seen = self.corruptor.batch(flat.float(), reflectance=rgb, **frame).depth_m
+        return seen.nan_to_num(nan=self._missing).reshape(clean.shape)
 
 
 def _entry(space: spaces.Space[Any], key: str | None) -> spaces.Box:

@@ -49,7 +49,7 @@ class BatchRig:
 def build(sensor: Sensor, scene: Scene, device: Any) -> BatchRig:
     """Copy the constants of a sensor to a Warp device, and warn of parts without dots."""
     matrix = np.array([[sensor.fx_px, 0, sensor.cx_px], [0, sensor.fy_px, sensor.cy_px], [0, 0, 1]])
-    camera = depth_input.DepthCamera(matrix, (sensor.height, sensor.width))
+    camera = depth_input.InputCamera(matrix, (sensor.height, sensor.width))
     suspicions.warn_of_cameras(camera, sensor)
     bits = min(sensor.left.matched_bits, 10)
     return BatchRig(
@@ -75,7 +75,7 @@ def admit(depth: Any, sensor: Sensor, camera_matrix: np.ndarray[Any, Any]) -> An
     if clean.ndim != 3 or clean.dtype != wp.float32 or not clean.shape[0]:
         rule = "must be (environments, height, width) float32, at least one"
         raise handoff.refusal("depth", rule, clean, "Reshape it.")
-    camera = depth_input.DepthCamera(camera_matrix, tuple(clean.shape[1:]))
+    camera = depth_input.InputCamera(camera_matrix, tuple(clean.shape[1:]))
     refusals.refuse_unsupported(sensor, camera)
     return clean
 

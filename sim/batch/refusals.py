@@ -23,7 +23,7 @@ def refuse_residual(residual: object) -> None:
         raise errors.refuse(name, rule, type(residual).__name__, _ADVICE)
 
 
-def refuse_unsupported(sensor: Sensor, camera: depth_input.DepthCamera) -> None:
+def refuse_unsupported(sensor: Sensor, camera: depth_input.InputCamera) -> None:
     """Refuse a sensor that the kernels do not imitate in full.
 
     Args:

@@ -9,7 +9,7 @@ from starling.patterns import errors
 from starling.sim import arrays
 from starling.sim.arrays import Image
 from starling.sim.sensor import edits
-from starling.sim.warp.depth_input import DepthCamera
+from starling.sim.warp.depth_input import InputCamera
 
 
 def depth_from_zbuffer(zbuffer: NDArray[np.floating], near_m: float, far_m: float) -> Image:
@@ -54,7 +54,7 @@ def depth_from_range(range_m: NDArray[np.floating], camera_matrix: NDArray[np.fl
         distance = arrays.numbers("range_m", range_m).astype(np.float32)
     if distance.ndim != 2:
         raise errors.refuse("range_m", "must be (h, w)", distance.shape, "Give one image.")
-    camera = DepthCamera(edits.checked_matrix(camera_matrix), distance.shape)
+    camera = InputCamera(edits.checked_matrix(camera_matrix), distance.shape)
     return distance / ray_length(camera.shape, camera.matrix)
 
 

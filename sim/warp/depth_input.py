@@ -23,7 +23,7 @@ REFLECTANCE = 0.5  # Of unknown surfaces.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DepthCamera:
+class InputCamera:
     """Camera of a depth image; its numbers are plausible for its size."""
 
     matrix: NDArray[np.float64]  # (3, 3) [px]
@@ -84,7 +84,7 @@ def checked_depth(
     return out
 
 
-def reflectance(values: float | NDArray[Any] | None, camera: DepthCamera, sensor: Sensor) -> Image:
+def reflectance(values: float | NDArray[Any] | None, camera: InputCamera, sensor: Sensor) -> Image:
     """Return the near-infrared reflectance (h, w) in the sensor's camera.
 
     Args:
@@ -124,7 +124,7 @@ def reflectance(values: float | NDArray[Any] | None, camera: DepthCamera, sensor
     return np.asarray(moved, np.float32)
 
 
-def matches(camera: DepthCamera, sensor: Sensor) -> bool:
+def matches(camera: InputCamera, sensor: Sensor) -> bool:
     """Whether an image of the camera is one of the sensor's."""
     k = camera.matrix
     expected = (sensor.fx_px, sensor.fy_px, sensor.cx_px, sensor.cy_px)
@@ -133,7 +133,7 @@ def matches(camera: DepthCamera, sensor: Sensor) -> bool:
 
 
 def _sources(
-    camera: DepthCamera, sensor: Sensor
+    camera: InputCamera, sensor: Sensor
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Columns and rows in the camera's image of the sensor's columns and rows."""
     k = camera.matrix
@@ -142,7 +142,7 @@ def _sources(
     return x, y
 
 
-def resampled(depth_m: Image, camera: DepthCamera, sensor: Sensor) -> Image:
+def resampled(depth_m: Image, camera: InputCamera, sensor: Sensor) -> Image:
     """Resample depth to the sensor's camera; NaN outside the image.
 
     Inverse depth is linear on planes, so it is interpolated on surfaces. Across edges the nearest

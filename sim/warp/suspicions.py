@@ -11,7 +11,7 @@ from starling.sim.arrays import Image
 from starling.sim.render.emission import half_tangents
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.warp.conversions import ray_length
-from starling.sim.warp.depth_input import DepthCamera
+from starling.sim.warp.depth_input import InputCamera
 
 _BACKGROUND_M = 10.0  # A farther plane that fills part of the image is no surface.
 _SHARE = 0.01  # Least share of pixels that is reported.
@@ -23,7 +23,7 @@ _CENTRE = (0.25, 0.75)  # Usual places of the principal point [image sides].
 _LEVEL = 4  # Of `warnings.warn`: the caller of `Corruptor`.
 
 
-def warn_of_depth(depth_m: Image, camera: DepthCamera) -> None:
+def warn_of_depth(depth_m: Image, camera: InputCamera) -> None:
     """Warn of a far plane, a depth buffer and distances along rays.
 
     Args:
@@ -49,7 +49,7 @@ def warn_of_depth(depth_m: Image, camera: DepthCamera) -> None:
         )
 
 
-def warn_of_cameras(camera: DepthCamera, sensor: Sensor) -> None:
+def warn_of_cameras(camera: InputCamera, sensor: Sensor) -> None:
     """Warn of a matrix for another image size, and of a sensor that sees more than is given.
 
     Args:
@@ -87,7 +87,7 @@ def _inside(tangents: NDArray[np.floating], row: NDArray[np.float64], count: int
     return float(np.mean((pixel >= -0.5) & (pixel <= count - 0.5)))
 
 
-def _is_flatter_as_range(depth_m: Image, camera: DepthCamera) -> bool:
+def _is_flatter_as_range(depth_m: Image, camera: InputCamera) -> bool:
     """Whether most surfaces are planes, if the image holds distances along rays.
 
     The inverse depth of a plane is linear in the image.

@@ -107,11 +107,11 @@ def test_resampling_keeps_a_tilted_plane() -> None:
     wide = np.array([[100.0, 0, 99.5], [0, 100.0, 79.5], [0, 0, 1]])
     x = (np.arange(200) - 99.5) / 100
     plane = np.repeat((1 / (1 + 0.3 * x))[None].astype(np.float32), 160, axis=0)
-    moved = depth_input.resampled(plane, depth_input.DepthCamera(wide, plane.shape), SENSOR)
+    moved = depth_input.resampled(plane, depth_input.InputCamera(wide, plane.shape), SENSOR)
     seen_x = (np.arange(WIDTH) - 79.5) / FOCAL
     np.testing.assert_allclose(moved[60], 1 / (1 + 0.3 * seen_x), rtol=1e-5)
     matrix = np.array([[400.0, 0, 19.5], [0, 400.0, 19.5], [0, 0, 1]])
-    narrow = depth_input.DepthCamera(matrix, (40, 40))
+    narrow = depth_input.InputCamera(matrix, (40, 40))
     outside = depth_input.resampled(np.ones((40, 40), np.float32), narrow, SENSOR)
     assert np.isnan(outside[0, 0])
     assert np.isfinite(outside[60, 80])
@@ -224,7 +224,7 @@ def test_whole_numbers_of_numpy_are_seeds() -> None:
 
 def test_rgb_is_a_hint_of_reflectance() -> None:
     """Black dyes reflect a quarter, white 0.85."""
-    camera = depth_input.DepthCamera(MATRIX, WALL.shape)
+    camera = depth_input.InputCamera(MATRIX, WALL.shape)
     picture = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     picture[:, 80:] = 255
     seen = depth_input.reflectance(picture, camera, SENSOR)

@@ -15,23 +15,23 @@ from starling.patterns.errors import InputError
 from starling.sim.corrupt import Corruptor
 from starling.sim.sensor import edits, presets
 from starling.sim.warp import conversions, suspicions
-from starling.sim.warp.depth_input import DepthCamera
+from starling.sim.warp.depth_input import InputCamera
 
 SHAPE = (120, 160)
 MATRIX = np.array([[150.0, 0, 79.5], [0, 150.0, 59.5], [0, 0, 1]])
-CAMERA = DepthCamera(MATRIX, SHAPE)
+CAMERA = InputCamera(MATRIX, SHAPE)
 SENSOR = edits.with_camera(presets.load("d435"), MATRIX, (160, 120))
 WALL = np.full(SHAPE, 1.2, np.float32)
 
 
-def messages(depth_m: Any, camera: DepthCamera = CAMERA) -> list[str]:
+def messages(depth_m: Any, camera: InputCamera = CAMERA) -> list[str]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         suspicions.warn_of_depth(np.asarray(depth_m, np.float32), camera)
     return [str(each.message) for each in caught]
 
 
-def camera_messages(camera: DepthCamera, sensor: Any) -> list[str]:
+def camera_messages(camera: InputCamera, sensor: Any) -> list[str]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         suspicions.warn_of_cameras(camera, sensor)
@@ -104,7 +104,7 @@ def test_a_depth_buffer_is_reported(low: float, warns: bool) -> None:
 
 
 def test_a_matrix_of_another_size_is_reported() -> None:
-    (text,) = camera_messages(DepthCamera(MATRIX, (60, 80)), SENSOR)[:1]
+    (text,) = camera_messages(InputCamera(MATRIX, (60, 80)), SENSOR)[:1]
     assert "principal point at (79.5, 59.5) of 80x60 px" in text
     assert camera_messages(CAMERA, SENSOR) == []
 
@@ -114,7 +114,7 @@ def test_a_narrow_image_and_a_wide_sensor_are_reported() -> None:
     assert any("of the sensor's image; the rest has no surface" in text for text in texts)
     matrix = np.array([[60.0, 0, 79.5], [0, 60.0, 59.5], [0, 0, 1]])
     wide = edits.with_camera(presets.load("d435"), matrix, (160, 120))
-    (text,) = camera_messages(DepthCamera(matrix, SHAPE), wide)
+    (text,) = camera_messages(InputCamera(matrix, SHAPE), wide)
     assert "has no dots" in text
 
 

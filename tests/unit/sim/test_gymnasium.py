@@ -92,7 +92,6 @@ def test_images_without_a_surface_have_no_depth():
 
 def test_vectors_have_depth_of_their_own():
     pytest.importorskip("warp", reason="the package warp-lang is not installed")
-    pytest.importorskip("torch", reason="torch is not installed")
     rooms = gymnasium.vector.SyncVectorEnv([Room, Room])
     env = RealisticDepthVector(rooms, **DEVICE, rgb_key="rgb")
     seen, _ = env.reset(seed=1)
@@ -103,6 +102,13 @@ def test_vectors_have_depth_of_their_own():
     assert (again["depth"] != seen["depth"]).any()
     np.testing.assert_array_equal(env.reset(seed=[1, 2])[0]["depth"], seen["depth"])
     assert env.observation_space["depth"].shape == (2, *SHAPE)
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    tensors = {name: torch.as_tensor(seen[name]) for name in ("depth", "rgb")}
+    tensors["depth"] = torch.full((2, *SHAPE), 1.5)
+    env = RealisticDepthVector(rooms, **DEVICE)
+    depth = env._corrupted(tensors)["depth"]
+    assert isinstance(depth, torch.Tensor) and depth.shape == (2, *SHAPE)
+    assert 0 < (depth == 0).float().mean() < 0.5
 
 
 def test_observations_without_the_image_are_refused():
