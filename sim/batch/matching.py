@@ -59,6 +59,8 @@ def match_rig(matcher: Matcher, bits: int, dark: DarkWindow, device: Any) -> Mat
     peaks.uniqueness = matcher.checks.uniqueness
     peaks.second = round(engine.second_peak * support.COST_SCALE)
     peaks.neighbour = round(engine.neighbour_peak * support.COST_SCALE)
+    peaks.near_end = int(matcher.checks.near_end)
+    peaks.equal_slopes = int(engine.subpixel_fit == "equal_slopes")
     brightness = support.difference_limits(
         round(16 * engine.difference_weight), round(engine.difference_cap_dn)
     )

@@ -106,20 +106,30 @@ def sweep(search: int) -> Any:
 
 @wp.struct
 class Peaks:
-    """Thresholds of an indistinct winner."""
+    """Thresholds of an indistinct winner, its place in the search, and its sub-pixel fit."""
 
     uniqueness: float  # Least excess of the second best [percent].
     second: int  # The same [cost, summed over the paths].
     neighbour: int  # Least excess of the costlier neighbour [cost, summed over the paths].
+    near_end: int  # Whether the largest disparity is accepted.
+    equal_slopes: int  # Whether the sub-pixel part is a V through the sums of the paths.
 
 
 @wp.func
-def _vertex(below: int, middle: int, above: int) -> wp.vec2:  # pragma: no cover - compiled
-    """Vertex in [-1, 1] px from the middle of a parabola through three costs, and curvature."""
+def _vertex(
+    below: int, middle: int, above: int, equal_slopes: int
+) -> wp.vec2:  # pragma: no cover - compiled
+    """Fit three costs: vertex in [-1, 1] px from the middle, and curvature.
+
+    The fit is a parabola, or a V whose slopes are equal.
+    """
     curvature = wp.max(below + above - 2 * middle, 0)
     vertex = wp.float32(0.0)
+    scale = curvature
+    if equal_slopes != 0:
+        scale = wp.max(below, above) - middle
     if curvature > 0:
-        vertex = wp.clamp(float(below - above) / float(2 * curvature), -1.0, 1.0)
+        vertex = wp.clamp(float(below - above) / float(2 * scale), -1.0, 1.0)
     return wp.vec2(vertex, float(curvature))
 
 
@@ -138,15 +148,15 @@ def choose_left(
     """Choose the disparity of every pixel of the left view.
 
     Args:
-        cost: flat volume of support costs, for the sub-pixel fit.
+        cost: flat volume of support costs, for the parabola of the sub-pixel fit.
         total: flat volume, summed over the paths.
         search: number of disparities.
         least: smallest disparity [px].
-        peaks: thresholds.
+        peaks: thresholds and the sub-pixel fit.
         best_at: (n, h, w) filled with whole disparities [px].
         disparity: (n, h, w) filled with disparities [px].
         bend: (n, h, w) filled with the curvature of the cost.
-        ambiguous: (n, h, w) set to 1 where the winner is indistinct or at an end of the search.
+        ambiguous: (n, h, w) set to 1 where the winner is indistinct or at a refused end.
     """
     e, y, x = wp.tid()
     h = best_at.shape[1]
@@ -169,7 +179,12 @@ def choose_left(
     fit = wp.vec2(0.0, 0.0)
     if inside:
         at_best = start + best
-        fit = _vertex(int(cost[at_best - 1]), int(cost[at_best]), int(cost[at_best + 1]))
+        if peaks.equal_slopes != 0:
+            above = int(total[at_best + 1])
+            fit = _vertex(int(total[at_best - 1]), int(total[at_best]), above, 1)
+        else:
+            above = int(cost[at_best + 1])
+            fit = _vertex(int(cost[at_best - 1]), int(cost[at_best]), above, 0)
     margin = 100.0 * (float(second) / float(wp.max(lowest, 1)) - 1.0)
     indistinct = margin < peaks.uniqueness
     indistinct = indistinct or second - lowest < peaks.second
@@ -178,7 +193,8 @@ def choose_left(
     disparity[e, y, x] = float(best + least) + fit[0]
     bend[e, y, x] = fit[1]
     ambiguous[e, y, x] = wp.uint8(0)
-    if indistinct or not inside:
+    accepted = inside or (peaks.near_end != 0 and best == search - 1)
+    if indistinct or not accepted:
         ambiguous[e, y, x] = wp.uint8(1)
 
 
@@ -220,6 +236,6 @@ def choose_right(
     if best > 0 and best < search - 1 and column < w - 1:
         at_best = (row + column) * search + best
         below = int(cost[at_best - search - 1])
-        fit = _vertex(below, int(cost[at_best]), int(cost[at_best + search + 1]))
+        fit = _vertex(below, int(cost[at_best]), int(cost[at_best + search + 1]), 0)
     best_at[e, y, x] = wp.int16(best + least)
     disparity[e, y, x] = float(best + least) + fit[0]

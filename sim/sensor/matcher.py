@@ -81,7 +81,10 @@ class CensusSemiGlobal:
     separate surfaces. Penalties are in bits too, so they do not depend on the support's size.
     Brightness is in DN of an 8-bit image at any bit depth.
 
-    Source: Mei et al. 2011, AD-Census; Hirschmueller 2008, SGM.
+    The sub-pixel fit is a parabola through the averaged cost, or a V of equal slopes through the
+    sums of the scanlines.
+
+    Source: Mei et al. 2011, AD-Census; Hirschmueller 2008, SGM; Shimizu and Okutomi 2005, fits.
     """
 
     census_px: int = 9  # Side of the census window; every second pixel is compared.
@@ -95,6 +98,7 @@ class CensusSemiGlobal:
     large_penalty: float = 48.0  # P2, for a larger step [bit].
     second_peak: float = 0.0  # Least extra cost of the second-best disparity [bit, sum of paths].
     neighbour_peak: float = 0.0  # Least extra cost next to the best [bit, sum of paths].
+    subpixel_fit: Literal["parabola", "equal_slopes"] = "parabola"  # Of cost, or of sums of paths.
 
     def __post_init__(self) -> None:
         _odd("census_px", self.census_px, 3, 11)
@@ -108,6 +112,7 @@ class CensusSemiGlobal:
         in_interval("large_penalty", self.large_penalty, 0.0, MOST_BITS)
         in_interval("second_peak", self.second_peak, 0.0, 1000.0)
         in_interval("neighbour_peak", self.neighbour_peak, 0.0, 1000.0)
+        one_of("subpixel_fit", self.subpixel_fit, ("parabola", "equal_slopes"))
         if self.large_penalty < self.small_penalty:
             raise refuse(
                 "large_penalty",
@@ -162,6 +167,7 @@ class Checks:
     speckle_count: int = 0  # Islands of at most this many pixels are removed; 0 = off.
     speckle_step_px: float = 1.0  # A larger step separates two islands [px].
     border_px: float = 0.0  # Least distance of a match from the right image's first column [px].
+    near_end: bool = False  # Accept the largest disparity of the search, as a whole pixel.
 
     def __post_init__(self) -> None:
         in_interval("uniqueness", self.uniqueness, 0.0, 100.0)
@@ -256,6 +262,7 @@ OAK = Matcher(
         support_px=1,  # No mean of the cost.
         small_penalty=12.0,  # P1 is half of P2, as 250 of 500. Their unit is unknown: both are
         large_penalty=24.0,  # chosen on half a real frame (docs/results/matcher.md).
+        subpixel_fit="equal_slopes",  # Its disparities' fractions are the device's (same).
     ),
     search_px=96,
     refinement=Refinement(median_px=5, quantum_px=1 / 8),  # Median 7x7, 3 bits of sub-pixels.
@@ -265,6 +272,7 @@ OAK = Matcher(
         dark_noise=1.2,  # As d4xx, assumed.
         speckle_count=50,
         speckle_step_px=2.0,
+        near_end=True,  # "94 x 8 steps + 2 (min/max values)": depthai-python#645.
     ),
 )
 """The Myriad X in cameras of Luxonis: settings of depthai-core, as far as the engine has them.

@@ -182,11 +182,14 @@ def _census_semi_global(
             p1=round(engine.small_penalty * support.COST_SCALE),
             p2=round(engine.large_penalty * support.COST_SCALE),
             shift=matcher.min_disparity_px,
+            equal_slopes=engine.subpixel_fit == "equal_slopes",
         )
 
     winners = search() if memory is None else memory.winners(left, right, matcher, engine, search)
     whole = winners.best + np.int16(matcher.min_disparity_px)
-    at_end = (winners.best == 0) | (winners.best == matcher.search_px - 1)
+    at_end = winners.best == 0
+    if not matcher.checks.near_end:
+        at_end |= winners.best == matcher.search_px - 1
     causes = {
         Reason.OUTSIDE_OVERLAP: whole > np.arange(left.shape[1]),
         Reason.AMBIGUOUS: at_end | _indistinct(winners, matcher.checks.uniqueness, engine),

@@ -53,12 +53,16 @@ class Winners(NamedTuple):
 
 
 @nb.njit(nogil=True, cache=True)
-def _fit(three, offset, bend):  # pragma: no cover - compiled
-    """Fit parabolas through three costs (3, w): vertex in [-1, 1] px from the middle, curvature."""
+def _fit(three, offset, bend, equal_slopes):  # pragma: no cover - compiled
+    """Fit three costs (3, w): vertex in [-1, 1] px from the middle, curvature.
+
+    The fit is a parabola, or a V whose slopes are equal.
+    """
     for x in range(len(offset)):
         below, above = np.int32(three[0, x]), np.int32(three[2, x])
         curvature = max(below + above - np.int32(2) * np.int32(three[1, x]), np.int32(0))
-        vertex = np.float32(below - above) / np.float32(max(np.int32(2) * curvature, np.int32(1)))
+        scale = max(below, above) - np.int32(three[1, x]) if equal_slopes else curvature
+        vertex = np.float32(below - above) / np.float32(max(np.int32(2) * scale, np.int32(1)))
         vertex = min(np.float32(1), max(np.float32(-1), vertex))
         offset[x] = vertex if curvature > 0 else np.float32(0)
         bend[x] = np.float32(curvature)
@@ -66,8 +70,8 @@ def _fit(three, offset, bend):  # pragma: no cover - compiled
 
 @nb.njit(nogil=True, cache=True)
 def _select(
-    cost, total, costs, floors, first, sizes, p1, p2, shift, best_at, offset, bend, right,
-    right_offset, margin, excess, neighbour,
+    cost, total, costs, floors, first, sizes, p1, p2, shift, equal_slopes,
+    best_at, offset, bend, right, right_offset, margin, excess, neighbour,
 ):  # pragma: no cover - compiled  # fmt: skip
     """Finish the paths of a band of rows and choose the winners of both views."""
     w, search = sizes
@@ -96,12 +100,13 @@ def _select(
                 cost, total, costs, floors, y, (start, stop), at, w, search, p1, p2, sums, span
             )
             _choose_left(
-                sums, span, ramp, mask, cost, at, search, start, stop, best_at[row], peaks, three
-            )
+                sums, span, ramp, mask, cost, at, search, start, stop, best_at[row], peaks, three,
+                equal_slopes,
+            )  # fmt: skip
             _offer_right(sums, span, search, start, stop, w - 1 + shift + LANES, least, column)
         _choose_right(column, cost, row * w * search, shift, search, right[row], three_r)
-        _fit(three, offset[row], bend[row])
-        _fit(three_r, right_offset[row], unused)
+        _fit(three, offset[row], bend[row], equal_slopes)
+        _fit(three_r, right_offset[row], unused, False)
         for x in range(w):
             lowest, second = peaks[0, x], peaks[1, x]
             excess[row, x], neighbour[row, x] = second - lowest, peaks[2, x] - lowest
@@ -111,7 +116,7 @@ def _select(
 
 @nb.njit(nogil=True, cache=True)
 def _choose_left(
-    sums, span, ramp, mask, cost, at, search, start, stop, best_at, peaks, three
+    sums, span, ramp, mask, cost, at, search, start, stop, best_at, peaks, three, from_sums
 ):  # pragma: no cover - compiled
     """Choose the winners of a run of columns in the left view.
 
@@ -120,7 +125,8 @@ def _choose_left(
         cost: flat support cost; the run starts at index `at`.
         best_at: filled with the winners.
         peaks: (3, w) filled with the sums of the best, the second best and the costlier neighbour.
-        three: (3, w) filled with the support cost below, at and above the winner; 0 at an end.
+        three: (3, w) filled with the cost below, at and above the winner; 0 at an end.
+        from_sums: whether that is the summed cost; else it is the support cost.
     """
     none = splat_words(_u16(_NONE))
     for x in range(start, stop):
@@ -145,10 +151,11 @@ def _choose_left(
         before = read(sums, first + max(best - 1, 0))
         peaks[2, x] = max(before, read(sums, first + min(best + 1, search - 1)))
         inside = 0 < best < search - 1
-        here = at + (x - start) * search + (best if inside else 1)
-        three[0, x] = read(cost, here - 1) if inside else _u16(0)
-        three[1, x] = read(cost, here) if inside else _u16(0)
-        three[2, x] = read(cost, here + 1) if inside else _u16(0)
+        here = (first if from_sums else at + (x - start) * search) + (best if inside else 1)
+        source = sums if from_sums else cost
+        three[0, x] = read(source, here - 1) if inside else _u16(0)
+        three[1, x] = read(source, here) if inside else _u16(0)
+        three[2, x] = read(source, here + 1) if inside else _u16(0)
 
 
 @nb.njit(nogil=True, cache=True)
@@ -203,19 +210,21 @@ def select(
     p1: int,
     p2: int,
     shift: int,
+    equal_slopes: bool = False,
 ) -> Winners:
     """Choose the disparity of every pixel of the left and the right view.
 
     The right view's winner is the least total along the volume's diagonal, without a second
-    matching. The sub-pixel part is fitted to the support cost: penalties distort the summed path
-    costs and pull the fit towards whole pixels. All paths run along a row or downwards, so
-    the volume is computed and discarded band by band.
+    matching. A parabola is fitted to the support cost: penalties distort the summed path costs
+    and pull it towards whole pixels. All paths run along a row or downwards, so the volume is
+    computed and discarded band by band.
 
     Args:
         cost: fills the support cost (rows, w, search) from an image row on.
         shape: h, w, search of the whole volume.
         p1, p2: penalties in the unit of the cost.
         shift: smallest disparity [px].
+        equal_slopes: fit a V of equal slopes to the summed path costs of the left view instead.
     """
     h, w, search = shape
     winners = Winners(
@@ -250,7 +259,8 @@ def select(
             start = band * BAND_ROWS
             part = slice(start, start + BAND_ROWS)
             views = [view[part] for view in winners]
-            _select(support, total, *downward, start, (w, search), *penalties, shift, *views)
+            limits = ((w, search), *penalties, shift, equal_slopes)
+            _select(support, total, *downward, start, *limits, *views)
             if band + _AHEAD in bands:
                 ready.append(pool.submit(prepare, band + _AHEAD))
     return winners

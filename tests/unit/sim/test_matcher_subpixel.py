@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 
 from starling.sim.reason import Reason
 from starling.sim.sensor import structure
-from starling.sim.sensor.matcher import D4XX, FAST, CensusSemiGlobal, Matcher, Refinement
+from starling.sim.sensor.matcher import (
+    D4XX,
+    FAST,
+    OAK,
+    CensusSemiGlobal,
+    Matcher,
+    Refinement,
+)
 from starling.sim.stereo import subpixel
 from starling.sim.stereo.matching import match
 
@@ -97,6 +104,25 @@ def test_disparities_come_in_steps_and_move_by_half_a_step_at_most(slanted, quan
     moved = np.abs(stepped.disparity_px[both] - plain.disparity_px[both])
     assert 0.45 * quantum < moved.max() <= quantum / 2 + 1e-5
     assert len(np.unique(steps)) >= 3 / quantum
+
+
+def test_equal_slopes_spread_disparities_of_an_unsmoothed_census(slanted):
+    """Steps of 1/8 px on a slanted plane: a parabola through bits prefers whole pixels.
+
+    Does not prove which device has which fit; docs/results/matcher.md compares one.
+    """
+    whole, spread = [], []
+    for fit in ("parabola", "equal_slopes"):
+        engine = structure.edit(OAK.engine, "subpixel_fit", fit)
+        result = match(*slanted, replace(OAK, engine=engine, search_px=32))
+        disparity = result.disparity_px[:, 40:]
+        known = disparity[np.isfinite(disparity)]
+        assert known.size > 10_000
+        whole.append((known == np.rint(known)).mean())
+        truth = np.broadcast_to(12 - 4 * np.arange(40, 320) / 320, disparity.shape)
+        spread.append(np.abs(known - truth[np.isfinite(disparity)]).mean())
+    assert whole[0] > 0.4 and whole[1] < 0.3  # 1/8 if all steps are equally frequent.
+    assert spread[1] < 0.8 * spread[0]
 
 
 @pytest.mark.parametrize("field", ["second_peak", "neighbour_peak"])

@@ -134,6 +134,15 @@ def test_the_search_ends_are_no_match():
     assert (result.reason[8:-8, 60:-12] == Reason.AMBIGUOUS).mean() > 0.97
 
 
+def test_the_near_end_may_be_a_match_of_whole_pixels():
+    checks = replace(D4XX.checks, near_end=True)
+    for disparity, accepted in ((31, True), (0, False)):
+        left, right = shifted_pair(disparity)
+        result = match(left, right, replace(D4XX, search_px=32, checks=checks))
+        inner = result.disparity_px[8:-8, 60:-12]
+        assert (np.abs(inner - 31) < 0.02).mean() > 0.97 if accepted else np.isnan(inner).all()
+
+
 @given(gain=st.floats(1.0, 4.0), offset=st.integers(0, 200), seed=st.integers(0, 9))
 def test_census_ignores_rising_changes_of_brightness(gain, offset, seed):
     level = np.random.default_rng(seed).integers(0, 4000, (12, 20)).astype(np.uint16)

@@ -77,6 +77,9 @@ def assert_equal(sensor: Sensor, depth_m: Image) -> Image:
         ("matcher.checks.texture_dn=0.0", "matcher.checks.dark_noise=8.0"),
         ("matcher.checks.speckle_count=2000", "matcher.checks.speckle_step_px=0.2"),
         ("matcher.refinement.smooth_px=0", "matcher.refinement.quantum_px=0.0"),
+        ("matcher.setting=oak",),
+        ("matcher.engine.subpixel_fit=equal_slopes", "matcher.search_px=32"),
+        ("matcher.checks.near_end=true", "matcher.search_px=32"),
     ],
 )
 def test_equal_pairs_give_equal_disparities(changes: tuple[str, ...]) -> None:
