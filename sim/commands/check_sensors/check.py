@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +14,12 @@ from starling.sim.commands.check_sensors.measurement import CameraMeasurement
 from starling.sim.console import progress, record
 from starling.sim.console.output import RECORD, OutputFolder
 from starling.sim.render import backend
-from starling.sim.sensor import datasheets, modes, presets, sensor_file
+from starling.sim.sensor import datasheets, edits, modes, presets, sensor_file
 from starling.sim.sensor.datasheets import StatedFigure
 from starling.sim.sensor.datasheets.figures import reached
 
 Outcome = Literal["reached", "missed", "mode not available"]
+_Conditions = tuple[str, tuple[tuple[str, float], ...]]  # Mode and settings.
 NOISE_M = (0.3, 0.5, 0.8, 1.2, 2.0, 3.0, 4.5, 6.0)  # Distances of the picture [m].
 
 
@@ -28,6 +30,7 @@ class FigureComparison:
     stated: StatedFigure
     simulated: float | None  # In the figure's unit; None if the mode is not available.
     outcome: Outcome
+    our_value: float | None = None  # By our definition; None if the stated one is ours.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,12 +65,13 @@ def check(
     sheet = datasheets.load(preset)
     camera = CameraMeasurement(presets.load(preset), seed=seed)
     mode = modes.name_of(camera.sensor)
-    cameras: dict[str, CameraMeasurement | None] = {"": camera, mode: camera}
+    cameras: dict[_Conditions, CameraMeasurement | None] = {(mode, ()): camera}
     comparisons = []
     for stated in track(sheet.figures, preset):
-        if stated.mode not in cameras:
-            cameras[stated.mode] = _in_mode(preset, stated.mode, seed)
-        comparisons.append(compare(stated, cameras[stated.mode]))
+        conditions = stated.mode or mode, stated.settings
+        if conditions not in cameras:
+            cameras[conditions] = _under(preset, *conditions, seed)
+        comparisons.append(compare(stated, cameras[conditions]))
     return CheckedCamera(
         preset=preset,
         camera=sheet.camera,
@@ -77,12 +81,16 @@ def check(
     )
 
 
-def _in_mode(preset: str, mode: str, seed: int) -> CameraMeasurement | None:
-    """Return a preset in one of its modes; None if it has no such mode."""
+def _under(
+    preset: str, mode: str, settings: Sequence[tuple[str, float]], seed: int
+) -> CameraMeasurement | None:
+    """Return a preset in one of its modes, with settings; None if it has no such mode."""
     file = presets.load_file(preset)
-    if mode not in file.modes:
+    if mode in file.modes:
+        file = sensor_file.in_mode(file, mode)
+    elif mode != modes.name_of(file.sensor):
         return None
-    return CameraMeasurement(sensor_file.in_mode(file, mode).sensor, seed=seed)
+    return CameraMeasurement(edits.with_values(file.sensor, settings), seed=seed)
 
 
 def compare(stated: StatedFigure, camera: CameraMeasurement | None) -> FigureComparison:
@@ -96,7 +104,11 @@ def compare(stated: StatedFigure, camera: CameraMeasurement | None) -> FigureCom
         return FigureComparison(stated=stated, simulated=None, outcome="mode not available")
     simulated = camera.simulated(stated)
     outcome = "reached" if reached(stated.kind, stated.value, simulated) else "missed"
-    return FigureComparison(stated=stated, simulated=simulated, outcome=outcome)
+    comparison = FigureComparison(stated=stated, simulated=simulated, outcome=outcome)
+    if not stated.kind.our_figure:
+        return comparison
+    ours = dataclasses.replace(stated, figure=stated.kind.our_figure)
+    return dataclasses.replace(comparison, our_value=camera.simulated(ours))
 
 
 def run(
@@ -117,8 +129,9 @@ def run(
         track: wraps the loops over figures and distances.
 
     Returns:
-        `{PRESET: {"camera", "mode", "figures": [{"figure", "stated", "simulated", "result",
-        "source"}]}}`; `result` is `reached`, `missed` or `mode not available`.
+        `{PRESET: {"camera", "mode", "figures": [{"figure", "stated", "simulated", "our_value",
+        "result", "source"}]}}`; `result` is `reached`, `missed` or `mode not available`. `our_value`
+        is that by our definition, where the vendor's is another.
 
     Raises:
         InputError: as `check`, or if the folder cannot be written; no partial output remains.

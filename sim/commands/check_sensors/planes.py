@@ -1,9 +1,9 @@
 """Flat targets before a camera, and the figures that vendors measure on them.
 
 The target faces the camera, and the central 80 % of the field counts. The plane fit is that of
-Intel's Depth Quality Tool (librealsense, tools/depth-quality/rs-depth-quality.cpp). The tool's
-accuracy is the signed median of the error; here it is the median of the absolute error, which is
-larger.
+Intel's Depth Quality Tool (librealsense, tools/depth-quality/rs-depth-quality.cpp). The accuracy of
+the tool and of Luxonis (docs.luxonis.com, depth accuracy) is the median of the signed error, in
+which noise cancels. Ours is the median of the absolute error.
 """
 
 from __future__ import annotations
@@ -62,6 +62,7 @@ class TargetFigures:
 
     accuracy_pct: float  # Median of |z - truth| over the distance.
     bias_pct: float  # Median of z - truth over the distance.
+    median_error_pct: float  # Its magnitude, at each of the near distances.
     plane_rms_pct: float  # RMS distance of z from its own plane, over the distance.
     fill_pct: float  # Share of the central 80 % with right depth.
     reachable_fill_pct: float  # Share of all pixels right of the geometric left band.
@@ -141,6 +142,7 @@ def figures(shot: Shot, sensor: Sensor, distance_m: float) -> TargetFigures:
     return TargetFigures(
         accuracy_pct=100 * accuracy / distance_m,
         bias_pct=100 * bias / distance_m,
+        median_error_pct=100 * abs(bias) / distance_m,
         plane_rms_pct=100 * rms / distance_m,
         fill_pct=100 * float(_central(right).mean()),
         reachable_fill_pct=100 * _mean(right[:, geometric_band_px(sensor, distance_m) :]),

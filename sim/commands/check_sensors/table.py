@@ -26,6 +26,7 @@ def listed(cameras: Sequence[CheckedCamera]) -> dict[str, Any]:
                     "figure": item.stated.label,
                     "stated": stated(item.stated.kind, item.stated.value),
                     "simulated": _rounded(item.simulated),
+                    "our_value": _rounded(item.our_value),
                     "result": item.outcome,
                     "source": item.stated.source,
                 }
@@ -56,13 +57,23 @@ def markdown(cameras: Sequence[CheckedCamera]) -> str:
 
 
 def _block(preset: str, camera: Mapping[str, Any]) -> str:
-    columns = ("stated", "simulated", "result")
-    rows = {row["figure"]: {name: row[name] for name in columns} for row in camera["figures"]}
+    rows = {
+        row["figure"]: {
+            "stated": row["stated"],
+            "simulated": _shown(row),
+            "result": row["result"],
+        }
+        for row in camera["figures"]
+    }
     return f"{preset}: {camera['camera']}, {camera['mode']}\n{shell.render(rows)}"
 
 
 def _shown(row: Mapping[str, Any]) -> str:
-    return "-" if row["simulated"] is None else f"{row['simulated']:g}"
+    """Format a simulated value; the value by our definition follows in parentheses."""
+    if row["simulated"] is None:
+        return "-"
+    ours = "" if row["our_value"] is None else f" ({row['our_value']:g})"
+    return f"{row['simulated']:g}{ours}"
 
 
 def _rounded(value: float | None) -> float | None:

@@ -6,8 +6,9 @@
     mode = "848x480"                # image size; without it, the preset's own
     source = "D400 Series Datasheet 337029-017, table 4-11"
 
-`distance_m` is the target's distance, and `target` is `plain` or `textured`. A sheet has the name
-of the camera's preset.
+`distance_m` is the target's distance, and `target` is `plain` or `textured`. `settings` are the
+sensor's fields that the vendor set for this figure, by dotted path. A sheet has the name of the
+camera's preset.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ class StatedFigure:
     mode: str = ""  # Image size; empty is that of the preset.
     distance_m: float | None = None  # Distance of the target [m].
     target: Target = "plain"
+    settings: tuple[tuple[str, float], ...] = ()  # Values of the sensor's fields, by path.
 
     def __post_init__(self) -> None:
         errors.one_of("figure", self.figure, FIGURES)
@@ -71,6 +73,7 @@ class StatedFigure:
         conditions += [f"at {self.distance_m:g} m"] if self.distance_m is not None else []
         conditions += ["textured target"] if self.target == "textured" else []
         conditions += [f"mode {self.mode}"] if self.mode else []
+        conditions += [f"{path.rpartition('.')[2]} {value:g}" for path, value in self.settings]
         return f"{', '.join(conditions)} [{self.kind.unit}]"
 
 
@@ -122,12 +125,17 @@ def _from_table(table: Mapping[str, Any]) -> Datasheet:
     figures = []
     for number, entry in enumerate(entries, 1):
         with errors.naming(f"figure {number}"):
-            figures.append(structure.from_table(StatedFigure, _with_list(entry)))
+            figures.append(structure.from_table(StatedFigure, _with_lists(entry)))
     return Datasheet(camera=camera, figures=tuple(figures))
 
 
-def _with_list(entry: Any) -> Any:
-    """Return an entry whose single value is a list with this value."""
-    if isinstance(entry, Mapping) and errors.is_number(entry.get("value")):
-        return {**entry, "value": [entry["value"]]}
-    return entry
+def _with_lists(entry: Any) -> Any:
+    """Return an entry whose single value is a list with this value, and its settings pairs."""
+    if not isinstance(entry, Mapping):
+        return entry
+    lists = {}
+    if errors.is_number(entry.get("value")):
+        lists["value"] = [entry["value"]]
+    if isinstance(entry.get("settings"), Mapping):
+        lists["settings"] = [list(pair) for pair in entry["settings"].items()]
+    return {**entry, **lists}

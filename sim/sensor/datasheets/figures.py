@@ -20,6 +20,7 @@ class FigureKind:
     plausible: Interval  # Stated values outside are mistakes, mostly of the unit.
     tolerance: float = 0.0  # Of a single value that is met on both sides, in the unit.
     at_distance: bool = False  # Whether the figure depends on the target's distance.
+    our_figure: str = ""  # Key of the figure by our definition, if this one is by the vendor's.
 
 
 _PERCENT = (0.0, 100.0)
@@ -36,6 +37,14 @@ FIGURES: dict[str, FigureKind] = {
         sense="near",
         plausible=_FIELD_DEG,
         tolerance=_UNIT_DEG,
+    ),
+    "horizontal_depth_field_deg": FigureKind(  # The field without the left band.
+        label="horizontal field of depth",
+        unit="deg",
+        sense="near",
+        plausible=_FIELD_DEG,
+        tolerance=_UNIT_DEG,
+        at_distance=True,
     ),
     "vertical_field_deg": FigureKind(
         label="vertical field",
@@ -59,6 +68,14 @@ FIGURES: dict[str, FigureKind] = {
     ),
     "accuracy_pct": FigureKind(
         label="Z accuracy", unit="%", sense="at most", plausible=_PERCENT, at_distance=True
+    ),
+    "median_error_pct": FigureKind(
+        label="Z accuracy by median",
+        unit="%",
+        sense="at most",
+        plausible=_PERCENT,
+        at_distance=True,
+        our_figure="accuracy_pct",
     ),
     "plane_rms_pct": FigureKind(
         label="plane-fit RMS", unit="%", sense="at most", plausible=_PERCENT, at_distance=True

@@ -71,6 +71,17 @@ def test_field_between_the_outer_edges(
     assert field_deg(focal_px, centre_px, size_px) == pytest.approx(expected_deg)
 
 
+def test_field_of_depth_is_what_both_imagers_see() -> None:
+    """HFOV / 2 + atan(tan(HFOV / 2) - B / Z): D400 datasheet 337029, section 4.4."""
+    sensor = with_values(D435, [("fx_px", 424.0), ("cx_px", 423.5), ("baseline_m", 0.05)])
+    expected_deg = 45 + math.degrees(math.atan(1 - 0.05 / 0.5))
+    assert measurement.depth_field_deg(sensor, 0.5) == pytest.approx(expected_deg)
+    stated = StatedFigure(
+        figure="horizontal_depth_field_deg", value=(87.0,), distance_m=0.5, source="sheet"
+    )
+    assert CameraMeasurement(sensor).simulated(stated) == pytest.approx(expected_deg)
+
+
 def test_geometric_band_is_f_b_over_z() -> None:
     sensor = with_values(D435, [("fx_px", 400.0), ("baseline_m", 0.05)])
     assert planes.geometric_band_px(sensor, 1.0) == 20
@@ -96,6 +107,8 @@ def test_figures_of_a_scaled_plane() -> None:
     figures = planes.figures(_shot(depth, truth), D435, 2.0)
     assert figures.accuracy_pct == pytest.approx(1.0, abs=1e-4)
     assert figures.bias_pct == pytest.approx(1.0, abs=1e-4)
+    near = planes.figures(_shot(0.99 * truth, truth), D435, 2.0)
+    assert (near.bias_pct, near.median_error_pct) == pytest.approx((-1.0, 1.0), abs=1e-4)
     assert figures.plane_rms_pct == pytest.approx(0.0, abs=1e-4)
     assert figures.fill_pct == 100.0  # The central 80 % starts at row 10 and column 85.
     assert figures.left_band_pct == pytest.approx(100 * 30 / 848)
@@ -143,15 +156,15 @@ def test_reachable_area_may_be_empty() -> None:
     ("end_m", "start_m"), [(0.17, 0.195), (0.3, 0.195), (0.195, 0.195), (0.05, 0.2)]
 )
 def test_near_end_of_the_range(end_m: float, start_m: float) -> None:
-    """The search ends within 3 % inside the range, from either side of its end."""
+    """The search ends within 0.35 % inside the range, from either side of its end."""
     nearest = measurement.range_end_m(lambda z: z >= end_m, start_m, outward=1 / 1.25)
-    assert end_m <= nearest <= 1.03 * end_m
+    assert end_m <= nearest <= 1.0035 * end_m
 
 
 @pytest.mark.parametrize(("end_m", "start_m"), [(6.2, 3.0), (8.5, 10.0), (3.0, 3.0)])
 def test_far_end_of_the_range(end_m: float, start_m: float) -> None:
     farthest = measurement.range_end_m(lambda z: z <= end_m, start_m, outward=1.25)
-    assert end_m / 1.03 <= farthest <= end_m
+    assert end_m / 1.0035 <= farthest <= end_m
 
 
 def test_search_of_the_range_is_bounded() -> None:
@@ -210,6 +223,27 @@ def test_figures_are_simulated_in_their_mode(monkeypatch: pytest.MonkeyPatch) ->
     assert {item.outcome for item in result.comparisons} == {"missed"}
 
 
+def test_figures_are_simulated_with_their_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    step_px = ("matcher.refinement.quantum_px", 0.25)
+    figures = (dataclasses.replace(FILL, mode=""), dataclasses.replace(FILL, settings=(step_px,)))
+    monkeypatch.setattr(datasheets, "load", lambda _: Datasheet(camera="A", figures=figures))
+    monkeypatch.setattr(
+        CameraMeasurement, "simulated", lambda self, _: self.sensor.matcher.refinement.quantum_px
+    )
+    steps = [item.simulated for item in check.check("d435").comparisons]
+    assert steps == [1 / 32, 0.25]
+
+
+def test_values_by_our_definition_follow_the_vendors(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = {"median_error_pct": 0.6, "accuracy_pct": 2.4}
+    monkeypatch.setattr(CameraMeasurement, "simulated", lambda _, stated: values[stated.figure])
+    stated = StatedFigure(figure="median_error_pct", value=(2.0,), distance_m=4.0, source="sheet")
+    comparison = check.compare(stated, CameraMeasurement(D435))
+    assert (comparison.simulated, comparison.our_value, comparison.outcome) == (0.6, 2.4, "reached")
+    camera = dataclasses.replace(_camera(), comparisons=(comparison,))
+    assert "| 0.6 (2.4) | reached |" in table.markdown([camera])
+
+
 def test_modes_that_a_preset_lacks_are_not_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     sheet = Datasheet(camera="A", figures=(dataclasses.replace(FIELD, mode="320x240"),))
     monkeypatch.setattr(datasheets, "load", lambda _: sheet)
@@ -224,6 +258,7 @@ def test_tables() -> None:
         "figure": "minimum distance [m]",
         "stated": "<= 0.195",
         "simulated": 0.174,
+        "our_value": None,
         "result": "reached",
         "source": "sheet, table 4",
     }

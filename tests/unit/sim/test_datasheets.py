@@ -11,6 +11,7 @@ from starling.patterns import InputError
 from starling.sim.sensor import datasheets, presets
 from starling.sim.sensor.datasheets import Datasheet, StatedFigure
 from starling.sim.sensor.datasheets.figures import FIGURES, reached, stated
+from starling.sim.sensor.edits import with_values
 
 SHEETS = sorted(Path(datasheets.__file__).parent.glob("*.toml"))
 ENTRY = 'figure = "accuracy_pct"\nvalue = 2\ndistance_m = 2\nsource = "sheet"'
@@ -26,6 +27,8 @@ def _read(tmp_path: Path, text: str) -> Datasheet:
 def test_packaged_sheets_are_valid(path: Path) -> None:
     sheet = datasheets.read(path)
     assert sheet.camera and sheet.figures
+    for figure in sheet.figures:
+        with_values(presets.load(path.stem), figure.settings)
 
 
 def test_sheets_without_a_preset_are_not_listed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,8 +88,22 @@ def test_label_has_the_conditions() -> None:
         mode="848x480",
         distance_m=4.0,
         target="textured",
+        settings=(("matcher.refinement.quantum_px", 0.03125),),
     )
-    assert entry.label == "fill rate, at 4 m, textured target, mode 848x480 [%]"
+    conditions = "at 4 m, textured target, mode 848x480, quantum_px 0.03125"
+    assert entry.label == f"fill rate, {conditions} [%]"
+
+
+def test_settings_are_a_table_of_paths(tmp_path: Path) -> None:
+    settings = 'settings = { "matcher.refinement.quantum_px" = 0.03125 }'
+    (entry,) = _read(tmp_path, f'camera = "A"\n[[figures]]\n{ENTRY}\n{settings}').figures
+    assert entry.settings == (("matcher.refinement.quantum_px", 0.03125),)
+
+
+@pytest.mark.parametrize("figure", [name for name, kind in FIGURES.items() if kind.our_figure])
+def test_our_figure_is_of_the_same_kind(figure: str) -> None:
+    vendors, ours = FIGURES[figure], FIGURES[FIGURES[figure].our_figure]
+    assert (vendors.unit, vendors.sense) == (ours.unit, ours.sense) and not ours.our_figure
 
 
 @pytest.mark.parametrize(
@@ -107,6 +124,7 @@ def test_label_has_the_conditions() -> None:
         ("value", 'mode = "HD"\nvalue', "mode must be WIDTHxHEIGHT; got 'HD'. Example: 848x480."),
         ("value", 'target = "dark"\nvalue', "target must be a known name; got 'dark'. Known: "),
         ("value", "unit = 1\nvalue", "key must be a known name; got 'unit'"),
+        ("value", "settings = 1\nvalue", "settings must be a list; got 1. Give"),
     ],
 )
 def test_damaged_figures_are_refused(old: str, new: str, message: str, tmp_path: Path) -> None:
