@@ -130,8 +130,8 @@ def run(
 
     Returns:
         `{PRESET: {"camera", "mode", "figures": [{"figure", "stated", "simulated", "our_value",
-        "result", "source"}]}}`; `result` is `reached`, `missed` or `mode not available`. `our_value`
-        is that by our definition, where the vendor's is another.
+        "result", "source"}]}}`. `result` is `reached`, `missed` or `mode not available`.
+        `our_value` is that by our definition, where the vendor's is another.
 
     Raises:
         InputError: as `check`, or if the folder cannot be written; no partial output remains.

@@ -134,15 +134,6 @@ def test_the_search_ends_are_no_match():
     assert (result.reason[8:-8, 60:-12] == Reason.AMBIGUOUS).mean() > 0.97
 
 
-def test_the_near_end_may_be_a_match_of_whole_pixels():
-    checks = replace(D4XX.checks, near_end=True)
-    for disparity, accepted in ((31, True), (0, False)):
-        left, right = shifted_pair(disparity)
-        result = match(left, right, replace(D4XX, search_px=32, checks=checks))
-        inner = result.disparity_px[8:-8, 60:-12]
-        assert (np.abs(inner - 31) < 0.02).mean() > 0.97 if accepted else np.isnan(inner).all()
-
-
 @given(gain=st.floats(1.0, 4.0), offset=st.integers(0, 200), seed=st.integers(0, 9))
 def test_census_ignores_rising_changes_of_brightness(gain, offset, seed):
     level = np.random.default_rng(seed).integers(0, 4000, (12, 20)).astype(np.uint16)
@@ -210,7 +201,9 @@ def test_selection_matches_the_slow_reference(monkeypatch, seed, shift):
     def fill(start: int, out: np.ndarray) -> None:
         out[:] = cost[start : start + len(out)]
 
-    result = semiglobal.select(fill, cost.shape, p1=150, p2=900, shift=shift)
+    penalties = {"p1": 150, "p2": 900, "shift": shift}
+    result = semiglobal.select(fill, cost.shape, **penalties)
+    slopes = semiglobal.select(fill, cost.shape, **penalties, equal_slopes=True)
     total = _twin(cost, 150, 900)
     np.testing.assert_array_equal(result.best, total.argmin(2))
     for y in range(h):
@@ -234,6 +227,9 @@ def test_selection_matches_the_slow_reference(monkeypatch, seed, shift):
             if 0 < best < search - 1:
                 three = cost[y, x, best - 1 : best + 2].astype(int)
                 assert result.offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)
+                below, least, above = total[y, x, best - 1 : best + 2]
+                vertex = (below - above) / (2 * max(below - least, above - least, 1))
+                assert slopes.offset[y, x] == pytest.approx(vertex, abs=1e-6)
 
 
 def _slow_cost(left, right, engine: CensusSemiGlobal, shift: int, search: int) -> np.ndarray:

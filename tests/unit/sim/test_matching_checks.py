@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from starling.patterns.errors import InputError
+from starling.sim.sensor.matcher import D4XX
 from starling.sim.stereo import checks, opencv
-from starling.sim.stereo.matching import DisparityMap
+from starling.sim.stereo.matching import DisparityMap, match
 
 
 def test_texture_is_in_codes_of_eight_bits() -> None:
@@ -30,6 +33,15 @@ def test_holes_of_an_occlusion_disagree_and_others_are_ambiguous() -> None:
     disagree, ambiguous = opencv._causes(row)
     assert np.flatnonzero(disagree[0]).tolist() == [1, 2, 3]
     assert np.flatnonzero(ambiguous[0]).tolist() == [6, 9]
+
+
+@pytest.mark.parametrize(("disparity", "accepted"), [(31, True), (0, False)])
+def test_the_near_end_of_the_search_may_be_a_match(disparity: int, accepted: bool) -> None:
+    scene = np.random.default_rng(0).integers(50, 150, (40, 200 + disparity)).astype(np.uint8)
+    pair = scene[:, :200].copy(), scene[:, disparity:].copy()
+    setting = replace(D4XX, search_px=32, checks=replace(D4XX.checks, near_end=True))
+    inner = match(*pair, setting).disparity_px[8:-8, 60:-12]
+    assert (inner == disparity).mean() > 0.97 if accepted else np.isnan(inner).all()
 
 
 def test_result_arrays_share_one_shape():
