@@ -7,6 +7,8 @@ Usage:
     python examples/10_mujoco.py
 """
 
+# pyright: reportAttributeAccessIssue=false
+# The types of MuJoCo are in its compiled modules.
 from pathlib import Path
 
 import cv2

@@ -35,7 +35,7 @@ def pose_error(depth_m: np.ndarray, on_part: np.ndarray, sensor: starling.Sensor
     x = (columns - sensor.cx_px) / sensor.fx_px * z
     y = (rows - sensor.cy_px) / sensor.fy_px * z
     points = np.stack([x, y, z], axis=1)
-    model, _ = trimesh.sample.sample_surface(bracket().apply_transform(GUESS), 50_000, seed=0)
+    model = trimesh.sample.sample_surface(bracket().apply_transform(GUESS), 50_000, seed=0)[0]
     options = {"threshold": 1e-12, "max_iterations": 300, "scale": False, "reflection": False}
     part_from_left, *_ = trimesh.registration.icp(points, model, **options)
     error = np.linalg.inv(LEFT_FROM_PART) @ np.linalg.inv(part_from_left) @ GUESS
