@@ -14,7 +14,7 @@ from starling.sim.arrays import Image
 from starling.sim.causes import geometric_causes, photometric_causes
 from starling.sim.geometry import motion
 from starling.sim.imaging import imager
-from starling.sim.imaging.imager import Infrared
+from starling.sim.imaging.imager import Infrared, mosaic
 from starling.sim.imaging.lens_input import combine_light
 from starling.sim.imaging.optics import image as optics
 from starling.sim.render import direct
@@ -203,8 +203,13 @@ def infrared(
     imagers: dict[Side, Imager] = {"left": sensor.left, "right": sensor.right}
 
     def form_image(side: Side, device: Sensor = sensor) -> Image:
-        light = combine_light(views[side], scene, device, seed=seed, frame=frame)
-        return optics.image(light, views[side].depth_m, device, side, seed=seed)
+        view = views[side]
+        bands = view.bands if imagers[side].mosaic != "none" else ()
+        lights = [
+            combine_light(band, scene, device, seed=seed, frame=frame) for band in bands or (view,)
+        ]
+        images = [optics.image(light, view.depth_m, device, side, seed=seed) for light in lights]
+        return mosaic.sample(images)
 
     def metering_image() -> Image:
         """Image for exposure control, which averages the flicker over many frames."""
@@ -262,17 +267,25 @@ def render_layers(
     samples = errors.whole_number("samples", samples, 1, 4096, "16 are enough for most scenes.")
     seed = errors.whole_number("seed", seed, 0, 2**63 - 1)
     errors.one_of("quality", quality, _SUBPIXELS)
+    colours = visible.bands(mi_scene.scene, sensor)
     seen = visible.in_band(mi_scene.scene, sensor)
     if seen is not mi_scene.scene:
         mi_scene = mi_scene.with_scene(seen)
-    render = partial(direct.layers, mi_scene, sensor, subpixels=_SUBPIXELS[quality])
     exposure_s = sensor.left.exposure_s
     if sensor.left.auto_exposure_level and not mi_scene.scene.motion.still:
+        render = partial(direct.layers, mi_scene, sensor, subpixels=_SUBPIXELS[quality])
         still = infrared(render(), mi_scene.scene, sensor, seed=seed)
         exposure_s = still.exposure.exposure_s
-    layers = render(exposure_s=exposure_s, step_px=step_px)
-    if mi_scene.scene.interreflection:
-        from starling.sim.render import indirect
 
-        layers = indirect.add(layers, mi_scene, sensor, samples=samples, seed=seed)
-    return layers
+    def rendered(mi_scene: MitsubaScene) -> Layers:
+        layers = direct.layers(
+            mi_scene, sensor, subpixels=_SUBPIXELS[quality], exposure_s=exposure_s, step_px=step_px
+        )
+        if mi_scene.scene.interreflection:
+            from starling.sim.render import indirect
+
+            layers = indirect.add(layers, mi_scene, sensor, samples=samples, seed=seed)
+        return layers
+
+    bands = [rendered(mi_scene.with_scene(colour)) for colour in colours]
+    return rendered(mi_scene).with_bands(bands)

@@ -61,6 +61,7 @@ def refuse_unsupported(sensor: Sensor, camera: depth_input.InputCamera) -> None:
     for side, imager in (("left", sensor.left), ("right", sensor.right)):
         values[f"{side}.alignment"] = (imager.alignment, Alignment())
         values[f"{side}.blooming"] = (imager.blooming, 0.0)
+        values[f"{side}.mosaic"] = (imager.mosaic, "none")
     for name, (value, neutral) in values.items():
         if value != neutral:
             raise errors.refuse(name, f"must be {neutral!r} in a batch", repr(value), _ADVICE)

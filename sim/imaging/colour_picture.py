@@ -14,7 +14,7 @@ from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render import direct
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import visible
-from starling.sim.scene.scene import Body, Scene
+from starling.sim.scene.scene import Scene
 from starling.sim.sensor.projector import Projector
 from starling.sim.sensor.sensor import Colour, Sensor
 
@@ -71,18 +71,10 @@ def _as_imager(sensor: Sensor, colour: Colour) -> Sensor:
 def _visible(scene: Scene, index: int) -> Scene:
     """Return the scene with the reflectances of one colour channel."""
     return dataclasses.replace(
-        scene,
-        bodies=tuple(_tinted(body, index) for body in scene.bodies),
+        visible.in_channel(scene, index),
         finish=dataclasses.replace(scene.finish, reflectance_scale=1.0),
         other_projector=Projector(power_w=0.0),
     )
-
-
-def _tinted(body: Body, index: int) -> Body:
-    if body.colour is not None:
-        return dataclasses.replace(body, texture=np.ascontiguousarray(body.colour[..., index]))
-    rgb = body.material.rgb
-    return body if rgb is None else visible.with_reflectance(body, rgb[index])
 
 
 def _channel(scene: Scene, camera: Sensor) -> Image:

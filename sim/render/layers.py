@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ class ViewLayers:
     other: Image  # Sun and other projectors, at their own strength [W m^-2 sr^-1].
     depth_m: Image  # z along this imager's axis; NaN where there is no surface.
     body: Labels  # Object number from 1; 0 where there is no surface.
+    # The view in red, green and blue light, behind a mosaic of colour filters; () is grey light.
+    bands: tuple[ViewLayers, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,3 +47,15 @@ class Layers:
     left: ViewLayers
     right: ViewLayers | None  # None: structured light, which has one imager.
     truth: Truth
+
+    def with_bands(self, colours: Sequence[Layers]) -> Layers:
+        """Return the layers with views of other light as bands: red, green, blue, or none."""
+        if not colours:
+            return self
+        left = tuple(layers.left for layers in colours)
+        right = tuple(layers.right for layers in colours if layers.right is not None)
+        return replace(
+            self,
+            left=replace(self.left, bands=left),
+            right=None if self.right is None else replace(self.right, bands=right),
+        )

@@ -1,4 +1,4 @@
-"""Scenes as visible light shows them: with visible reflectances, without infrared projectors."""
+"""Scenes in visible light: with visible reflectances, without infrared projectors."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def in_band(scene: Scene, sensor: Sensor) -> Scene:
     """Return the scene in the band of a sensor; the same object for an infrared sensor.
 
     A sensor is of visible light if `projector.wavelength_nm` is. Reflectances become the luminance
-    of the materials' `rgb`; materials without it keep theirs. A filter blocks the infrared light of
-    another device's projector. Mosaics of colour filters are not modelled.
+    of the bodies' colours; bodies without a colour keep theirs. A filter blocks the infrared light
+    of another device's projector.
 
     Args:
         scene: scene with near-infrared reflectances.
@@ -26,15 +26,50 @@ def in_band(scene: Scene, sensor: Sensor) -> Scene:
     if not sensor.projector.visible:
         return scene
     bodies = tuple(_in_band(body) for body in scene.bodies)
-    projector = scene.other_projector
-    if sensor.left.lens.filter_width_nm and not projector.visible:
-        projector = dataclasses.replace(projector, power_w=0.0)
-    return dataclasses.replace(scene, bodies=bodies, other_projector=projector)
+    return dataclasses.replace(_without_infrared(scene, sensor), bodies=bodies)
+
+
+def bands(scene: Scene, sensor: Sensor) -> tuple[Scene, ...]:
+    """Return the scene in red, green and blue light, for a sensor with a mosaic of colour filters.
+
+    It is empty if all bands are equal: for an infrared sensor, no mosaic, or a grey scene.
+    """
+    mosaics = {sensor.left.mosaic, sensor.right.mosaic}
+    if not sensor.projector.visible or mosaics == {"none"} or all(map(_is_grey, scene.bodies)):
+        return ()
+    scene = _without_infrared(scene, sensor)
+    return tuple(in_channel(scene, channel) for channel in range(3))
+
+
+def in_channel(scene: Scene, channel: int) -> Scene:
+    """Return the scene with the reflectances of a colour: 0 red, 1 green, 2 blue."""
+    bodies = tuple(_tinted(body, channel) for body in scene.bodies)
+    return dataclasses.replace(scene, bodies=bodies)
 
 
 def is_coloured(body: Body) -> bool:
     """Whether a body has a visible reflectance of its own."""
     return body.colour is not None or body.material.rgb is not None
+
+
+def _is_grey(body: Body) -> bool:
+    if body.colour is not None:
+        return bool((body.colour == body.colour[..., :1]).all())
+    return body.material.rgb is None or len(set(body.material.rgb)) == 1
+
+
+def _tinted(body: Body, channel: int) -> Body:
+    if body.colour is not None:
+        return dataclasses.replace(body, texture=np.ascontiguousarray(body.colour[..., channel]))
+    rgb = body.material.rgb
+    return body if rgb is None else with_reflectance(body, rgb[channel])
+
+
+def _without_infrared(scene: Scene, sensor: Sensor) -> Scene:
+    projector = scene.other_projector
+    if sensor.left.lens.filter_width_nm and not projector.visible:
+        projector = dataclasses.replace(projector, power_w=0.0)
+    return dataclasses.replace(scene, other_projector=projector)
 
 
 def _in_band(body: Body) -> Body:

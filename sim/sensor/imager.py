@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 from starling.patterns import errors
 from starling.sim.quantities import QUANTITIES
 
 BIT_DEPTHS = (8, 10, 12, 16)
+Mosaic = Literal["none", "rggb"]  # Colour filters of the pixels, from the first row and column.
 _ABOVE_ZERO = {  # Upper limits of fields > 0; larger values are in a wrong unit.
     "exposure_s": QUANTITIES["exposure_s"].high,
     "auto_exposure_max_s": QUANTITIES["exposure_s"].high,
@@ -129,6 +131,7 @@ class Imager:
     hot_pixels: float = 0.0  # Share of pixels that are always full; fixed.
     shot_noise: float = 0.0  # Share of the Poisson deviation: 0 none, 1 physical.
     read_noise_e: float = 0.0  # RMS at the pixel [electrons].
+    mosaic: Mosaic = "none"  # Colour filters; the image is then the colours' luminance.
     blooming: float = 0.0  # Share of the charge above the full well that spills along the column.
     smoothing_px: float = 0.0  # Sigma of the blur by the device's resampling [px].
     gamma: float = 1.0  # Level = ceiling (signal / ceiling)^(1 / gamma) + black level.
@@ -145,6 +148,7 @@ class Imager:
         for name, high in _FROM_ZERO.items():
             errors.in_interval(f"imager.{name}", getattr(self, name), 0.0, high)
         errors.in_interval("imager.gamma", self.gamma, 0.2, 5.0)
+        errors.one_of("imager.mosaic", self.mosaic, get_args(Mosaic))
         if self.bit_depth not in BIT_DEPTHS:
             raise errors.refuse(
                 "imager.bit_depth",

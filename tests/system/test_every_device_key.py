@@ -76,6 +76,7 @@ VALUES: dict[str, Any] = {
     **{"matcher.refinement.median_px": 0, "matcher.refinement.smooth_px": 5},
     **{"matcher.refinement.smooth_rows_px": 3, "post.near_m": 1.0, "post.hole_filling": "nearest"},
     **{f"{side}.alignment.warp_px": [[0.2, 0.1], [0.3, 0.2]] for side in ("left", "right")},
+    **{"left.mosaic": "rggb", "right.mosaic": "rggb"},
     **{"left.bit_depth": 10, "right.bit_depth": 10, "left.auto_exposure_level": 0.5},
     **{"post.temporal_persistence": 8, "matcher.refinement.smooth_step_px": 0.1},
 }

@@ -1,7 +1,7 @@
 """The imager: radiance at the lens to electrons to digital numbers (DN), after EMVA 1288.
 
 Charge: crosstalk, pixel sensitivity, dark current, noise, offsets, full well. Converter: gain,
-averaging, gamma, black level, quantisation.
+luminance of a mosaic, averaging, gamma, black level, quantisation.
 """
 
 from __future__ import annotations
@@ -53,5 +53,5 @@ def read_out(
 
 
 def mix_pixels(part: Imager, light: Image) -> Image:
-    """Apply crosstalk and averaging, which preserve the mean, to light (h, w) in any unit."""
-    return converter.smooth(charge.crosstalk(light, part.crosstalk), part.smoothing_px)
+    """Apply crosstalk, luminance of a mosaic and averaging to light (h, w) in any unit."""
+    return converter.mix(part, charge.crosstalk(light, part.crosstalk))

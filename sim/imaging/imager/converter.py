@@ -1,8 +1,9 @@
-"""The converter: charge to digital numbers (DN), with the averaging of a device's rectification."""
+"""The converter: charge to digital numbers (DN), with a device's interpolation and averaging."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, cast
 
 import cv2
@@ -11,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.sim.arrays import Image
+from starling.sim.imaging.imager import mosaic
+from starling.sim.sensor.imager import Mosaic
 from starling.sim.sensor.sensor import Imager
 
 Infrared = NDArray[np.uint8] | NDArray[np.uint16]
@@ -28,6 +31,30 @@ def smooth(signal: Image, sigma_px: float) -> Image:
     kernel = smoothing_weights(sigma_px)
     averaged = cv2.sepFilter2D(signal, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REFLECT)
     return np.asarray(averaged, np.float32)
+
+
+def mix(part: Imager, signal: Image) -> Image:
+    """Mix neighbouring pixels as the device does: luminance of the mosaic, and averaging."""
+    return smooth(mosaic.luminance(signal, part.mosaic), part.smoothing_px)
+
+
+@cache
+def mosaic_variance_share(kind: Mosaic, sigma_px: float) -> float:
+    """Return the share of independent noise's variance that a mosaic leaves, before averaging.
+
+    The share is the mean over the pixels. Luminance correlates the noise of neighbours, so that
+    averaging reduces it less. The share contains this difference.
+    """
+    if kind == "none":
+        return 1.0
+    side = 2 * int(np.ceil(4 * sigma_px) + 4)
+    total = 0.0
+    for place in np.ndindex(2, 2):
+        point = np.zeros((side, side), np.float32)
+        point[side // 2 + place[0], side // 2 + place[1]] = 1
+        mixed = smooth(mosaic.luminance(point, kind), sigma_px).astype(np.float64)
+        total += float((mixed**2).sum())
+    return total / 4 / variance_share(sigma_px) ** 2
 
 
 def variance_share(sigma_px: float) -> float:
@@ -52,12 +79,12 @@ class Readout:
 
 
 def convert(part: Imager, charge: Image) -> Readout:
-    """Convert charge [electrons] to DN: gain, averaging, gamma, black level, quantisation."""
+    """Convert charge [electrons] to DN: gain, mixing, gamma, black level, quantisation."""
     signal = charge * np.float32(part.dn_per_electron)
-    if part.smoothing_px > 0:
-        # The device averages codes, so the signal is clipped before averaging, not after it.
+    if part.smoothing_px > 0 or part.mosaic != "none":
+        # The device mixes codes, so the signal is clipped before mixing, not after it.
         np.clip(signal, *clipping_range(part), out=signal)
-        signal = smooth(signal, part.smoothing_px)
+        signal = mix(part, signal)
     signal = apply_gamma(signal, part.gamma, part.ceiling_dn)
     signal += np.float32(part.black_level_dn)
     delivered = quantise(part, signal)

@@ -40,7 +40,8 @@ def variances(part: Imager) -> tuple[float, float]:
     alone = part.read_noise_e**2 + part.dsnu_e**2
     along = part.row_noise_e**2 + part.column_noise_e**2
     share = converter.variance_share(part.smoothing_px)
-    return part.shot_noise**2 * share * share, share * (share * alone + along)
+    pixel = share * converter.mosaic_variance_share(part.mosaic, part.smoothing_px)
+    return part.shot_noise**2 * share * pixel, share * (pixel * alone + along)
 
 
 class DarkWindow(NamedTuple):
