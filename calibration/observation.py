@@ -130,10 +130,12 @@ def with_surface(
     Raises:
         InputError: if a file is invalid.
     """
+    from starling.sim.scene import visible
     from starling.sim.scene.captured import captured_scene, known_geometry
 
     surface = known_geometry.load(scene, sensor)
     if surface is not None:
+        surface = visible.in_band(surface, sensor)
         return dataclasses.replace(observation, scene=surface, metric=True)
     if observation.truth_m is None or observation.left is None:
         return observation

@@ -47,13 +47,14 @@ class SceneArrays:
     projector_depth_m: Any = None
 
 
-def build(clean: Any, inputs: SceneArrays, ambient: Ambient) -> BatchScene:
+def build(clean: Any, inputs: SceneArrays, ambient: Ambient, *, visible: bool) -> BatchScene:
     """Check arrays, and share their memory.
 
     Args:
         clean: (n, h, w) depth [m], a Warp array.
         inputs: further arguments.
         ambient: light where none is inputs.
+        visible: whether the sensor sees visible light.
 
     Raises:
         InputError: if an array has another shape, type or device.
@@ -61,7 +62,7 @@ def build(clean: Any, inputs: SceneArrays, ambient: Ambient) -> BatchScene:
     irradiance, gradient, up = _sky(inputs, ambient, clean)
     return BatchScene(
         depth=clean,
-        reflectance=_share(inputs.reflectance, clean),
+        reflectance=_share(inputs.reflectance, clean, visible),
         irradiance=irradiance,
         gradient=gradient,
         up=up,
@@ -89,7 +90,7 @@ def _sky(inputs: SceneArrays, ambient: Ambient, clean: Any) -> tuple[Any, float,
     return irradiance, even.gradient, zenith
 
 
-def _share(reflectance: Any, clean: Any) -> Any:
+def _share(reflectance: Any, clean: Any, visible: bool) -> Any:
     """Return the reflectance as a number or an array (n, h, w), or refuse it."""
     if reflectance is None:
         return depth_input.REFLECTANCE
@@ -100,7 +101,7 @@ def _share(reflectance: Any, clean: Any) -> Any:
     shape = tuple(clean.shape)
     if image.dtype == wp.uint8 and image.shape == (*shape, 3):
         share = wp.empty(shape, dtype=float, device=clean.device)
-        launch(light.fill_reflectance, shape, clean.device, image, share)
+        launch(light.fill_reflectance, shape, clean.device, image, visible, share)
         return share
     if image.dtype != wp.float32 or image.shape != shape:
         rule = f"must be {shape} float32, or {(*shape, 3)} uint8 of RGB"

@@ -13,6 +13,7 @@ from starling.sim.batch import handoff
 from starling.sim.batch.views import seen_disparity
 from starling.sim.render.emission import NEAREST_M
 from starling.sim.render.skylight import MATT_TILT
+from starling.sim.scene.visible import LUMINANCE
 from starling.sim.warp.kernels import NEAREST_EMITTER_M, SLACK_PX, SLACK_SHARE
 
 wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
@@ -24,6 +25,7 @@ _FULL_BLUR = wp.constant(NEAREST_M)
 _SLACK_SHARE = wp.constant(float(SLACK_SHARE))
 _SLACK_PX = wp.constant(float(SLACK_PX))
 _TILT = wp.constant(MATT_TILT)
+_RED, _GREEN, _BLUE = (wp.constant(float(share)) for share in LUMINANCE)
 
 
 @wp.struct
@@ -51,18 +53,29 @@ class EmitterBeam:
     log_ratio: float  # Logarithm of the variances' ratio of consecutive levels.
 
 
-@wp.kernel
-def fill_reflectance(
-    bytes: wp.array4d(dtype=wp.uint8), reflectance: wp.array3d(dtype=float)
-):  # pragma: no cover - compiled
-    """Estimate the infrared reflectance from RGB bytes (n, h, w, 3); see `depth_input`."""
-    e, y, x = wp.tid()
-    level = wp.max(wp.max(bytes[e, y, x, 0], bytes[e, y, x, 1]), bytes[e, y, x, 2])
-    share = float(level) / 255.0
+@wp.func
+def _linear(byte: wp.uint8) -> float:  # pragma: no cover - compiled
+    """Linear light of an sRGB byte (IEC 61966-2-1)."""
+    share = float(byte) / 255.0
     linear = share / 12.92
     if share > 0.04045:
         linear = wp.pow((share + 0.055) / 1.055, 2.4)
-    reflectance[e, y, x] = 0.25 + 0.6 * linear
+    return linear
+
+
+@wp.kernel
+def fill_reflectance(
+    bytes: wp.array4d(dtype=wp.uint8), visible: bool, reflectance: wp.array3d(dtype=float)
+):  # pragma: no cover - compiled
+    """Estimate the reflectance from RGB bytes (n, h, w, 3); see `depth_input`."""
+    e, y, x = wp.tid()
+    red = _linear(bytes[e, y, x, 0])
+    green = _linear(bytes[e, y, x, 1])
+    blue = _linear(bytes[e, y, x, 2])
+    if visible:
+        reflectance[e, y, x] = _RED * red + _GREEN * green + _BLUE * blue
+    else:
+        reflectance[e, y, x] = 0.25 + 0.6 * wp.max(wp.max(red, green), blue)
 
 
 @wp.kernel

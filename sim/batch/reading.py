@@ -95,7 +95,8 @@ def corrupt(
     with handoff.stream_of(depth):
         clean = handoff.as_warp("depth", depth)
         shape, device = clean.shape, constants.device
-        scene = batch_scene.build(clean, inputs, constants.ambient)
+        visible = constants.sensor.projector.visible
+        scene = batch_scene.build(clean, inputs, constants.ambient, visible=visible)
         code = wp.uint8 if constants.sensor.left.bit_depth == 8 else wp.int32
         out = BatchReading(
             depth_m=wp.empty(shape, dtype=float, device=device),

@@ -38,7 +38,7 @@ Rows = tuple[_Row, _Row, _Row, _Row]  # A 4x4 matrix, row by row.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class KnownMaterial:
-    """Known near-infrared reflectance of some bodies."""
+    """Known reflectance of some bodies, in the sensor's band."""
 
     body: str  # Names of the bodies, with wildcards `*` and `?`.
     reflectance: float  # In [0, 1], as in `starling.sim.scene.scene.Material`.

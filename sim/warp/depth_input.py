@@ -14,6 +14,7 @@ from starling.patterns import errors
 from starling.sim import arrays, quantities
 from starling.sim.arrays import Image
 from starling.sim.scene import colours
+from starling.sim.scene.visible import LUMINANCE
 from starling.sim.sensor.sensor import Sensor
 
 NEAREST_SURFACE_M = 1e-3  # Nearer surfaces are errors of the renderer.
@@ -85,12 +86,13 @@ def checked_depth(
 
 
 def reflectance(values: float | NDArray[Any] | None, camera: InputCamera, sensor: Sensor) -> Image:
-    """Return the near-infrared reflectance (h, w) in the sensor's camera.
+    """Return the reflectance (h, w) in the sensor's camera and band.
 
     Args:
         values: None takes 0.5. A number or image (h, w) is the reflectance itself, from 0 to 1. An
             image (h, w, 3) of RGB bytes is a hint: 0.25 + 0.6 max(R, G, B), linear, because dyes
-            that absorb visible light are bright at 850 nm.
+            that absorb visible light are bright at 850 nm. A passive camera of visible light sees
+            their luminance.
         camera: camera of the depth image.
         sensor: its camera is that of the result.
     """
@@ -99,7 +101,8 @@ def reflectance(values: float | NDArray[Any] | None, camera: InputCamera, sensor
         return np.full(shape, REFLECTANCE, np.float32)
     image = arrays.numbers("reflectance", values)
     if image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8:
-        image = colours.near_infrared(colours.linear(image))
+        rgb = colours.linear(image)
+        image = rgb @ LUMINANCE if sensor.projector.visible else colours.near_infrared(rgb)
     if image.ndim and image.shape != camera.shape:
         remedy = "Resize it; give RGB as (h, w, 3) uint8."
         raise errors.refuse(

@@ -170,6 +170,6 @@ def _with_materials(
 
 
 def _with_reflectance(body: Body, reflectance: float) -> Body:
-    return dataclasses.replace(
-        body, material=dataclasses.replace(body.material, reflectance=reflectance), texture=None
-    )
+    """Give a body a reflectance in the sensor's band: without a visible colour, it holds in any."""
+    material = dataclasses.replace(body.material, reflectance=reflectance, rgb=None)
+    return dataclasses.replace(body, material=material, texture=None, colour=None)

@@ -12,7 +12,9 @@ from starling.calibration import observation
 from starling.patterns import InputError
 from starling.sim.captures import capture
 from starling.sim.captures.capture import CapturedScene
+from starling.sim.scene import visible
 from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
 
 EYE = np.eye(4).tolist()
 
@@ -44,6 +46,23 @@ def test_a_posed_mesh_takes_precedence_over_reference_depth(small_set: Path) -> 
     (scene.path / "scene.toml").write_text(f'scene = "wall:2"\nleft_from_world = {EYE}\n')
     seen = observation.load(scene, scene.info.geometry_into(presets.load("d415")))
     assert seen.scene is not None and seen.scene.name == "wall:2" and seen.metric
+
+
+def test_a_posed_mesh_is_in_the_band_of_the_sensor(small_set: Path) -> None:
+    """Visible luminance for a passive camera; a stated reflectance holds in either band."""
+    scene = _first(small_set)
+    device = scene.info.geometry_into(presets.load("d415"))
+    passive = with_values(device, [("projector.power_w", 0.0), ("projector.wavelength_nm", 550.0)])
+    known = f'scene = "tabletop"\nleft_from_world = {EYE}\n'
+    stated = '[[materials]]\nbody = "*"\nreflectance = 0.3\n'
+    for text in (known, known + stated):
+        (scene.path / "scene.toml").write_text(text)
+        near, seen = (observation.load(scene, sensor).scene for sensor in (device, passive))
+        assert near is not None and seen is not None
+        for body, visible_body in zip(near.bodies, seen.bodies, strict=True):
+            expected = 0.3 if text != known else visible.luminance(body)
+            assert visible_body.material.reflectance == pytest.approx(expected)
+        assert any(visible.is_coloured(body) for body in near.bodies) == (text == known)
 
 
 @pytest.mark.parametrize("missing", [("truth",), ("0/ir_left", "0/ir_right")])

@@ -19,6 +19,7 @@ from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
 from starling.sim.scene.scene import Ambient
 from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
 from starling.sim.warp import conversions, depth_input
 from starling.sim.warp import layers as warp_layers
 from starling.sim.warp.layers import DepthScene, layers
@@ -229,6 +230,17 @@ def test_rgb_is_a_hint_of_reflectance() -> None:
     picture[:, 80:] = 255
     seen = depth_input.reflectance(picture, camera, SENSOR)
     np.testing.assert_allclose(seen[0, [0, -1]], [0.25, 0.85], rtol=1e-6)
+
+
+def test_a_passive_camera_sees_the_luminance_of_rgb() -> None:
+    """Rec. 709: red, green and blue of full level reflect 0.2126, 0.7152 and 0.0722."""
+    camera = depth_input.DepthCamera(MATRIX, WALL.shape)
+    picture = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    for channel in range(3):
+        picture[:, channel, channel] = 255
+    visible = with_values(SENSOR, [("projector.wavelength_nm", 550.0)])
+    seen = depth_input.reflectance(picture, camera, visible)
+    np.testing.assert_allclose(seen[0, :4], [0.2126, 0.7152, 0.0722, 0.0], rtol=1e-6)
 
 
 @pytest.mark.parametrize("disparity_px", [8.0, 8.25, 8.5, 8.75])

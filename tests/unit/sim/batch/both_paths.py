@@ -40,7 +40,9 @@ def views(rig: Any, depth: Any, **inputs: Any) -> Any:
     """Both lit views of a batch."""
     light = batch_scene.SceneArrays(**batched(inputs))
     clean = wp.array(depth[None], dtype=float)
-    return images.light_views(batch_scene.build(clean, light, rig.ambient), rig.light)
+    visible = rig.sensor.projector.visible
+    scene = batch_scene.build(clean, light, rig.ambient, visible=visible)
+    return images.light_views(scene, rig.light)
 
 
 def equal_shares(sensor: Sensor, **inputs: Any) -> tuple[float, float, float]:

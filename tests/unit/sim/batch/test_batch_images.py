@@ -104,9 +104,13 @@ def test_reasons_and_depth_are_those_of_the_compiled_path(changes: tuple[str, ..
     assert reasons >= EQUAL_SHARE and depths >= EQUAL_SHARE
 
 
-@pytest.mark.parametrize("kind", ["number", "image", "rgb"])
-def test_reflectance_is_that_of_the_compiled_path(kind: str) -> None:
-    corruptor, _ = build(steps.without_noise(steps.sensor("imager.auto_exposure_level=0.0")))
+@pytest.mark.parametrize(
+    ("kind", "wavelength_nm"),
+    [("number", 850.0), ("image", 850.0), ("rgb", 850.0), ("rgb", 550.0)],
+)
+def test_reflectance_is_that_of_the_compiled_path(kind: str, wavelength_nm: float) -> None:
+    edits = ("imager.auto_exposure_level=0.0", f"projector.wavelength_nm={wavelength_nm}")
+    corruptor, _ = build(steps.without_noise(steps.sensor(*edits)))
     depth = steps.depth_image()
     images_of: dict[str, Any] = {
         "image": np.linspace(0, 1, depth.size, dtype=np.float32).reshape(depth.shape),
