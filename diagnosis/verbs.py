@@ -90,6 +90,7 @@ def withheld(
     blender: Path = Path(".blender/bin/python"),
     captures: Path | None = None,
     sensor: str | None = None,
+    mode: ModeName = "",
     common: Shared = Common(),
 ) -> None:
     """Validate the diagnosis on effects that are withheld from it.
@@ -127,6 +128,7 @@ def withheld(
         *(["--sets", str(sets)] if sets is not None else []),
         *(["--captures", str(captures)] if captures is not None else []),
         *(["--sensor", sensor] if sensor is not None else []),
+        *(["--mode", mode] if mode else []),
         *(["--json"] if common.json else []),
         *(["--debug"] if common.debug else []),
     ]

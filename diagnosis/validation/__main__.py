@@ -43,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     flag("--blender", type=Path, default=blender, help="Python interpreter with bpy, for tier 2")
     flag("--captures", type=Path, help="real capture set, for tier 4")
     flag("--sensor", help="preset or sensor file of the real camera, for tier 4")
+    flag("--mode", default="", help="mode of that camera, WxH or WxH@FPS, for tier 4")
     flag("--json", action="store_true", help="print the scores as JSON")
     flag("--debug", action="store_true", help="show the traceback of an error")
     options = parser.parse_args(arguments)
@@ -54,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             blender=options.blender,
             captures=options.captures,
             sensor=options.sensor,
+            mode=options.mode,
             infrared=not options.no_infrared,
             power=options.power,
             jobs=options.jobs,

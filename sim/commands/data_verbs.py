@@ -8,7 +8,7 @@ from typing import Literal
 from tyro.conf import Positional
 
 from starling.sim.console import shell
-from starling.sim.console.flags import Common, Shared
+from starling.sim.console.flags import Common, ModeName, Shared
 
 
 def generate(
@@ -107,6 +107,7 @@ def fuse(
     out: Path,
     camera: str = "",
     sensor: str = "kinect-v1",
+    mode: ModeName = "",
     voxel: float = 0.005,
     band: float | None = None,
     far: float = 3.0,
@@ -147,6 +148,7 @@ def fuse(
             layout=layout,
             camera=camera,
             sensor=sensor,
+            mode=mode,
             fusion=Fusion(voxel_m=voxel, band_m=band, far_m=far, every=every, least=least),
             force=force,
             track=track,

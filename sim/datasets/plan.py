@@ -37,6 +37,7 @@ class SensorPlan:
     """A camera, and the values that are drawn for each view."""
 
     preset: str  # Preset name or sensor file.
+    mode: str = ""  # Mode of the camera, as for `--mode`; empty is the sensor's own.
     name: str = ""  # Distinct name in the index; empty takes the file's stem.
     weight: float = 1.0
     fields: Mapping[str, Draw] = field(default_factory=dict)  # By dotted path, as for `--set`.
@@ -166,12 +167,13 @@ def _listed(table: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
 
 
 def _sensor(table: Mapping[str, Any], folder: Path, name: str, frames: int) -> SensorPlan:
-    refuse_unknown(table, ("preset", "weight", "set", "effects"), name)
+    refuse_unknown(table, ("preset", "mode", "weight", "set", "effects"), name)
     preset = text(table, "preset", name, "d435")
     if preset.endswith(".toml"):
         preset = str(folder / preset)
     plan = SensorPlan(
         preset=preset,
+        mode=text(table, "mode", name, "640x480") if "mode" in table else "",
         weight=weight(table, name),
         fields=_draws(table, "set", name),
         effects=_draws(table, "effects", name),
@@ -192,7 +194,7 @@ def _refuse_impossible(plan: SensorPlan, frames: int) -> None:
     from starling.sim.scene.builtin import scenes
     from starling.sim.simulate import refuse_impossible
 
-    base, scene = presets.load(plan.preset), scenes.wall()
+    base, scene = presets.load(plan.preset, mode=plan.mode), scenes.wall()
     first = {path: value.ends[0] for path, value in plan.fields.items()}
     effects = {name: value.ends[0] for name, value in plan.effects.items()}
     for path, value in plan.fields.items():
@@ -241,6 +243,7 @@ class PlannedView:
     room: str
     setting: Setting
     preset: str
+    mode: str
     sensor: str  # Name of the preset or sensor file in the index.
     fields: Mapping[str, Any]  # Fields of the sensor, by dotted path.
     effects: Mapping[str, Value]
@@ -271,6 +274,7 @@ def view(plan: Plan, number: int) -> PlannedView:
         room=setting.room,
         setting=setting,
         preset=sensor.preset,
+        mode=sensor.mode,
         sensor=sensor.name or Path(sensor.preset).stem,
         fields={
             path: draw.drawn(_rng(plan, number, f"field {path}"))

@@ -66,7 +66,7 @@ def render(
     """
     planned = view(plan, number)
     sensor = camera(planned)
-    loaded = load_scene(planned.setting, planned.preset)
+    loaded = load_scene(planned.setting, planned.preset, planned.mode)
     stage = posed(loaded.stage, planned, samples=plan.samples)
     files = MemoryFolder(out)
     view_info = info_of(sensor)
@@ -114,7 +114,8 @@ def camera(planned: PlannedView) -> Sensor:
     Raises:
         InputError: if the drawn values are invalid in combination.
     """
-    sensor = edits.with_values(presets.load(planned.preset), planned.fields.items())
+    device = presets.load(planned.preset, mode=planned.mode)
+    sensor = edits.with_values(device, planned.fields.items())
     return setting.on_sensor(sensor, planned.effects)
 
 
@@ -183,6 +184,7 @@ def _write_frame(
             "seed": planned.seed,
             "view": planned.number,
             "preset": planned.sensor,
+            **({"mode": planned.mode} if planned.mode else {}),
             "set": dict(planned.fields),
             "effects": dict(planned.effects),
             "left_from_world": np.linalg.inv(scene.file_from_left).tolist(),
@@ -245,17 +247,18 @@ class LoadedScene:
 
 
 @lru_cache(maxsize=2)  # The views of one scene can have two presets.
-def load_scene(setting: Setting, preset: str) -> LoadedScene:
+def load_scene(setting: Setting, preset: str, mode: str = "") -> LoadedScene:
     """Load a scene for a preset.
 
     Args:
         setting: scene specifier or pile of meshes.
         preset: preset name or sensor file.
+        mode: mode of the camera; empty is the sensor's own.
 
     Raises:
         InputError: if a file is missing or damaged.
     """
-    sensor = presets.load(preset)
+    sensor = presets.load(preset, mode=mode)
     if isinstance(setting, Pile):
         scene, resting = mesh_pile.scene(setting, sensor)
         return LoadedScene(stage=MitsubaScene(scene), resting=resting)

@@ -62,7 +62,7 @@ def load(
         captured.refuse_mixed()
         info = captured.info
         if mode:
-            _refuse_other_size(sensor, info)
+            refuse_other_size(sensor, info)
         if not (name.endswith(".toml") and info.are_of(sensor)):
             sensor = info.geometry_into(sensor)
     if device_preset is not None or emitter is not None:
@@ -72,7 +72,12 @@ def load(
     return presets.with_absolute_patterns(apply(sensor, edits), Path.cwd())
 
 
-def _refuse_other_size(sensor: Sensor, info: CaptureInfo) -> None:
+def refuse_other_size(sensor: Sensor, info: CaptureInfo) -> None:
+    """Refuse a sensor in a mode of another image size than its captures.
+
+    Raises:
+        InputError: if the sizes differ.
+    """
     if (sensor.width, sensor.height) != (info.width, info.height):
         rule = f"must have the captures' image size {info.width}x{info.height}"
         got = f"{sensor.width}x{sensor.height}"

@@ -268,6 +268,8 @@ def test_incompatible_streams_are_refused(simulated: Simulated, tmp_path: Path):
         fuse.fuse([exact, second], tmp_path / "set", layout="tum")
     with pytest.raises(InputError, match="out must lie outside"):
         fuse.fuse([exact], exact / "set", layout="tum")
+    with pytest.raises(InputError, match="mode must have the captures' image size 160x120"):
+        fuse.fuse([exact], tmp_path / "set", layout="tum", sensor="d435", mode="640x480")
     with pytest.raises(InputError, match="streams must be given; got nothing"):
         fuse.fuse([], tmp_path / "set", layout="tum")
     (second / "groundtruth.txt").write_text("")

@@ -52,7 +52,7 @@ def builtin_camera(width: int, height: int) -> Sensor:
     return with_values(ideal, [*size, *middle, *_HAS])
 
 
-def captured_camera(out: Positional[Path], *, captures: str, sensor: str) -> None:
+def captured_camera(out: Positional[Path], *, captures: str, sensor: str, mode: str = "") -> None:
     """Write the camera of a capture set: its sensor file and nominal values.
 
     Writes OUT/sensor.toml with the captures' geometry, and OUT/nominal.json. The latter also lists
@@ -62,9 +62,10 @@ def captured_camera(out: Positional[Path], *, captures: str, sensor: str) -> Non
         out: folder to make.
         captures: capture set whose geometry is used.
         sensor: preset or sensor file of their camera.
+        mode: mode of their camera; empty is the sensor's own.
     """
     path = capture.open_set(captures).path
-    camera = resolve.load(sensor, captures=str(path))
+    camera = resolve.load(sensor, mode=mode, captures=str(path))
     with OutputFolder(out) as folder:
         # The ambient light of real rooms is unknown. It is zero, because no effect changes it.
         ambient = {"ambient_w_m2": 0.0, "ambient_gradient": 0.0}

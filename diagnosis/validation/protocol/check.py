@@ -37,6 +37,7 @@ class Check:
     blender: Path  # Python interpreter with `bpy`.
     captures: Path | None = None  # Capture set of a real camera, for tier 4.
     sensor: str | None = None  # Preset or sensor file of that camera.
+    mode: str = ""  # Its mode; empty is the sensor's own.
     # Number of singles in place of that of the tier; other kinds scale in proportion. For power
     # curves, the number of cases per effect and level.
     singles: int | None = None
@@ -57,6 +58,9 @@ class Check:
             rule = "must be given for tier 4, and for no other"
             got = f"{captures} and {self.sensor} for tier {number}"
             raise refusal("captures and sensor", rule, got, "Give both, or take tier 4.")
+        if self.mode and not real:
+            rule, advice = "must be given for tier 4 only", "Leave it out."
+            raise refusal("mode", rule, f"{self.mode} for tier {number}", advice)
         if not self.infrared and (real or self.tier.segment == "image"):
             raise refusal(f"tier {number}", "must have infrared", "none", "Omit --no-infrared.")
         if self.power and number != POWER_TIER:
@@ -89,6 +93,7 @@ class Check:
             scenes=self.tier.scenes,
             captures=self.captures,
             believed=self.sensor,
+            mode=self.mode,
         )
 
     @property
@@ -214,6 +219,7 @@ class Check:
             "power": self.power,
             "captures": self.captures and seal.path_digest(self.captures),
             "sensor": self.sensor and seal.sensor_digest(Path(self.sensor)),
+            **({"mode": self.mode} if self.mode else {}),
         }
         return json.dumps(options, indent=1).encode()
 

@@ -49,6 +49,7 @@ class RealPairs:
     scenes: int  # Number of scenes.
     captures: Path
     believed: str  # Sensor file or preset of the camera of the captures.
+    mode: str = ""  # Mode of that camera; empty is the sensor's own.
 
     @property
     def sensor(self) -> Path:
@@ -97,11 +98,15 @@ class RealPairs:
         inputs = {
             "captures": seal.path_digest(self.captures),
             "sensor": seal.sensor_digest(Path(self.believed)),
+            **({"mode": self.mode} if self.mode else {}),
         }
         seal.record_inputs(self.folder, inputs, exists=exists)
         if not exists:
             shutil.rmtree(self._nominal.parent, ignore_errors=True)
-            flags = {"--captures": self.captures, "--sensor": self.believed}
+            flags = {
+                **{"--captures": self.captures, "--sensor": self.believed},
+                "--mode": self.mode or None,
+            }
             programs.run("captured_camera", self._nominal.parent, flags=flags)
             part = self.folder / ".part"
             shutil.rmtree(part, ignore_errors=True)

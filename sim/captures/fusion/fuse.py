@@ -22,7 +22,7 @@ from starling.sim.console import names, progress
 from starling.sim.console.output import Folder, OutputFolder, refuse_own_input
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render import backend
-from starling.sim.sensor import presets
+from starling.sim.sensor import presets, resolve
 
 _NEAREST_M = 0.35  # Kinects measure from 0.4 m [m].
 _LOOKED_AT = 5  # Frames whose depth is looked at before fusion.
@@ -37,6 +37,7 @@ def fuse(
     layout: Layout,
     camera: str = "",
     sensor: str = "kinect-v1",
+    mode: str = "",
     fusion: Fusion | None = None,
     force: bool = False,
     track: progress.Progress = progress.silent,
@@ -49,6 +50,7 @@ def fuse(
         layout: layout of the streams.
         camera: `fx fy cx cy width height` [px]; empty uses the streams' intrinsics.
         sensor: preset of the device, for its name and baseline.
+        mode: mode of the device, of the streams' image size; empty is the preset's own.
         fusion: settings; None uses the defaults.
         force: replace an earlier folder.
         track: wraps loops over frames.
@@ -67,7 +69,7 @@ def fuse(
     opened = _opened(streams, layout, parse_camera(camera) if camera else None)
     for path in streams:
         refuse_own_input(out, path)
-    device = presets.load(sensor)
+    device = presets.load(sensor, mode=mode)
     info = CaptureInfo(
         **dataclasses.asdict(next(iter(opened.values())).camera),
         sensor=device.name,
@@ -77,6 +79,8 @@ def fuse(
         licence="as the streams'",
         notes="truth.png: the surface fused of all frames' depth.png, from where each was taken",
     )
+    if mode:
+        resolve.refuse_other_size(device, info)
     with OutputFolder(out, force=force) as folder:
         by_stream = {
             name: _fuse_stream(name, opened[name], info, fusion, folder, track) for name in opened
@@ -89,7 +93,7 @@ def fuse(
         }
         arguments = {
             "streams": [str(path) for path in streams],
-            **{"layout": layout, "camera": camera, "sensor": sensor},
+            **{"layout": layout, "camera": camera, "sensor": sensor, "mode": mode},
             **dataclasses.asdict(fusion),
         }
         writer.write_set(

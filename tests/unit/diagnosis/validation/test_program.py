@@ -26,6 +26,8 @@ def test_invalid_options_are_refused(tmp_path, capsys):
     assert "must have infrared" in capsys.readouterr().err
     assert program.main([*base, *options, "--power"]) == 1
     assert "power must be used with tier 1; got tier 4." in capsys.readouterr().err
+    assert program.main([str(tmp_path / "run"), "--mode", "640x480"]) == 1
+    assert "mode must be given for tier 4 only; got 640x480 for tier 1." in capsys.readouterr().err
     assert program.main([str(tmp_path / "run"), "--power", "--cases", "0"]) == 1
     assert "cases must be >= 1; got 0" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from starling.diagnosis.validation.camera.errors import WithheldError
-from starling.diagnosis.validation.protocol import files, programs
+from starling.diagnosis.validation.protocol import files, programs, seal
 from starling.diagnosis.validation.protocol.case import Case
 from starling.diagnosis.validation.protocol.real_pairs import RealPairs, draw_scenes
 from starling.sim.captures import capture
+from starling.sim.sensor import presets
 from tests.unit.diagnosis.validation.conftest import CAPTURE, HEIGHT, TABLE, WIDTH
 
 ROOMS = ("a", "a", "a", "b", "b", "c", "d")
@@ -56,6 +57,27 @@ def test_no_room_repeats_before_all_rooms_are_drawn(captures: Path) -> None:
     assert sorted(scene.room for scene in draw_scenes(scenes, 6, 0)) == [*"aabbcd"]
     with pytest.raises(WithheldError, match="captures must hold 8 scenes; got 7"):
         draw_scenes(scenes, 8, 0)
+
+
+def test_the_mode_of_the_camera_reaches_its_sensor_file(captures: Path, tmp_path: Path) -> None:
+    """Its image size is that of the captures; another one is refused."""
+    size, base = f"{WIDTH}x{HEIGHT}", "d415"
+    text = f'base = "{base}"\n[modes."{size}"]\nscale = 0.1\nleft.gain = 2.0\n'
+    (tmp_path / "mine.toml").write_text(text)
+    pairs = RealPairs(
+        folder=tmp_path / "set-0",
+        number=0,
+        scenes=4,
+        captures=captures,
+        believed=str(tmp_path / "mine.toml"),
+        mode=size,
+    )
+    pairs.prepare()
+    assert presets.load(str(pairs.sensor)).left.gain == 2.0
+    assert json.loads((pairs.folder / seal.INPUTS).read_text())["mode"] == size
+    other = dataclasses.replace(pairs, folder=tmp_path / "set-1", mode="640x480")
+    with pytest.raises(WithheldError):
+        other.prepare()
 
 
 def test_missing_captures_are_refused(pairs: RealPairs, tmp_path: Path) -> None:

@@ -14,10 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from starling.patterns.errors import InputError
-from starling.sim.datasets import draw
+from starling.sim.datasets import draw, render_view
 from starling.sim.datasets import plan as plans
 from starling.sim.datasets.plan import view
 from starling.sim.datasets.source import Pile, SceneSpecifier
+from starling.sim.sensor import presets
 
 SMALL: dict[str, Any] = {
     "seed": 7,
@@ -117,6 +118,8 @@ def test_a_plan_is_read_from_its_file(tmp_path: Path):
         ({"source": [{"kind": "captures", "folder": "none"}]}, "captures must be a folder"),
         ({"source": [{"kind": "dropped", "folder": "none"}]}, "source 1.folder must hold meshes"),
         ({"sensor": [{"preset": "d436"}]}, "Known: d456, d435"),
+        ({"sensor": [{"preset": "d435", "mode": "1x1"}]}, "mode must be a mode of d435; got '1x1'"),
+        ({"sensor": [{"preset": "d435", "mode": 640}]}, "sensor 1.mode must be a text; got 640"),
         ({"sensor": [{"preset": "d435", "weight": 0}]}, "sensor 1.weight must be > 0"),
         ({"sensor": [{"preset": "d435", "set": 3}]}, "sensor 1.set must be a table"),
         ({"sensor": [{"preset": "d435", "set": {"projector.pwoer_w": 1}}]}, "pwoer_w"),
@@ -145,6 +148,16 @@ def test_view_depends_on_plan_and_number_only():
         assert first.setting == second.setting and first.seed == second.seed
         assert (first.fields, first.effects) == (second.fields, second.effects)
     assert view(plan(seed=8), 0).seed != view(item, 0).seed
+
+
+def test_a_sensor_is_in_its_mode_before_values_are_drawn():
+    entry = {"preset": "d435", "mode": "424x240@60", "set": {"left.lens.blur_px": 0.7}}
+    planned = view(plan(sensor=[entry]), 3)
+    camera = render_view.camera(planned)
+    assert camera.left.lens.blur_px == 0.7
+    assert camera.right == presets.load("d435", mode="424x240@60").right
+    assert (camera.width, camera.height) == (424, 240)
+    assert view(plan(), 3).mode == ""
 
 
 def test_additional_value_changes_no_other_value():

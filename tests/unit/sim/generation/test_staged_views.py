@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,16 @@ def test_files_on_disk_are_those_in_memory(plan: Plan, tmp_path: Path) -> None:
     }
     assert content == kept.files
     assert sorted(file for row in kept.rows for file in row["files"]) == sorted(content)
+
+
+def test_frames_name_the_mode_of_the_plan(tmp_path: Path) -> None:
+    sensor = {"preset": "d435", "mode": "424x240", "set": SIZE}
+    files = [
+        rendered(plans.from_table({**PLAN, "sensor": [entry]}, tmp_path), tmp_path, on_disk=False)
+        for entry in (sensor, {key: sensor[key] for key in ("preset", "set")})
+    ]
+    first, second = (json.loads(view.files[f"{view.name}/0/frame.json"]) for view in files)
+    assert first["mode"] == "424x240" and "mode" not in second
 
 
 def test_a_worker_that_cannot_write_is_refused(plan: Plan, tmp_path: Path) -> None:
