@@ -7,7 +7,10 @@ A mode is a part of the imager in larger or smaller pixels. Its name is its imag
     fps = [15, 30, 60]
 
 The part lies in the middle of the imager. A scale of 1 crops. Further keys are those of a sensor;
-they hold in this mode only.
+they hold in this mode only. A file with a base drops modes of the base by a list of those it keeps:
+
+    [modes]
+    only = ["640x480"]
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ _KEYS = {"scale", "fps"} | {field.name for field in dataclasses.fields(Sensor)} 
     *("name", "kind", "width", "height"),
 }
 NAME = re.compile(r"([1-9]\d{0,4})x([1-9]\d{0,4})")
+_ONLY = "only"  # Key of the table that lists the kept modes of a base.
 _EXAMPLE = "Example: 848x480 or 848x480@30."
 
 
@@ -68,6 +72,8 @@ def read(table: Any) -> Modes:
 def with_table(modes: Modes, table: Any) -> Modes:
     """Return the modes of a base with those of a file: further ones, or other keys of one.
 
+    Modes that the file does not keep are still among them (see `select`).
+
     Raises:
         InputError: as `read`.
     """
@@ -75,6 +81,8 @@ def with_table(modes: Modes, table: Any) -> Modes:
         return read(table)
     result = dict(modes)
     for name, entry in table.items():
+        if name == _ONLY:
+            continue
         old = modes.get(name)
         if old is None or not isinstance(entry, Mapping):
             result[name] = _mode(name, entry)
@@ -82,6 +90,34 @@ def with_table(modes: Modes, table: Any) -> Modes:
             numbers = {"scale": old.scale, "fps": list(old.fps), **old.changes}
             result[name] = _mode(name, structure.merged(numbers, entry))
     return result
+
+
+def select(modes: Modes, table: Mapping[str, Any], chosen: ChosenMode | None) -> Modes:
+    """Return the modes of `with_table` that the file's list `only` keeps; all without a list.
+
+    Modes with a table in the file are kept too.
+
+    Args:
+        modes: modes of the base and the file.
+        table: table `modes` of the file.
+        chosen: mode of the file's numbers, None if unknown.
+
+    Raises:
+        InputError: if the list is none, names an unknown mode, or lacks the mode of the numbers.
+    """
+    only = table.get(_ONLY)
+    if only is None:
+        return modes
+    path = f"modes.{_ONLY}"
+    if not isinstance(only, list) or not only:
+        raise errors.refuse(path, "must list modes", repr(only), f'Write {_ONLY} = ["848x480"].')
+    for name in only:
+        errors.one_of(f"mode in {path}", name, modes)
+    names = {*only, *table}
+    if chosen is not None and chosen.mode not in names:
+        rule, got = f"must list {chosen.mode}, the mode of the file", ", ".join(only)
+        raise errors.refuse(path, rule, got, f'Add it, or give mode = "{only[0]}".')
+    return {name: mode for name, mode in modes.items() if name in names}
 
 
 def choose(modes: Modes, text: object, camera: str) -> ChosenMode:

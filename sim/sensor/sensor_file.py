@@ -212,9 +212,13 @@ def _derived(
         if "mode" in table:
             _refuse_other_size(sensor, chosen)
         chosen = None
-    written = file.written | frozenset(mode_keys.paths(keys))
     return dataclasses.replace(
-        file, sensor=sensor, mode=chosen, own_right=own_right, written=written
+        file,
+        sensor=sensor,
+        modes=modes.select(known, table.get("modes", {}), chosen),
+        mode=chosen,
+        own_right=own_right,
+        written=file.written | frozenset(mode_keys.paths(keys)),
     )
 
 

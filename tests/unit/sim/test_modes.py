@@ -226,9 +226,44 @@ def test_keys_of_a_mode_hold_in_it_only(tmp_path: Path) -> None:
     assert presets.load(str(tmp_path / "d.toml"), mode="212x120").width == 212
 
 
+def test_a_file_drops_modes_of_its_base(tmp_path: Path) -> None:
+    """Its own modes stay, and a chain of bases drops further ones."""
+    text = 'base = "d435"\nmode = "424x240"\n[modes]\nonly = ["640x480", "848x480", "424x240"]\n'
+    (tmp_path / "a.toml").write_text(text)
+    file = presets.load_file(str(tmp_path / "a.toml"))
+    assert set(file.modes) == {"640x480", "848x480", "424x240"}
+    assert file.sensor == presets.load("d435", mode="424x240")
+    large = presets.load(str(tmp_path / "a.toml"), mode="848x480")
+    assert large == presets.load("d435", mode="848x480")
+    further = '[modes]\nonly = ["424x240"]\n[modes."320x180"]\nscale = 0.25\n'
+    (tmp_path / "b.toml").write_text(f'base = "a.toml"\n{further}')
+    assert set(presets.load_file(str(tmp_path / "b.toml")).modes) == {"424x240", "320x180"}
+
+
+_BASE = 'base = "d435"\n[modes]\n'
+
+
 @pytest.mark.parametrize(
     ("text", "mode", "message"),
     [
+        (_BASE + 'only = ["848x480"]', "640x480", r"^mode must be a mode of d435; got '640x480'"),
+        (
+            _BASE + 'only = "848x480"',
+            "",
+            r"^modes.only must list modes; got '848x480'\. Write only",
+        ),
+        (_BASE + "only = []", "", r"^modes.only must list modes; got \[\]"),
+        (
+            _BASE + 'only = ["848x481"]',
+            "",
+            r"^mode in modes.only must be a known name; got '848x481'",
+        ),
+        (
+            _BASE + 'only = ["640x480"]',
+            "",
+            r"^modes.only must list 848x480, the mode of the file; got 640x480\. Add it, or give",
+        ),
+        (PLAIN + '[modes]\nonly = ["848x480"]', "", r"^name of a mode must be .*; got 'only'"),
         (
             'base = "d435"',
             "800x600",
