@@ -125,7 +125,8 @@ def load_sensor(
         mode: mode of the camera, `640x480` or `640x480@60`, as `starling sensors show` lists them.
         camera_matrix: (3, 3) intrinsics in place of the device's [px]; its lens stays, so that
             pixels grow or shrink. Or a file of a device's calibration: output of
-            rs-enumerate-devices -c, a ROS camera_info, a board file of depthai.
+            rs-enumerate-devices -c, a ROS camera_info, a board or calibration file
+            of depthai.
         size: (width, height) of its images [px]; used with a (3, 3) `camera_matrix`.
 
     Raises:

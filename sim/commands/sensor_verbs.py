@@ -23,7 +23,7 @@ _File = Annotated[
     arg(
         metavar="FILE",
         help="Calibration of a device for a new sensor: output of rs-enumerate-devices -c, a ROS "
-        "camera_info, or a board file of depthai.",
+        "camera_info, or a board or calibration file of depthai.",
     ),
 ]
 

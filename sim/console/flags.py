@@ -60,6 +60,6 @@ CameraMatrix = Annotated[
         metavar="FX FY CX CY|FILE",
         help="Camera of depth images [px]; pixel centres have whole coordinates. For other scenes, "
         "a FILE gives the camera of the sensor. FILE is the output of rs-enumerate-devices -c, a "
-        "ROS camera_info, or a board file of depthai.",
+        "ROS camera_info, or a board or calibration file of depthai.",
     ),
 ]

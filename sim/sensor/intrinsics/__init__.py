@@ -1,12 +1,13 @@
-"""Calibrations of real devices: librealsense text, ROS camera_info, depthai board files."""
+"""Calibrations of real devices: librealsense text, ROS camera_info, depthai JSON."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from starling.patterns import errors
 from starling.sim import files
-from starling.sim.sensor.intrinsics import camera_info, depthai_board, librealsense
+from starling.sim.sensor.intrinsics import camera_info, depthai_board, depthai_eeprom, librealsense
 from starling.sim.sensor.intrinsics.calibration import DeviceCalibration as DeviceCalibration
 from starling.sim.sensor.intrinsics.calibration import with_calibration as with_calibration
 from starling.sim.sensor.intrinsics.calibration import with_keys as with_keys
@@ -16,15 +17,18 @@ def read(path: Path) -> DeviceCalibration:
     """Read the calibration of a device; the content decides on the format.
 
     Args:
-        path: output of `rs-enumerate-devices -c`, a `camera_info` in YAML, or a board file of
-            depthai in JSON.
+        path: output of `rs-enumerate-devices -c`, a `camera_info` in YAML, or a board or
+            calibration file of depthai in JSON.
 
     Raises:
         InputError: for an unreadable file, another format, or implausible numbers.
     """
     data = files.read_bytes(path)
     if path.suffix.lower() == ".json":
-        return depthai_board.parse(files.parse_json(data, path), path)
+        table = files.parse_json(data, path)
+        if isinstance(table, Mapping) and depthai_eeprom.CAMERAS in table:
+            return depthai_eeprom.parse(table, path)
+        return depthai_board.parse(table, path)
     text = files.decode(data, path)
     if librealsense.is_listing(text):
         return librealsense.parse(text, path)
@@ -32,7 +36,7 @@ def read(path: Path) -> DeviceCalibration:
         return camera_info.parse(text, path)
     raise errors.refuse(
         "camera_matrix",
-        "must be output of rs-enumerate-devices -c, a camera_info or a depthai board",
+        "must be output of rs-enumerate-devices -c, a camera_info or JSON of depthai",
         path,
         "Give such a file, or width, height, fx_px, fy_px, cx_px and cy_px.",
     )

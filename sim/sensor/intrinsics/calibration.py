@@ -22,11 +22,12 @@ _KEYS = ("width", "height", "fx_px", "fy_px", "cx_px", "cy_px")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DeviceCalibration:
-    """Intrinsics of a rectified pair by image size, or its field of view, and its baseline."""
+    """Intrinsics of a rectified pair by image size or of its imager, and its baseline."""
 
     path: Path
     cameras: tuple[Pinhole, ...]  # One of each size.
     field_deg: float | None = None  # Full horizontal field of the imager, where sizes are unknown.
+    imager: Pinhole | None = None  # All columns of the imager; other sizes follow from them.
     baseline_m: float | None = None
 
     def __post_init__(self) -> None:
@@ -51,6 +52,8 @@ class DeviceCalibration:
         Raises:
             InputError: if the calibration has other sizes only.
         """
+        if self.imager is not None:
+            return _scaled(self.imager, width, height, width * cut / self.imager.width)
         if self.field_deg is not None:
             focal_px = width * cut / 2 / math.tan(math.radians(self.field_deg) / 2)
             centre = {"cx_px": (width - 1) / 2, "cy_px": (height - 1) / 2}
@@ -61,6 +64,18 @@ class DeviceCalibration:
         rule = f"must have the image size {width}x{height}"
         advice = "Choose a mode of that size, or give width and height."
         raise errors.refuse(f"camera_matrix in {self.path}", rule, ", ".join(self.sizes), advice)
+
+
+def _scaled(imager: Pinhole, width: int, height: int, ratio: float) -> Pinhole:
+    """Return the middle of an image at `ratio` new pixels per pixel, as a mode shows it."""
+    return Pinhole(
+        width=width,
+        height=height,
+        fx_px=imager.fx_px * ratio,
+        fy_px=imager.fy_px * ratio,
+        cx_px=(width - 1) / 2 + ratio * (imager.cx_px - (imager.width - 1) / 2),
+        cy_px=(height - 1) / 2 + ratio * (imager.cy_px - (imager.height - 1) / 2),
+    )
 
 
 def with_calibration(sensor: Sensor, calibration: DeviceCalibration, *, cut: float = 1.0) -> Sensor:
@@ -93,7 +108,7 @@ def with_keys(calibration: DeviceCalibration, keys: Mapping[str, Any]) -> dict[s
     Raises:
         InputError: if the image size is unknown, or the calibration has others only.
     """
-    sole = calibration.cameras[0] if len(calibration.cameras) == 1 else None
+    sole = calibration.cameras[0] if len(calibration.cameras) == 1 else calibration.imager
     width = keys.get("width", sole.width if sole else None)
     height = keys.get("height", sole.height if sole else None)
     if not isinstance(width, int) or not isinstance(height, int):
