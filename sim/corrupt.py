@@ -366,7 +366,7 @@ def without_depth(shot: Shot, past: History | None) -> Shot:
 def narrow_search(sensor: Sensor, depth_m: Image) -> Sensor:
     """The sensor, which searches only the disparities of the scene, and 8 px beyond them."""
     known = depth_m[np.isfinite(depth_m)]
-    if sensor.kind != "stereo" or not known.size:
+    if sensor.kind != "stereo" or sensor.matcher.extended or not known.size:
         return sensor
     matcher = sensor.matcher
     first, end = matcher.min_disparity_px, matcher.min_disparity_px + matcher.search_px

@@ -51,6 +51,7 @@ def refuse_unsupported(sensor: Sensor, camera: depth_input.InputCamera) -> None:
         raise errors.refuse(name, rule, volume, "Search fewer disparities.")
     values: dict[str, tuple[object, object]] = {  # Value, and the neutral value.
         "kind": (sensor.kind, "stereo"),
+        "matcher.extended": (sensor.matcher.extended, False),
         "projector.flicker": (sensor.projector.flicker, 0.0),
         "post.decimation": (sensor.post.decimation, 1),
         "post.spatial_alpha": (sensor.post.spatial_alpha, 1.0),

@@ -184,11 +184,16 @@ class Checks:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Matcher:
-    """A complete matcher. It searches x_left - x_right in [min, min + search - 1]."""
+    """A complete matcher. It searches x_left - x_right in [min, min + search - 1].
+
+    `extended` doubles the largest disparity, as depthai's extended disparity does. `post.near_m`
+    has to follow.
+    """
 
     engine: Engine = field(default_factory=CensusSemiGlobal)
     min_disparity_px: int = 0  # RealSense devices call it disparity shift.
     search_px: int = 128  # Number of disparities, a multiple of 16 up to 256.
+    extended: bool = False  # Larger disparities come from a match at half the resolution.
     refinement: Refinement = field(default_factory=Refinement)
     checks: Checks = field(default_factory=Checks)
 
@@ -206,6 +211,13 @@ class Matcher:
             raise refuse(
                 "search_px", f"must be a multiple of {FIXED_POINT}", self.search_px, "Round it up."
             )
+
+    @property
+    def largest_px(self) -> int:
+        """Largest disparity of the search [px]."""
+        if self.extended:
+            return 2 * (self.min_disparity_px // 2 + self.search_px - 1)
+        return self.min_disparity_px + self.search_px - 1
 
 
 FAST = Matcher(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import reduce
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +33,7 @@ def match(
     dark: DarkWindow | None = None,
     memory: Memory | None = None,
 ) -> DisparityMap:
-    """Match a rectified pair.
+    """Match a rectified pair, with `matcher.extended` at half the resolution too.
 
     Args:
         left, right: (h, w) uint8, or uint16 with up to 10 bits; corresponding points share a row.
@@ -49,6 +50,8 @@ def match(
         InputError: if the images differ in shape or type, have another type, or are smaller than
             16 x 16.
     """
+    if matcher.extended:
+        return _extended(left, right, replace(matcher, extended=False), dark, memory)
     _admit(left, right)
     if isinstance(matcher.engine, CensusSemiGlobal):
         disparity, causes = _census_semi_global(left, right, matcher, matcher.engine, memory)
@@ -72,6 +75,44 @@ def match(
     disparity[causes[Reason.SPECKLE]] = np.nan
     valid = np.isfinite(disparity)
     return DisparityMap(disparity_px=disparity, valid=valid, reason=first_cause(valid, causes))
+
+
+def _extended(
+    left: NDArray,
+    right: NDArray,
+    matcher: Matcher,
+    dark: DarkWindow | None,
+    memory: Memory | None,
+) -> DisparityMap:
+    """Match at full and at half resolution, and combine both.
+
+    A pixel without disparity takes that of the half resolution if it lies beyond the full search.
+    Devices combine both levels by a rule that is not published; this one is assumed.
+
+    Source: docs of depthai's StereoDepth, extended disparity: 0 to 190 in place of 0 to 95.
+    """
+    full = match(left, right, matcher, dark=dark, memory=memory)
+    lowest = replace(matcher, min_disparity_px=matcher.min_disparity_px // 2)
+    # Averaged pixels have less noise than `dark` states, so the check of darkness is stricter.
+    half = match(_halved(left), _halved(right), lowest, dark=dark)
+    near = np.full_like(full.disparity_px, np.nan)
+    doubled = 2 * half.disparity_px.repeat(2, axis=0).repeat(2, axis=1)
+    near[: doubled.shape[0], : doubled.shape[1]] = doubled
+    end_px = matcher.min_disparity_px + matcher.search_px - 1
+    with np.errstate(invalid="ignore"):
+        taken = ~full.valid & (near > end_px)
+    return DisparityMap(
+        disparity_px=np.where(taken, near, full.disparity_px),
+        valid=full.valid | taken,
+        reason=np.where(taken, np.uint32(0), full.reason),
+    )
+
+
+def _halved(image: NDArray) -> NDArray:
+    """Average 2x2 pixels; an odd last row or column is cut off."""
+    height, width = (side // 2 for side in image.shape)
+    pixels = image[: 2 * height, : 2 * width]
+    return np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA))
 
 
 def readable(image: NDArray, bit_depth: int) -> NDArray:

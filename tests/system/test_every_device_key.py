@@ -84,10 +84,14 @@ VALUES: dict[str, Any] = {
 WITH: dict[str, dict[str, Any]] = {
     **{f"{side}.blooming": {"imager.exposure_s": 0.1} for side in ("left", "right")},
     "matcher.search_px": {"baseline_m": 0.2},
+    "matcher.extended": {
+        **{"width": 192, "height": 128, "fx_px": 120.0, "fy_px": 120.0, "cx_px": 95.5},
+        **{"cy_px": 63.5, "baseline_m": 0.15, "matcher.search_px": 16},
+    },
     "matcher.checks.dark_noise": {"imager.read_noise_e": 50.0},
     "left.auto_exposure_max_s": {"left.auto_exposure_level": 0.5},
 }
-RENDERED = re.compile("rolling|search")  # Keys that act with other rendered layers only.
+RENDERED = re.compile("rolling|search|extended")  # Keys that act with other rendered layers only.
 PAIRED = ("bit_depth", "dropped_bits")  # Equal on both sides, or refused.
 
 

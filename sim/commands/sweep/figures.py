@@ -125,8 +125,7 @@ def measure(sensor: Sensor, stages: SweepScenes, *, seed: int = 0) -> Figures:
 
 def nearest_m(sensor: Sensor) -> float:
     """Return the least depth [m] within the matcher's search, f b over the largest disparity."""
-    largest_px = sensor.matcher.min_disparity_px + sensor.matcher.search_px - 1
-    return sensor.focal_baseline_px_m / largest_px
+    return sensor.focal_baseline_px_m / sensor.matcher.largest_px
 
 
 def law_m(sensor: Sensor, distance_m: float, sigma_d_px: float) -> float:

@@ -131,6 +131,7 @@ def test_refused_images(change: dict[str, Any], message: str) -> None:
     ("change", "message"),
     [
         ("matcher.setting=fast", "matcher.engine must be CensusSemiGlobal in a batch; got Semi"),
+        ("matcher.extended=true", "matcher.extended must be False in a batch; got True"),
         ("projector.flicker=0.1", "projector.flicker must be 0.0 in a batch; got 0.1"),
         ("post.decimation=2", "post.decimation must be 1 in a batch"),
         ("post.spatial_alpha=0.5", "post.spatial_alpha must be 1.0 in a batch"),
