@@ -177,6 +177,7 @@ def expose(
     seed = errors.whole_number("seed", seed, 0, 2**63 - 1)
     frame = errors.whole_number("frame", frame, 0, 2**63 - 1)
     pair = infrared(layers, scene, sensor, seed=seed, frame=frame)
+    sensor = imager.at_gain(sensor, pair.exposure)
     causes = geometric_causes(layers.truth, sensor) | photometric_causes(
         sensor.left, pair.electrons, pair.left, exposure_s=pair.exposure.exposure_s
     )
@@ -220,7 +221,7 @@ def infrared(
 
     def read_out(side: Side) -> imager.Readout:
         return imager.read_out(
-            imagers[side],
+            exposed[side],
             electrons[side],
             exposure_s=exposure.exposure_s,
             unit=sensor.unit,
@@ -233,6 +234,8 @@ def infrared(
     with ThreadPoolExecutor(2) as pool:
         images = dict(zip(views, pool.map(form_image, views), strict=True))
         exposure = imager.choose_exposure(sensor.left, metering_image(), wavelength)
+        device = imager.at_gain(sensor, exposure)
+        exposed: dict[Side, Imager] = {"left": device.left, "right": device.right}
         electrons = {
             side: imager.mean_electrons(imagers[side], image, wavelength, exposure)
             for side, image in images.items()

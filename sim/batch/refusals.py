@@ -59,6 +59,10 @@ def refuse_unsupported(sensor: Sensor, camera: depth_input.InputCamera) -> None:
         "post.hole_filling": (sensor.post.hole_filling, "off"),
         "post.registered": (sensor.post.registered, False),
     }
+    control = sensor.left
+    if control.auto_exposure_level and control.auto_exposure_max_gain > control.gain:
+        rule, got = "must be 0.0 in a batch", control.auto_exposure_max_gain
+        raise errors.refuse("left.auto_exposure_max_gain", rule, got, _ADVICE)
     for side, imager in (("left", sensor.left), ("right", sensor.right)):
         values[f"{side}.alignment"] = (imager.alignment, Alignment())
         values[f"{side}.blooming"] = (imager.blooming, 0.0)

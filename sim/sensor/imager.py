@@ -18,6 +18,7 @@ _ABOVE_ZERO = {  # Upper limits of fields > 0; larger values are in a wrong unit
     "full_well_e": 1e7,
 }
 _FROM_ZERO = {  # Upper limits of fields that are neutral at 0.
+    "auto_exposure_max_gain": 1e3,
     "rolling_shutter_s": 1.0,
     "crosstalk": 0.5,
     "prnu": 0.5,
@@ -33,7 +34,7 @@ _FROM_ZERO = {  # Upper limits of fields that are neutral at 0.
 }
 
 # Fields that set the exposure of both imagers; the right imager's are not used.
-EXPOSURE = ("exposure_s", "auto_exposure_level", "auto_exposure_max_s")
+EXPOSURE = ("exposure_s", "auto_exposure_level", "auto_exposure_max_s", "auto_exposure_max_gain")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -118,6 +119,7 @@ class Imager:
     gain: float = 1.0  # Analog gain, times the base conversion.
     auto_exposure_level: float = 0.0  # Auto exposure target: mean signal over full scale; 0 is off.
     auto_exposure_max_s: float = 33e-3  # Longest exposure time of auto exposure [s].
+    auto_exposure_max_gain: float = 0.0  # Highest gain at the longest exposure; 0 keeps the gain.
     rolling_shutter_s: float = 0.0  # Delay from the first to the last row [s]; 0 is global.
     quantum_efficiency: float = 1.0  # Electrons per photon at the laser's wavelength.
     pixel_pitch_m: float = 3.0e-6  # Side of a pixel's light-collecting square [m].

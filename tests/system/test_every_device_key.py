@@ -77,6 +77,7 @@ VALUES: dict[str, Any] = {
     **{"matcher.refinement.smooth_rows_px": 3, "post.near_m": 1.0, "post.hole_filling": "nearest"},
     **{f"{side}.alignment.warp_px": [[0.2, 0.1], [0.3, 0.2]] for side in ("left", "right")},
     **{"left.mosaic": "rggb", "right.mosaic": "rggb"},
+    "left.auto_exposure_max_gain": 4.0,
     **{"left.bit_depth": 10, "right.bit_depth": 10, "left.auto_exposure_level": 0.5},
     **{"post.temporal_persistence": 8, "matcher.refinement.smooth_step_px": 0.1},
 }
@@ -90,6 +91,10 @@ WITH: dict[str, dict[str, Any]] = {
     },
     "matcher.checks.dark_noise": {"imager.read_noise_e": 50.0},
     "left.auto_exposure_max_s": {"left.auto_exposure_level": 0.5},
+    "left.auto_exposure_max_gain": {
+        "left.auto_exposure_level": 0.5,
+        "left.auto_exposure_max_s": 1e-3,
+    },
 }
 RENDERED = re.compile("rolling|search|extended")  # Keys that act with other rendered layers only.
 PAIRED = ("bit_depth", "dropped_bits")  # Equal on both sides, or refused.

@@ -14,6 +14,7 @@ from starling.sim.imaging.imager.converter import Readout as Readout
 from starling.sim.imaging.imager.converter import quantise as quantise
 from starling.sim.imaging.imager.converter import quantise_matched as quantise_matched
 from starling.sim.imaging.imager.exposure import Exposure as Exposure
+from starling.sim.imaging.imager.exposure import at_gain as at_gain
 from starling.sim.imaging.imager.exposure import choose_exposure as choose_exposure
 from starling.sim.imaging.imager.exposure import electrons_per_radiance as electrons_per_radiance
 from starling.sim.imaging.imager.exposure import mean_electrons as mean_electrons

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import warnings
 from collections.abc import Mapping
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from starling.sim.arrays import Image
-from starling.sim.sensor.sensor import Imager
+from starling.sim.sensor.sensor import Imager, Sensor
 
 _PLANCK_J_S = 6.62607015e-34
 _LIGHT_M_S = 299792458.0
@@ -65,15 +66,32 @@ def electrons_per_radiance(imager: Imager, wavelength_nm: float, exposure_s: flo
 def choose_exposure(imager: Imager, radiance: Image, wavelength_nm: float) -> Exposure:
     """Choose the exposure: the fixed one, or one that brings the mean signal to the set level.
 
-    Auto exposure changes the integration time up to `auto_exposure_max_s`; the gain is fixed. It
-    meters the light before noise and gamma.
+    Auto exposure changes the integration time up to `auto_exposure_max_s`, and then the gain up to
+    `auto_exposure_max_gain`. It meters the light before noise and gamma.
+
+    Source: librealsense#3925, gain takes over at the exposure's limit; #8220, gain codes 16 to 248.
     """
     if imager.auto_exposure_level == 0:
         return Exposure(exposure_s=imager.exposure_s, gain=imager.gain)
     per_second = electrons_per_radiance(imager, wavelength_nm, 1.0) * float(radiance.mean())
     aim_dn = imager.auto_exposure_level * imager.ceiling_dn - imager.black_level_dn
     wanted = max(aim_dn, 1.0) / max(per_second * imager.dn_per_electron, 1e-30)
-    return Exposure(exposure_s=min(wanted, imager.auto_exposure_max_s), gain=imager.gain)
+    exposure_s = min(wanted, imager.auto_exposure_max_s)
+    if imager.auto_exposure_max_gain <= imager.gain:
+        return Exposure(exposure_s=exposure_s, gain=imager.gain)
+    gain = min(imager.gain * wanted / exposure_s, imager.auto_exposure_max_gain)
+    return Exposure(exposure_s=exposure_s, gain=gain)
+
+
+def at_gain(sensor: Sensor, exposure: Exposure) -> Sensor:
+    """Return a sensor at the gain of an exposure; the right imager's gain keeps its ratio."""
+    if exposure.gain == sensor.left.gain:
+        return sensor
+    ratio = exposure.gain / sensor.left.gain
+    left, right = (
+        dataclasses.replace(part, gain=part.gain * ratio) for part in (sensor.left, sensor.right)
+    )
+    return dataclasses.replace(sensor, left=left, right=right)
 
 
 def mean_electrons(

@@ -258,6 +258,25 @@ def test_seeds_and_frames_reach_light_optics_and_electronics(
     assert len(totals) == 3
 
 
+def test_gain_of_auto_exposure_reaches_images_and_noise(layers: Layers, sensor: Sensor) -> None:
+    """A dark scene: the image is as of a fixed exposure at the chosen gain."""
+    automatic = with_values(
+        sensor,
+        [
+            *[("imager.auto_exposure_level", 0.4), ("imager.auto_exposure_max_s", 1e-4)],
+            ("left.auto_exposure_max_gain", 15.5),
+        ],
+    )
+    shot = simulate.expose(layers, SCENE, automatic, seed=3)
+    assert (shot.exposure_s, shot.gain) == (1e-4, 15.5)
+    fixed = with_values(sensor, [("imager.exposure_s", 1e-4), ("imager.gain", 15.5)])
+    expected = simulate.expose(layers, SCENE, fixed, seed=3)
+    assert np.array_equal(shot.ir_left, expected.ir_left)
+    assert np.array_equal(shot.ir_right, expected.ir_right)
+    assert np.array_equal(shot.depth.reason, expected.depth.reason)
+    assert np.array_equal(shot.depth.depth_m, expected.depth.depth_m, equal_nan=True)
+
+
 @pytest.mark.parametrize(
     ("field", "inside", "outside"),
     [("samples", (1, 4096), (0, 4097)), ("seed", (0, 2**63 - 1), (-1, 2**63))],
