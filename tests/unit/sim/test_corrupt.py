@@ -234,7 +234,7 @@ def test_rgb_is_a_hint_of_reflectance() -> None:
 
 def test_a_passive_camera_sees_the_luminance_of_rgb() -> None:
     """Rec. 709: red, green and blue of full level reflect 0.2126, 0.7152 and 0.0722."""
-    camera = depth_input.DepthCamera(MATRIX, WALL.shape)
+    camera = depth_input.InputCamera(MATRIX, WALL.shape)
     picture = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     for channel in range(3):
         picture[:, channel, channel] = 255
