@@ -194,11 +194,15 @@ def _check_sizes(path: Path, arrays: dict[str, dict[str, NDArray[Any]]]) -> None
         )
 
 
+def _view(arrays: dict[str, Any]) -> ViewLayers:
+    return ViewLayers(**arrays)
+
+
 def _layers(arrays: dict[str, dict[str, NDArray[Any]]]) -> Layers:
     truth = arrays["truth"]
     return Layers(
-        left=ViewLayers(**arrays["left"]),
-        right=ViewLayers(**arrays["right"]) if "right" in arrays else None,
+        left=_view(arrays["left"]),
+        right=_view(arrays["right"]) if "right" in arrays else None,
         truth=Truth(
             depth_m=truth["depth_m"],
             normal=np.stack([truth[name] for name in _NORMAL], axis=-1).astype(np.float32),
