@@ -23,6 +23,7 @@ from starling.sim.console import names, progress
 from starling.sim.console.output import OutputFolder, refuse_own_input
 from starling.sim.effects import Value, setting
 from starling.sim.render import backend
+from starling.sim.scene.placing import AS_IN_FILE, AS_IN_SCENE, Placing, Viewpoint
 from starling.sim.sensor.sensor import Sensor
 
 _FARTHEST_CODE = 65535  # Largest code of a depth image.
@@ -30,6 +31,7 @@ _SAMPLES = 16  # Default number of paths per coarse pixel for indirect light.
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
     from starling.sim.geometry.frames import Pose
+    from starling.sim.render.mitsuba_scene import MitsubaScene
     from starling.sim.scene.scene import Scene
     from starling.sim.scene.scene_file import SceneFile
     from starling.sim.simulate import Quality, Shot
@@ -45,6 +47,7 @@ class _Task:
     name: str
     room: str
     captured: bool  # Whether its geometry comes from captures.
+    view: Viewpoint = AS_IN_SCENE
 
 
 def simulate_captures(
@@ -59,6 +62,8 @@ def simulate_captures(
     effects: Mapping[str, Value] | None = None,
     empty: bool = False,
     force: bool = False,
+    views: Sequence[Viewpoint] = (AS_IN_SCENE,),
+    frame: Placing = AS_IN_FILE,
     options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
@@ -85,6 +90,8 @@ def simulate_captures(
             `starling.sim.effects.setting.apply`).
         empty: allow scenes without a visible surface.
         force: replace an earlier set.
+        views: where the camera stands; each of several views becomes a scene of the set.
+        frame: unit and up axis of a mesh file, where its own do not hold.
         options: further command-line options to record, as typed.
         track: wraps the loop over frames.
 
@@ -104,7 +111,7 @@ def simulate_captures(
     camera = setting.on_sensor(sensor, effects)
     _refuse_samples_of_nothing(samples, effects)
     refuse_impossible(camera, frames)
-    tasks, licence, notes = _tasks(scene)
+    tasks, licence, notes = _tasks(scene, views, frame)
     _refuse_own_input(out, scene)
     info = writer.info_of(camera, source=f"starling simulate {scene}", licence=licence, notes=notes)
     arguments = {
@@ -120,6 +127,7 @@ def simulate_captures(
             tasks,
             camera,
             effects,
+            frame=frame,
             frames=frames,
             seed=seed,
             samples=samples,
@@ -170,9 +178,13 @@ def _refuse_own_input(out: Path, scene: str) -> None:
         refuse_own_input(out, scene)
 
 
-def _tasks(scene: str) -> tuple[list[_Task], str, str]:
+def _tasks(scene: str, views: Sequence[Viewpoint], frame: Placing) -> tuple[list[_Task], str, str]:
     """List the scenes to simulate; return them with the licence and notes of the output."""
     if capture.is_capture(scene):
+        if any(view.is_given for view in views) or frame != AS_IN_FILE:
+            rule = "must not be given with captures"
+            got, advice = repr(scene), "Captures have their own pose and metres."
+            raise errors.refuse("pose, look-at, up, unit", rule, got, advice)
         real = capture.open_set(scene)
         tasks = [
             _Task(text=str(s.path), name=s.name, room=s.room, captured=True) for s in real.scenes
@@ -182,8 +194,18 @@ def _tasks(scene: str) -> tuple[list[_Task], str, str]:
     path = Path(scene)
     # A builtin name such as wall:2 becomes the folder name wall-2.
     name = names.scene_folder(path.stem) if path.exists() else scene.replace(":", "-")
-    task = _Task(text=scene, name=name, room=name, captured=False)
-    return [task], "as the scene's", "simulated"
+    digits = len(str(len(views) - 1))
+    tasks = [
+        _Task(
+            text=scene,
+            name=name if len(views) == 1 else f"{name}-{number:0{digits}}",
+            room=name,
+            captured=False,
+            view=view,
+        )
+        for number, view in enumerate(views)
+    ]
+    return tasks, "as the scene's", "simulated"
 
 
 def _write_scenes(
@@ -192,6 +214,7 @@ def _write_scenes(
     sensor: Sensor,
     effects: Mapping[str, Value],
     *,
+    frame: Placing,
     frames: int,
     seed: int,
     samples: int,
@@ -204,10 +227,11 @@ def _write_scenes(
     rates: dict[str, list[float]] = defaultdict(list)
     levels: dict[str, list[float]] = defaultdict(list)
     readings: Iterator[_Reading] = iter(())
+    stages = _Stages(sensor, effects, frame, samples)
     for task, number in track(list(product(tasks, range(frames))), "simulate"):
         task_seed = scene_seed(seed, task.name)
         if number == 0:
-            readings = _readings(task.text, sensor, effects, frames, task_seed, samples, quality)
+            readings = _readings(stages.stage(task), sensor, frames, task_seed, samples, quality)
         shot, scene, picture, paths = next(readings)
         if number == 0:
             _check_truth(shot.layers.truth.depth_m, task.name, sensor, empty=empty)
@@ -217,7 +241,7 @@ def _write_scenes(
                 room=task.room,
                 truth_m=shot.layers.truth.depth_m,
                 depth_unit_m=sensor.post.depth_unit_m,
-                known=_known(task, scene.file_from_left, folder.path / task.name),
+                known=_known(task, scene.file_from_left, folder.path / task.name, frame),
             )
         writer.write_frame(
             folder,
@@ -229,7 +253,13 @@ def _write_scenes(
             registered_m=shot.registered_m,
             colour=picture,
             layers=shot.layers,
-            facts={**facts(shot, sensor), "seed": task_seed, "frame": number, "samples": paths},
+            facts={
+                **facts(shot, sensor),
+                **({} if task.view.timestamp is None else {"timestamp": task.view.timestamp}),
+                "seed": task_seed,
+                "frame": number,
+                "samples": paths,
+            },
         )
         rates[task.name].append(1 - shot.depth.valid.mean())
         levels[task.name].append(shot.ir_left.mean())
@@ -271,36 +301,66 @@ def _check_truth(truth_m: NDArray[np.float32], name: str, sensor: Sensor, *, emp
         )
 
 
+class _Stages:
+    """Scenes to render; views of one scene share its surfaces."""
+
+    def __init__(
+        self, sensor: Sensor, effects: Mapping[str, Value], frame: Placing, samples: int
+    ) -> None:
+        self._sensor, self._effects = sensor, effects
+        self._frame, self._samples = frame, samples
+        self._shared: tuple[str, Scene, MitsubaScene] | None = None
+
+    def stage(self, task: _Task) -> Scene | MitsubaScene:
+        """Load the scene of a task, or see the last one from the task's view."""
+        from starling.sim.scene import sources
+
+        if not task.view.is_given:
+            return self._changed(sources.load(task.text, self._sensor, self._frame))
+        from starling.sim.render.mitsuba_scene import MitsubaScene, refuse_inside
+
+        if self._shared is None or self._shared[0] != task.text:
+            loaded = sources.load(task.text, self._sensor, self._frame)
+            stage = MitsubaScene(self._changed(task.view.seen(loaded)))
+            self._shared = task.text, loaded, stage
+            return stage
+        _, loaded, stage = self._shared
+        stage = stage.with_scene(self._changed(task.view.seen(loaded)))
+        refuse_inside(stage)
+        return stage
+
+    def _changed(self, scene: Scene) -> Scene:
+        return indirectly_lit(setting.on_scene(scene, self._effects), self._samples)
+
+
 def _readings(
-    text: str,
+    stage: Scene | MitsubaScene,
     sensor: Sensor,
-    effects: Mapping[str, Value],
     frames: int,
     seed: int,
     samples: int,
     quality: Quality,
 ) -> Iterator[_Reading]:
     """Render a scene once; yield each frame with the scene, its colour picture and paths."""
-    from starling.sim.scene import sources
+    from starling.sim.scene.scene import Scene
     from starling.sim.simulate import sequence
 
-    scene = setting.on_scene(sources.load(text, sensor), effects)
-    scene = indirectly_lit(scene, samples)
+    scene = stage if isinstance(stage, Scene) else stage.scene
     paths = (samples or _SAMPLES) if scene.interreflection else 0
     picture = rgb(scene, sensor)
     shots = sequence(
-        scene, sensor, frames=frames, seed=seed, samples=paths or _SAMPLES, quality=quality
+        stage, sensor, frames=frames, seed=seed, samples=paths or _SAMPLES, quality=quality
     )
     for shot in shots:
         yield shot, scene, picture, paths
 
 
-def _known(task: _Task, file_from_left: Pose, folder: Path) -> SceneFile | None:
+def _known(task: _Task, file_from_left: Pose, folder: Path, frame: Placing) -> SceneFile | None:
     if task.captured:
         return None
     from starling.sim.scene.captured import known_geometry
 
-    return known_geometry.describe(task.text, file_from_left, folder)
+    return known_geometry.describe(task.text, file_from_left, folder, frame)
 
 
 def indirectly_lit(scene: Scene, samples: int) -> Scene:

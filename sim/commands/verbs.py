@@ -20,6 +20,8 @@ from starling.sim.console.flags import (
     Effects,
     ModeName,
     Shared,
+    ViewFlags,
+    Views,
 )
 
 
@@ -74,6 +76,7 @@ def simulate(
     emitter: Literal["on", "off"] | None = None,
     effect: Effects = (),
     edits: Edits = (),
+    view: Views = ViewFlags(),
     camera_matrix: CameraMatrix = None,
     depth_unit: str = "",
     rgb: Path | None = None,
@@ -89,8 +92,9 @@ def simulate(
     Example: starling simulate clutter --sensor d435 --out out/clutter --set projector.power_w=0.2
 
     Args:
-        scene: Builtin scene (wall, staircase, tabletop, clutter, room), or a path:
-            mesh (PLY, OBJ, GLB), Mitsuba XML, capture set, or one scene of a capture set.
+        scene: Builtin scene (wall, staircase, tabletop, clutter, room), or a path.
+            Paths: mesh (GLB, OBJ, PLY, STL, DAE, USD), Mitsuba XML, TOML of a scene, capture set,
+            or one scene of a capture set.
             With --camera-matrix: a depth image (.npy, .png, .exr) or a folder of them.
         sensor: Preset (see `starling sensors`) or sensor file (.toml).
         out: Folder to create.
@@ -111,6 +115,7 @@ def simulate(
     from starling.sim.commands import simulate_captures
     from starling.sim.console import progress
     from starling.sim.effects import setting
+    from starling.sim.scene import placing, pose_file
     from starling.sim.sensor import resolve
     from starling.sim.sensor.edits import OF_CAMERA, path_of
 
@@ -140,6 +145,9 @@ def simulate(
     if device_file is not None:
         options["camera_matrix"] = str(device_file)
     if camera_matrix is not None:
+        if view.given():
+            rule = "must not be given with depth images"
+            raise refuse("pose, look-at, up, unit", rule, view.given(), "They are for scenes.")
         if samples or quality != "full":
             rule = "must not be given with depth images"
             got = f"samples {samples}, quality {quality}"
@@ -192,7 +200,9 @@ def simulate(
             effects=strengths,
             empty=empty,
             force=force,
-            options=options,
+            views=pose_file.views(view.pose, view.look_at),
+            frame=placing.Placing(up=view.up, unit=view.unit),
+            options={**options, **view.given()},
             track=track,
         )
     shell.say(result, json=common.json)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, UseAppendAction, arg
+
+LookAt = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -20,6 +22,31 @@ class Common:
 
 
 Shared = OmitArgPrefixes[Common]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ViewFlags:
+    """Where the camera stands, and how a mesh file lies in the world."""
+
+    pose: Path | None = None
+    """File of camera poses in the frame of the scene's file, in OpenCV's axes: 4 x 4
+    world-from-camera matrices [m] as text, .npy or .toml, or a trajectory in TUM format. Each of
+    several poses becomes a scene of the set."""
+    look_at: Annotated[LookAt | None, arg(metavar="EX EY EZ TX TY TZ")] = None
+    """Position of the camera and the point in its centre [m], in place of --pose."""
+    up: Literal["x", "y", "z"] | None = None
+    """Axis of a mesh file that points up. By default as the file says; y without a word."""
+    unit: Literal["m", "cm", "mm", "in"] | None = None
+    """Unit of a mesh file. By default as the file says; metres without a word."""
+
+    def given(self) -> dict[str, object]:
+        """Flags that are given, to record."""
+        values = {"look_at": self.look_at, "up": self.up, "unit": self.unit}
+        values["pose"] = None if self.pose is None else str(self.pose)
+        return {name: value for name, value in values.items() if value is not None}
+
+
+Views = OmitArgPrefixes[ViewFlags]
 REPEATED = ("--set", "--effect")  # Flags that may be given several times.
 Edits = Annotated[
     UseAppendAction[tuple[str, ...]],

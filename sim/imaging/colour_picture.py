@@ -54,7 +54,7 @@ def picture(scene: Scene, sensor: Sensor) -> NDArray[np.uint8]:
     coloured = any(visible.is_coloured(body) for body in scene.bodies)
     channels = [_channel(_visible(scene, index), camera) for index in range(3 if coloured else 1)]
     linear = np.stack(channels if coloured else 3 * channels, axis=-1)
-    return _srgb(linear, colour.level)
+    return encoded(linear, colour.level)
 
 
 def _as_imager(sensor: Sensor, colour: Colour) -> Sensor:
@@ -83,12 +83,10 @@ def _channel(scene: Scene, camera: Sensor) -> Image:
     return seen.ambient * ambient + seen.other
 
 
-def _srgb(linear: NDArray[np.float32], level: float) -> NDArray[np.uint8]:
-    """Expose and encode linear light (h, w, 3)."""
+def encoded(linear: NDArray[np.float32], level: float) -> NDArray[np.uint8]:
+    """Expose linear light (h, w, 3) to a mean luminance near `level`, and encode it in sRGB."""
     # The encoded mean is then near `level`, because the sRGB curve is close to a square root.
     gain = level**2 / max(float((linear @ visible.LUMINANCE).mean()), 1e-30)
     exposed = np.clip(linear * np.float32(gain), 0, 1)
-    encoded = np.where(
-        exposed <= _LINEAR_END, 12.92 * exposed, 1.055 * exposed ** (1 / 2.4) - 0.055
-    )
-    return np.rint(255 * encoded).astype(np.uint8)
+    levels = np.where(exposed <= _LINEAR_END, 12.92 * exposed, 1.055 * exposed ** (1 / 2.4) - 0.055)
+    return np.rint(255 * levels).astype(np.uint8)

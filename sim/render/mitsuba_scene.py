@@ -47,7 +47,7 @@ class MitsubaScene:
         # Mirrors and glass; None if there are none.
         self.specular = Specular.from_shapes(shapes) if backend.is_jit() else None
         _refuse_extent(self)
-        _refuse_inside(self)
+        refuse_inside(self)
 
     def body_numbers(
         self, handles: NDArray[np.uint32], valid: NDArray[np.bool_]
@@ -141,7 +141,7 @@ class MitsubaScene:
         placed = copy.copy(self)
         placed.scene = scene
         _refuse_extent(placed)
-        _refuse_inside(placed)
+        refuse_inside(placed)
         return placed
 
     def _move(self, number: int, body: Body) -> None:
@@ -197,8 +197,12 @@ def _refuse_extent(mi_scene: MitsubaScene) -> None:
         raise errors.refuse("scene extent", "must be > 0", "0 m", "Is the mesh a point?")
 
 
-def _refuse_inside(mi_scene: MitsubaScene) -> None:
-    """Refuse a camera that sees the back of a surface in every direction."""
+def refuse_inside(mi_scene: MitsubaScene) -> None:
+    """Refuse a camera that sees the back of a surface in every direction.
+
+    Raises:
+        InputError: if the camera is inside a body.
+    """
     mi = backend.mitsuba()
     eye = mi_scene.scene.world_from_left[:3, 3]
     turn = np.pi * (3 - np.sqrt(5)) * np.arange(_DIRECTIONS)  # Directions on an even spiral.

@@ -14,6 +14,7 @@ from starling.sim.captures.capture import CapturedScene
 from starling.sim.geometry.frames import Pose
 from starling.sim.scene import scene_file, sources
 from starling.sim.scene.builtin import scenes
+from starling.sim.scene.placing import AS_IN_FILE, Placing, Viewpoint
 from starling.sim.scene.scene import Body, Scene
 from starling.sim.scene.scene_file import KnownMaterial, SceneFile
 from starling.sim.sensor.sensor import Sensor
@@ -42,14 +43,38 @@ def load(scene: CapturedScene, sensor: Sensor) -> Scene | None:
     if known is None:
         return None
     with errors.naming(scene.path / scene_file.FILE):
-        loaded = sources.load(_resolve_path(known.scene, scene.path), sensor)
-        bodies = _with_materials(loaded.bodies, known.materials)
-    pose = known.world_from_left
-    pose[:3, 3] -= loaded.origin_m
+        return _described(known, scene.path, sensor, AS_IN_FILE)
+
+
+def load_file(path: Path, sensor: Sensor, frame: Placing) -> Scene:
+    """Load a scene that a TOML describes.
+
+    Without a pose in the file, the scene has its default pose.
+
+    Args:
+        path: TOML as `scene.toml`.
+        sensor: Sensor that observes it.
+        frame: Unit and up axis that precede the file's.
+
+    Raises:
+        InputError: as `load`.
+    """
+    known = scene_file.read_unposed(path)
+    with errors.naming(path):
+        return _described(known, path.parent, sensor, frame)
+
+
+def _described(known: SceneFile, folder: Path, sensor: Sensor, frame: Placing) -> Scene:
+    """Load geometry with the file's pose, materials and ambient light."""
+    pose = None if known.left_from_world is None else known.world_from_left
+    geometry = _resolve_path(known.scene, folder)
+    view = Viewpoint(pose=pose, look_at=known.look_at)
+    loaded = sources.load(geometry, sensor, frame.over(known.frame), view)
     ambient = loaded.ambient
     if known.ambient_w_m2 is not None:
         ambient = dataclasses.replace(ambient, irradiance_w_m2=known.ambient_w_m2)
-    return dataclasses.replace(loaded, bodies=bodies, ambient=ambient, world_from_left=pose)
+    bodies = _with_materials(loaded.bodies, known.materials)
+    return dataclasses.replace(loaded, bodies=bodies, ambient=ambient)
 
 
 def states_ambient(known: SceneFile) -> bool:
@@ -60,7 +85,9 @@ def states_ambient(known: SceneFile) -> bool:
     return known.ambient_w_m2 is not None or _is_builtin(known.scene)
 
 
-def describe(specifier: str, file_from_left: Pose, folder: Path) -> SceneFile | None:
+def describe(
+    specifier: str, file_from_left: Pose, folder: Path, frame: Placing = AS_IN_FILE
+) -> SceneFile | None:
     """Describe geometry and pose for a `scene.toml`.
 
     Geometry files are not copied. A path is relative to the scene's folder if both share a folder
@@ -70,10 +97,11 @@ def describe(specifier: str, file_from_left: Pose, folder: Path) -> SceneFile | 
         specifier: Argument of `starling.sim.scene.sources.load`, except captures.
         file_from_left: Pose of the left imager (4, 4) in the geometry's frame.
         folder: Folder of the captured scene, where the file will be.
+        frame: Unit and up axis that precede those of a file.
 
     Returns:
-        Content of the file, without materials. None if the pose mirrors or shears, which is
-        possible in a Mitsuba XML.
+        Content of the file, with materials if the specifier is a TOML. None if the pose mirrors or
+        shears, which is possible in a Mitsuba XML.
     """
     left, _, right = np.linalg.svd(file_from_left[:3, :3])
     rotation = left @ right  # The nearest orthogonal matrix.
@@ -83,9 +111,18 @@ def describe(specifier: str, file_from_left: Pose, folder: Path) -> SceneFile | 
     rows[:3, :3] = rotation.T
     rows[:3, 3] = -rotation.T @ file_from_left[:3, 3]
     a, b, c, d = (_row(row) for row in rows + 0.0)  # No -0.
-    return SceneFile(
+    known = SceneFile(scene=specifier)
+    if not _is_builtin(specifier) and Path(specifier).suffix.lower() == ".toml":
+        known = scene_file.read_unposed(Path(specifier))
+        specifier = _resolve_path(known.scene, Path(specifier).parent)
+    placing = frame.over(known.frame)
+    return dataclasses.replace(
+        known,
         scene=_relative_path(specifier, folder) if _is_file(specifier) else specifier,
         left_from_world=(a, b, c, d),
+        look_at=None,
+        up=placing.up,
+        unit=placing.unit,
     )
 
 
@@ -160,16 +197,31 @@ def _with_materials(
             raise errors.refuse(
                 "materials.body", "must name a body", repr(material.body), f"There are: {names}."
             )
+        if not any(_is_meant(body, material) for body in bodies):
+            names = ", ".join(sorted({body.material.name for body in bodies}))
+            rule, got = "must name a material of the bodies", repr(material.material)
+            raise errors.refuse("materials.material", rule, got, f"There are: {names}.")
         bodies = tuple(
-            _with_reflectance(body, material.reflectance)
-            if fnmatchcase(body.name, material.body)
-            else body
-            for body in bodies
+            _changed(body, material) if _is_meant(body, material) else body for body in bodies
         )
     return bodies
 
 
-def _with_reflectance(body: Body, reflectance: float) -> Body:
-    """Give a body a reflectance in the sensor's band: without a visible colour, it holds in any."""
-    material = dataclasses.replace(body.material, reflectance=reflectance, rgb=None)
-    return dataclasses.replace(body, material=material, texture=None, colour=None)
+def _is_meant(body: Body, material: KnownMaterial) -> bool:
+    of_body = fnmatchcase(body.name, material.body)
+    return of_body and fnmatchcase(body.material.name, material.material)
+
+
+def _changed(body: Body, known: KnownMaterial) -> Body:
+    """Return a body with known properties, which replace its images.
+
+    A reflectance is in the sensor's band: without a visible colour, it holds in any.
+    """
+    plain = known.reflectance is not None or known.rgb is not None
+    changes = known.changes if known.reflectance is None else {"rgb": None, **known.changes}
+    return dataclasses.replace(
+        body,
+        material=dataclasses.replace(body.material, **changes),
+        texture=body.texture if known.reflectance is None else None,
+        colour=None if plain else body.colour,
+    )

@@ -129,7 +129,11 @@ _POSE = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.8], [0, 0, 0, 1]]"
         ("[[mat", "ambient_w_m2 = '1'\n[[mat", "ambient_w_m2 must be of type float"),
         ("= 0.3", "= 1.3", r"reflectance of ball\* must be in \[0, 1\]; got 1.3"),
         ("= 0.3", "= '0.3'", r"materials\[0\].reflectance must be of type float"),
-        ("reflectance = 0.3", "", r"materials\[0\].reflectance must be given"),
+        (
+            "reflectance = 0.3",
+            "",
+            r"materials of ball\* must give reflectance, kind",
+        ),
     ],
 )
 def test_wrong_files_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:

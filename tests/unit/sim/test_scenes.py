@@ -67,7 +67,10 @@ def test_staircase_is_at_its_depths():
         ("clutter:-1", "seed must be in"),
         ("nowhere/mesh.ply", "scene must be a file that exists"),
         ("nowhere/scene.xml", "scene must be a file that exists"),
-        ("nowhere/thing.step", "scene must be a builtin name, a mesh, a Mitsuba XML or a capture"),
+        (
+            "nowhere/thing.step",
+            "scene must be a builtin name, a mesh, a Mitsuba XML, a TOML",
+        ),
     ],
 )
 def test_unknown_specifiers(word, message):

@@ -1,0 +1,1 @@
+"""Mesh files: their triangles, and the looks of their surfaces."""

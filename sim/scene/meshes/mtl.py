@@ -1,0 +1,113 @@
+"""Looks of an OBJ file: the materials of its MTL.
+
+Numbers are linear, as Blender writes them; images are sRGB. `Ns` gives roughness where a material
+has specular light `Ks`. `Pr` and `Pm`, of the extension for physically based materials, precede it.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from starling.patterns import regular_file
+from starling.sim.scene.meshes.appearance import Appearance, alpha_of_shininess
+from starling.sim.scene.meshes.trimesh_parts import picture
+
+_COLOURS = ("kd", "map_kd", "pm", "pr", "ks")  # Keys of materials that have a look.
+_UNUSED = {
+    "normal maps": ("map_bump", "bump", "norm", "map_kn"),
+    "displacement maps": ("disp", "map_disp"),
+    "emission": ("map_ke",),
+    "transparency": ("map_d", "map_tr"),
+    "maps of gloss": ("map_ks", "map_ns", "map_pr", "map_pm", "map_ps"),
+    "reflection maps": ("refl",),
+    "ambient maps": ("map_ka",),
+}
+
+
+class MtlLooks:
+    """Appearances of the materials of one OBJ file, and what of them is not used."""
+
+    def __init__(self) -> None:
+        """Start without materials."""
+        self._appearances: dict[int, Appearance] = {}
+        self._kept: list[Any] = []  # Materials stay alive, so that their ids stay unique.
+        self.unused: set[str] = set()
+
+    def look(self, material: Any) -> Appearance:
+        """Appearance of a material of the reader."""
+        kwargs: dict[str, Any] = getattr(material, "kwargs", {})
+        name = str(getattr(material, "name", None) or Appearance().name)
+        image = getattr(material, "image", None)
+        if getattr(image, "format", None) is None:
+            image = None  # The reader's own picture for surfaces without a material.
+        if image is None and not any(key in kwargs for key in _COLOURS):
+            return Appearance(name=name)
+        key = id(material)
+        if key not in self._appearances:
+            self._kept.append(material)
+            self._appearances[key] = self._read(name, image, kwargs)
+        return self._appearances[key]
+
+    def _read(self, name: str, image: Any, kwargs: dict[str, Any]) -> Appearance:
+        for words, keys in _UNUSED.items():
+            if any(key in kwargs for key in keys):
+                self.unused.add(words)
+        if any(_numbers(kwargs.get("ke", []))):
+            self.unused.add("emission")
+        if any(value < 1 for value in _numbers(kwargs.get("d", []))) or any(
+            _numbers(kwargs.get("tr", []))
+        ):
+            self.unused.add("transparency")
+        red, green, blue = np.clip(_triple(kwargs.get("kd", [])), 0, 1).tolist()
+        rough, metal = _numbers(kwargs.get("pr", [])), _numbers(kwargs.get("pm", []))
+        alpha = 1.0
+        if rough:
+            alpha = rough[0] ** 2
+        elif any(_numbers(kwargs.get("ks", []))):
+            alpha = alpha_of_shininess(*(_numbers(kwargs.get("ns", [])) or [0.0])[:1])
+        return Appearance(
+            name=name,
+            rgb=(red, green, blue),
+            image=None if image is None else picture(image),
+            metallic=metal[0] if metal else 0.0,
+            alpha=alpha,
+        )
+
+
+def missing_files(path: Path) -> list[str]:
+    """Material files that an OBJ names, and textures that these name, which do not exist."""
+    missing: list[str] = []
+    for name in _named(path, "mtllib"):
+        file = path.parent / name
+        if not file.is_file():
+            missing.append(name)
+            continue
+        for texture in _named(file, "map_Kd"):
+            if not (path.parent / texture).is_file():
+                missing.append(texture)
+    return missing
+
+
+def _named(path: Path, keyword: str) -> list[str]:
+    """Rest of each line that starts with a keyword."""
+    text = regular_file.read(path).decode("utf-8", errors="replace")
+    lines = re.findall(rf"^[ \t]*{keyword}[ \t]+(\S.*?)[ \t\r]*$", text, re.M | re.I)
+    return list(dict.fromkeys(lines))
+
+
+def _numbers(value: Any) -> list[float]:
+    """Numbers of an entry; none if it holds other words."""
+    try:
+        return [float(each) for each in (value if isinstance(value, list) else [value])]
+    except ValueError:
+        return []
+
+
+def _triple(value: Any) -> list[float]:
+    """Three numbers; one number is grey, and none is white."""
+    numbers = [number for number in _numbers(value) if np.isfinite(number)]
+    return numbers[:3] if len(numbers) >= 3 else 3 * (numbers[:1] or [1.0])
