@@ -157,29 +157,47 @@ def load_sensor(
     return apply(sensor, changes)
 
 
-def load_scene(specifier: Path | str, sensor: Sensor) -> Scene:
+def load_scene(
+    specifier: Path | str,
+    sensor: Sensor,
+    *,
+    pose: NDArray[Any] | Path | str | None = None,
+    look_at: Sequence[float] | None = None,
+    up: str | None = None,
+    unit: str | None = None,
+) -> Scene:
     """Load a scene.
 
     Args:
-        specifier: builtin scene, mesh file (PLY, OBJ, GLB), Mitsuba XML, or one scene of a
-            capture set. Builtin: `wall`, `staircase`, `tabletop`, `clutter`, `room`; a number may
-            follow a colon (`room:3`).
+        specifier: builtin scene, mesh file (GLB, OBJ, PLY, STL, DAE, USD), Mitsuba XML, TOML of a
+            scene, or one scene of a capture set. Builtin: `wall`, `staircase`, `tabletop`,
+            `clutter`, `room`; a number may follow a colon (`room:3`).
         sensor: sensor that will see the scene; it sets the viewpoint.
+        pose: (4, 4) `world_from_camera` of the left imager in the frame of the scene's file, in
+            OpenCV's axes [m], or a file with one pose.
+        look_at: position of the camera and the point in its centre, six numbers [m].
+        up: axis of a mesh file that points up: `x`, `y` or `z`; by default as the file says.
+        unit: unit of a mesh file: `m`, `cm`, `mm` or `in`; by default as the file says.
 
     Raises:
-        InputError: unknown or unreadable scene.
+        InputError: unknown or unreadable scene, a pose that is not rigid, unknown axis or unit.
 
     Examples:
         >>> scene = starling.load_scene("wall:2", starling.load_sensor("d435"))
         >>> len(scene.bodies)
         1
+        >>> above = starling.load_scene("room", starling.load_sensor("d435"), pose=np.eye(4))
+        >>> above.world_from_left[:3, 3].tolist()
+        [0.0, 0.0, 0.0]
     """
     from starling import arguments
     from starling.sim.scene import sources
+    from starling.sim.scene.placing import Placing
     from starling.sim.sensor import presets
 
     name = arguments.text("specifier", specifier, "Give a name or a file.")
-    return sources.load(name, presets.loaded(sensor))
+    view = arguments.viewpoint(pose, look_at)
+    return sources.load(name, presets.loaded(sensor), Placing(up=up, unit=unit), view)
 
 
 def list_effects() -> list[str]:
@@ -444,6 +462,10 @@ def simulate_captures(
     frames: int = 1,
     seed: int = 0,
     effects: Mapping[str, Value] | None = None,
+    pose: NDArray[Any] | Path | str | None = None,
+    look_at: Sequence[float] | None = None,
+    up: str | None = None,
+    unit: str | None = None,
     force: bool = False,
 ) -> dict[str, Any]:
     """Simulate a scene and write it as a capture set, as `starling simulate` does.
@@ -455,13 +477,18 @@ def simulate_captures(
         frames: frames of each scene.
         seed: seed of all noise.
         effects: strengths as for `apply_effects`.
+        pose: as for `load_scene`. Each of several poses, (n, 4, 4) or a trajectory in TUM format,
+            becomes a scene of the set.
+        look_at: as for `load_scene`.
+        up: as for `load_scene`.
+        unit: as for `load_scene`.
         force: replace a folder that Starling wrote before.
 
     Returns:
         What was written: `out`, `files`, figures.
 
     Raises:
-        InputError: unknown scene, existing folder, or refused effect.
+        InputError: unknown scene, existing folder, refused effect, or as `load_scene`.
 
     Examples:
         >>> written = starling.simulate_captures("wall", starling.load_sensor("d435"), "out/wall")
@@ -470,6 +497,7 @@ def simulate_captures(
     """
     from starling import arguments
     from starling.sim.commands import simulate_captures
+    from starling.sim.scene.placing import Placing
     from starling.sim.sensor import presets
 
     return simulate_captures.simulate_captures(
@@ -479,6 +507,8 @@ def simulate_captures(
         frames=frames,
         seed=seed,
         effects=effects,
+        views=arguments.viewpoints(pose, look_at),
+        frame=Placing(up=up, unit=unit),
         force=force,
     )
 

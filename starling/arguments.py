@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from starling.patterns.errors import instance
+from starling.patterns import errors
+from starling.patterns.errors import instance, refuse
 
 if TYPE_CHECKING:
     from starling.sim.captures.capture import CaptureSet
+    from starling.sim.scene.placing import LookAt, Viewpoint
     from starling.sim.scene.scene import Scene
     from starling.sim.sensor.sensor import Sensor
 
@@ -45,6 +48,48 @@ def scene(value: object, camera: Sensor) -> Scene:
     if isinstance(value, Scene):
         return value
     return sources.load(text("scene", value, "Give its name, its file or a Scene."), camera)
+
+
+def viewpoints(pose: object, look_at: Sequence[float] | None) -> list[Viewpoint]:
+    """Viewpoints by poses or their file, or by eye and target; the scene's own without both.
+
+    Args:
+        pose: path of a file of poses, one matrix (4, 4), or several (n, 4, 4).
+        look_at: six numbers.
+
+    Raises:
+        InputError: if both are given, or one of them is wrong.
+    """
+    from starling.sim.scene import pose_file
+
+    target = None if look_at is None else _look_at(look_at)
+    if pose is None or isinstance(pose, (str, Path)):
+        return pose_file.views(None if pose is None else Path(pose), target)
+    if target is not None:
+        raise refuse("pose, look_at", "must not both be given", "both", "Leave one out.")
+    return pose_file.of_matrices(pose)
+
+
+def viewpoint(pose: object, look_at: Sequence[float] | None) -> Viewpoint:
+    """One viewpoint (errors as `viewpoints`).
+
+    Raises:
+        InputError: also if there are several poses.
+    """
+    views = viewpoints(pose, look_at)
+    if len(views) != 1:
+        rule, advice = "must be one pose", "Load the scene once for each, or simulate_captures."
+        raise refuse("pose", rule, f"{len(views)} poses", advice)
+    return views[0]
+
+
+def _look_at(values: Sequence[float]) -> LookAt:
+    numbers = [float(value) for value in errors.numbers("look_at", values).ravel()]
+    if len(numbers) != 6:
+        advice = "Give eye and target [m]."
+        raise refuse("look_at", "must be six numbers", len(numbers), advice)
+    ex, ey, ez, tx, ty, tz = numbers
+    return ex, ey, ez, tx, ty, tz
 
 
 def warn_of_size(shape: tuple[int, ...], camera: Sensor) -> None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from starling.patterns import errors
-from starling.sim import arrays
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.scene.scene import Scene
@@ -104,17 +103,3 @@ def looking_at(scene: Scene, look_at: LookAt) -> Pose:
     if np.linalg.norm(np.cross(view, up)) <= _PARALLEL * np.linalg.norm(view):
         up = (0.0, 1.0, 0.0) if abs(up[2]) > abs(up[1]) else (0.0, 0.0, -1.0 if up[1] >= 0 else 1.0)
     return frames.look_at((eye[0], eye[1], eye[2]), (target[0], target[1], target[2]), up)
-
-
-def checked_pose(pose: object) -> Pose:
-    """A pose `world_from_camera` (4, 4) that is given as numbers.
-
-    Raises:
-        InputError: if it is no rigid transform.
-    """
-    matrix = arrays.numbers("pose", pose).astype(np.float64)
-    if matrix.shape != (4, 4):
-        advice = "Give one matrix [R t; 0 0 0 1]."
-        raise errors.refuse("pose", "must be (4, 4)", matrix.shape, advice)
-    frames.refuse_not_rigid("pose", matrix, rounding=frames.SIMULATOR_ROUNDING)
-    return matrix

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors, regular_file
-from starling.sim import arrays, files
+from starling.sim import arrays, files, quantities
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.scene.placing import LookAt, Viewpoint
@@ -37,6 +37,15 @@ def views(path: Path | None, look_at: LookAt | None = None) -> list[Viewpoint]:
     return read(path)
 
 
+def of_matrices(values: object) -> list[Viewpoint]:
+    """Viewpoints of one matrix (4, 4) or several (n, 4, 4), `world_from_camera`.
+
+    Raises:
+        InputError: if they are no rigid transforms.
+    """
+    return _matrices(arrays.numbers("pose", values))
+
+
 def read(path: Path) -> list[Viewpoint]:
     """Read the poses of a file as views of a scene.
 
@@ -46,10 +55,11 @@ def read(path: Path) -> list[Viewpoint]:
     try:
         regular_file.refuse_others(path)
         if path.suffix.lower() == ".npy":
-            return _matrices(np.load(path, allow_pickle=False), path)
+            return _named(path, np.load(path, allow_pickle=False))
         if path.suffix.lower() == ".toml":
-            return _matrices(files.read_toml(path, _of_table), path)
-        return _of_text(regular_file.read(path).decode("utf-8-sig"), path)
+            return _matrices(files.read_toml(path, _of_table))
+        with errors.naming(path):
+            return _of_text(regular_file.read(path).decode("utf-8-sig"))
     except errors.InputError:
         raise
     except (OSError, ValueError, EOFError) as error:
@@ -64,40 +74,43 @@ def _of_table(table: dict[str, Any]) -> NDArray[Any]:
     return arrays.numbers(KEY, table[KEY])
 
 
-def _of_text(text: str, path: Path) -> list[Viewpoint]:
+def _named(path: Path, values: NDArray[Any]) -> list[Viewpoint]:
+    with errors.naming(path):
+        return _matrices(values)
+
+
+def _of_text(text: str) -> list[Viewpoint]:
     lines = (line.partition("#")[0].replace(",", " ").split() for line in text.splitlines())
     rows = [[float(word) for word in words] for words in lines if words]
     if rows and all(len(row) == _TUM for row in rows):
-        return [_of_trajectory(number, row, path) for number, row in enumerate(rows)]
+        return [_of_trajectory(number, row) for number, row in enumerate(rows)]
     if not rows or any(len(row) != 4 for row in rows):
-        got = f"{sorted({len(row) for row in rows})} numbers a row in {path}"
-        raise errors.refuse("pose", "must have 4 or 8 numbers a row", got, _FORMS)
-    return _matrices(np.array(rows), path)
+        got = sorted({len(row) for row in rows}) or "nothing"
+        raise errors.refuse("rows of poses", "must have 4 or 8 numbers", got, _FORMS)
+    return _matrices(np.array(rows))
 
 
-def _of_trajectory(number: int, row: list[float], path: Path) -> Viewpoint:
+def _of_trajectory(number: int, row: list[float]) -> Viewpoint:
     length = float(np.linalg.norm(row[4:]))
     if not abs(length - 1) <= _ROUNDING:
-        rule, got = "must have length 1", f"{length:g} in {path}"
-        raise errors.refuse(f"quaternion of pose {number}", rule, got, "The order is qx qy qz qw.")
+        name, advice = f"quaternion of pose {number}", "The order is qx qy qz qw."
+        raise errors.refuse(name, "must have length 1", f"{length:g}", advice)
     pose = frames.from_quaternion(np.array(row[1:4]), np.array(row[4:]))
-    return Viewpoint(pose=_checked(pose, number, path), timestamp=row[0])
+    quantities.check(f"time of pose {number}", row[0], "time_s")
+    return Viewpoint(pose=_checked(pose, number), timestamp=row[0])
 
 
-def _matrices(values: NDArray[Any], path: Path) -> list[Viewpoint]:
-    if values.dtype.kind not in "fiu" or values.size == 0 or values.size % 16:
-        got = f"{values.shape} {values.dtype} in {path}"
+def _matrices(values: NDArray[Any]) -> list[Viewpoint]:
+    whole = values.ndim >= 2 and values.shape[-1] == 4 and values.size and values.size % 16 == 0
+    if not whole or values.dtype.kind not in "fiu":
+        got = f"{values.shape} {values.dtype}"
         raise errors.refuse("pose", "must be matrices of 4 x 4 numbers", got, _FORMS)
-    if values.shape[-1] != 4:
-        got = f"{values.shape} in {path}"
-        raise errors.refuse("pose", "must have rows of 4 numbers", got, _FORMS)
     poses = values.astype(np.float64).reshape(-1, 4, 4)
-    return [Viewpoint(pose=_checked(pose, number, path)) for number, pose in enumerate(poses)]
+    return [Viewpoint(pose=_checked(pose, number)) for number, pose in enumerate(poses)]
 
 
-def _checked(pose: Pose, number: int, path: Path) -> Pose:
-    name = f"pose {number} of {path}"
-    frames.refuse_not_rigid(name, pose, rounding=_ROUNDING)
+def _checked(pose: Pose, number: int) -> Pose:
+    frames.refuse_not_rigid(f"pose {number}", pose, rounding=_ROUNDING)
     left, _, right = np.linalg.svd(pose[:3, :3])
     pose = pose.copy()
     pose[:3, :3] = left @ right  # The nearest rotation: rounded digits are not rigid enough.
