@@ -1,7 +1,8 @@
 """Colours of vertices as an image: each triangle has a square of 2 x 2 pixels of its own.
 
 Corners of a triangle lie at three pixel centres of its square. The fourth pixel continues the
-plane through them, so that bilinear interpolation is linear over the triangle.
+plane through them, so that bilinear interpolation is linear over the triangle. It is cut to [0, 1],
+which bends the interpolation of triangles with very different corners.
 """
 
 from __future__ import annotations

@@ -86,6 +86,9 @@ def _read_obj(path: Path) -> MeshFile:
     obj.refuse_damaged(path)
     looks = mtl.MtlLooks()
     parts = trimesh_parts.parts(_load(path), looks.look)
+    lost = sorted(mtl.used_materials(path) - looks.names)
+    if lost:
+        looks.unused.add(f"materials that cannot be read ({', '.join(lost)})")
     missing = tuple(mtl.missing_files(path))
     return MeshFile(parts=parts, unused=frozenset(looks.unused), missing=missing)
 

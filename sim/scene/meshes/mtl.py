@@ -36,11 +36,13 @@ class MtlLooks:
         self._appearances: dict[int, Appearance] = {}
         self._kept: list[Any] = []  # Materials stay alive, so that their ids stay unique.
         self.unused: set[str] = set()
+        self.names: set[str] = set()  # Of materials that the reader has read.
 
     def look(self, material: Any) -> Appearance:
         """Appearance of a material of the reader."""
         kwargs: dict[str, Any] = getattr(material, "kwargs", {})
         name = str(getattr(material, "name", None) or Appearance().name)
+        self.names.add(name)
         image = getattr(material, "image", None)
         if getattr(image, "format", None) is None:
             image = None  # The reader's own picture for surfaces without a material.
@@ -90,6 +92,21 @@ def missing_files(path: Path) -> list[str]:
             if not (path.parent / texture).is_file():
                 missing.append(texture)
     return missing
+
+
+def used_materials(path: Path) -> set[str]:
+    """Names of the materials of an OBJ that have faces; none without a material file."""
+    if not any((path.parent / name).is_file() for name in _named(path, "mtllib")):
+        return set()
+    names: set[str] = set()
+    name = ""
+    for line in regular_file.read(path).decode("utf-8", errors="replace").splitlines():
+        if line.startswith("usemtl"):
+            name = line.removeprefix("usemtl").strip()
+        elif name and line.startswith("f "):
+            names.add(name)
+            name = ""
+    return names
 
 
 def _named(path: Path, keyword: str) -> list[str]:
