@@ -1,4 +1,4 @@
-"""The colour picture of a textured GLB and of an OBJ with MTL, against Mitsuba's own render.
+"""Textures of a GLB and of an OBJ with MTL: in colour against Mitsuba's own render, and in depth.
 
 Usage: python benchmarks/simulation/textured_files.py [--size 640] [--pictures FOLDER]
 
@@ -33,11 +33,14 @@ from starling.sim.scene import sources
 from starling.sim.scene.placing import Viewpoint
 from starling.sim.scene.scene import Ambient
 from starling.sim.sensor import presets
+from starling.sim.sensor.edits import apply
 from starling.sim.sensor.sensor import Colour, Sensor
+from starling.sim.simulate import simulate
 
 LOOK_AT = (0.15, 0.55, 1.1, 0.0, 0.1, 0.0)  # Eye and target [m].
 _SAMPLES = 128  # Of Mitsuba in a pixel.
 _FORMATS = ("glb", "obj")
+_POWERS_W = (0.05, 0.03, 0.02)
 _PLANES = ("board", "floor")
 
 Solid = tuple[trimesh.Trimesh, NDArray[np.float64], NDArray[np.uint8]]
@@ -109,7 +112,7 @@ def seen(path: Path, camera: Sensor) -> NDArray[np.uint8]:
 
 
 def reference(camera: Sensor, folder: Path, plane: str) -> NDArray[np.uint8]:
-    """Mitsuba's render of the same meshes, exposed alike."""
+    """Mitsuba's render of the same meshes at the same exposure."""
     colour = camera.colour
     assert colour is not None
     shapes: dict[str, Any] = {}
@@ -179,6 +182,42 @@ def correlation(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
     return float(np.corrcoef(*pair)[0, 1])
 
 
+def hole_shares(folder: Path, power_w: float) -> dict[str, float]:
+    """Share of pixels without depth on a board, half black and half white, 3 m from a D435.
+
+    Args:
+        folder: where the board is written.
+        power_w: power of the projector [W].
+    """
+    camera = apply(presets.load("d435"), [f"projector.power_w={power_w}"])
+    halves = np.zeros((64, 64, 3), np.uint8)
+    halves[:, 32:] = 255
+    shares: dict[str, float] = {}
+    for image in (halves, None):
+        corners = np.array([(-1.5, -1.0, 0.0), (1.5, -1, 0), (1.5, 1, 0), (-1.5, 1, 0)])
+        board = trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], process=False)
+        if image is not None:
+            material = PBRMaterial(
+                baseColorTexture=Image.fromarray(image), metallicFactor=0.0, roughnessFactor=1.0
+            )
+            uv = np.array([(0.0, 0), (1, 0), (1, 1), (0, 1)])
+            board.visual = TextureVisuals(uv=uv, material=material)
+        board.export(folder / "board.glb")
+        view = Viewpoint(look_at=(0, 0, 3.0, 0, 0, 0))
+        scene = sources.load(str(folder / "board.glb"), camera, view=view)
+        ambient = Ambient(irradiance_w_m2=0.3, up=(0.0, 1.0, 0.0))
+        shot = simulate(dataclasses.replace(scene, ambient=ambient), camera)
+        rows = np.isfinite(shot.layers.truth.depth_m[:, camera.width // 2])
+        valid, middle = shot.depth.valid[rows], camera.width // 2
+        # Away from the band without overlap, the board's ends and the edge between the halves.
+        left, right = valid[:, 150 : middle - 20], valid[:, middle + 20 : -150]
+        if image is None:
+            shares["no texture"] = float(1 - np.hstack([left, right]).mean())
+        else:
+            shares |= {"dark half": float(1 - left.mean()), "light half": float(1 - right.mean())}
+    return shares
+
+
 def _ball() -> Solid:
     """A globe with meridians, a white north and a letter."""
     rows, columns = 48, 96
@@ -232,7 +271,7 @@ def _plane(*, board: bool) -> Solid:
 
 
 def main() -> None:
-    """Print the correlation for each format."""
+    """Print the correlation for each format, and holes of a board by its texture."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", type=int, default=640, help="width of the pictures [px]")
     parser.add_argument("--pictures", type=Path, help="folder for the pictures")
@@ -249,6 +288,10 @@ def main() -> None:
             options.pictures.mkdir(parents=True, exist_ok=True)
             row = np.hstack([pictures[label] for label in (*_FORMATS, "mitsuba")])
             cv2.imwrite(str(options.pictures / f"{plane}.png"), row[..., ::-1])
+    for power_w in _POWERS_W:
+        with tempfile.TemporaryDirectory() as name:
+            for part, share in hole_shares(Path(name), power_w).items():
+                print(f"{1e3 * power_w:.0f} mW, {part}: {100 * share:.2f} % without depth")
 
 
 if __name__ == "__main__":

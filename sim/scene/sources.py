@@ -170,8 +170,9 @@ def _check_size(file: MeshFile, path: Path, scale: float) -> None:
         got = f"a coordinate of {farthest_m:g} m in {path}"
         raise errors.refuse("mesh", rule, got, "Subtract an offset from all vertices.")
     if not _USUAL_M[0] <= extent <= _USUAL_M[1]:
+        unit = "metres" if scale == 1 else f"units of {scale:g} m"
         warnings.warn(
-            f"{path} is {extent:.3g} m wide: meshes are read in metres. "
+            f"{path} is {extent:.3g} m wide: meshes are read in {unit}. "
             f"Give --unit, or scale it, if that is wrong.",
             stacklevel=3,
         )
