@@ -194,7 +194,7 @@ def hole_shares(folder: Path, power_w: float) -> dict[str, float]:
     halves[:, 32:] = 255
     shares: dict[str, float] = {}
     for image in (halves, None):
-        corners = np.array([(-1.5, -1.0, 0.0), (1.5, -1, 0), (1.5, 1, 0), (-1.5, 1, 0)])
+        corners = np.array([(-2.0, -1.0, 0.0), (2, -1, 0), (2, 1, 0), (-2, 1, 0)])
         board = trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], process=False)
         if image is not None:
             material = PBRMaterial(
@@ -210,7 +210,7 @@ def hole_shares(folder: Path, power_w: float) -> dict[str, float]:
         rows = np.isfinite(shot.layers.truth.depth_m[:, camera.width // 2])
         valid, middle = shot.depth.valid[rows], camera.width // 2
         # Away from the band without overlap, the board's ends and the edge between the halves.
-        left, right = valid[:, 150 : middle - 20], valid[:, middle + 20 : -150]
+        left, right = valid[:, 220 : middle - 20], valid[:, middle + 20 : -220]
         if image is None:
             shares["no texture"] = float(1 - np.hstack([left, right]).mean())
         else:
