@@ -14,8 +14,9 @@ from starling.sim.console.names import distinct_names
 from starling.sim.datasets import draw
 from starling.sim.datasets.draw import Draw, Fixed, Range, refuse_unknown, text, weight
 
-_FILES = (".ply", ".obj", ".glb", ".xml")
-_MESHES = (".ply", ".obj", ".glb")
+_USD = (".usd", ".usda", ".usdc", ".usdz")
+_FILES = (".ply", ".obj", ".glb", ".stl", ".dae", *_USD, ".xml")
+_MESHES = (".ply", ".obj", ".glb")  # Of folders, where others are often collision meshes.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

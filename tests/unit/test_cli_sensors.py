@@ -180,6 +180,38 @@ def test_depth_images_have_the_camera_of_a_file(tmp_path: Path, capsys: Capsys) 
     assert "must have the image size 64x48; got 640x480" in message
 
 
+def test_poses_and_units_reach_the_simulation(
+    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[Any] = []
+
+    def work(scene: str, sensor: Any, out: Path, **how: Any) -> dict[str, Any]:
+        calls.append(how)
+        return {}
+
+    monkeypatch.setattr(simulate_captures, "simulate_captures", work)
+    (tmp_path / "path.txt").write_text("0 0 0 0 0 0 0 1\n1 0 0 0.5 0 0 0 1\n")
+    flags: list[Any] = ["--sensor", "d435", "--out", tmp_path / "out"]
+    look = ["--look-at", "0", "1", "2", "0", "0", "-1.5", "--up", "z", "--unit", "mm"]
+    assert _run("simulate", "room.glb", *flags, *look, capsys=capsys)[0] == 0
+    path = ["--pose", tmp_path / "path.txt"]
+    assert _run("simulate", "room.glb", *flags, *path, capsys=capsys)[0] == 0
+    towards, along = calls
+    assert [view.look_at for view in towards["views"]] == [(0, 1, 2, 0, 0, -1.5)]
+    assert (towards["frame"].up, towards["frame"].unit) == ("z", "mm")
+    assert towards["options"]["look_at"] == (0, 1, 2, 0, 0, -1.5)
+    assert [view.timestamp for view in along["views"]] == [0, 1]
+    assert along["options"]["pose"] == str(tmp_path / "path.txt")
+
+
+def test_depth_images_have_no_pose(tmp_path: Path, capsys: Capsys) -> None:
+    np.save(tmp_path / "d.npy", np.ones((48, 64), np.float32))
+    matrix = ["--camera-matrix", "60", "60", "31.5", "23.5"]
+    flags: list[Any] = ["--sensor", "d435", *matrix, "--up", "z", "--out", tmp_path / "out"]
+    message = _refused("simulate", tmp_path / "d.npy", *flags, capsys=capsys)
+    assert "pose, look-at, up, unit must not be given with depth images; got {'up': 'z'}" in message
+
+
 def test_a_scene_has_the_camera_of_a_device_file(
     tmp_path: Path, capsys: Capsys, small_set: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

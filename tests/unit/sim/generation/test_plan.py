@@ -113,7 +113,7 @@ def test_a_plan_is_read_from_its_file(tmp_path: Path):
             "source 1.number must be whole",
         ),
         ({"source": [{"kind": "files", "paths": []}]}, "source 1.paths must list files"),
-        ({"source": [{"kind": "files", "paths": ["a.stl"]}]}, "must be of .ply"),
+        ({"source": [{"kind": "files", "paths": ["a.step"]}]}, "must be of .ply"),
         ({"source": [{"kind": "files", "paths": ["a.ply"]}]}, "must be files that exist"),
         ({"source": [{"kind": "captures", "folder": "none"}]}, "captures must be a folder"),
         ({"source": [{"kind": "dropped", "folder": "none"}]}, "source 1.folder must hold meshes"),
