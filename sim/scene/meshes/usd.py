@@ -65,6 +65,8 @@ def read(path: Path) -> MeshFile:
     except Tf.ErrorException as error:
         raise ValueError("it is no USD stage") from error
     delegate.TakeUncoalescedDiagnostics()
+    # Omniverse brings MDL files of its own; materials that are not read are reported by kind.
+    unresolved = [name for name in unresolved if not name.lower().endswith(".mdl")]
     layers = [name for name in unresolved if ".usd" in Path(name).suffix.lower()]
     if layers:
         raise ValueError(f"layers that it names are missing: {', '.join(layers)}")

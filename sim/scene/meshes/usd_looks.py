@@ -1,4 +1,4 @@
-"""Looks of a USD stage: UsdPreviewSurface with its textures."""
+"""Looks of a USD stage: UsdPreviewSurface with its textures, and Omniverse's OmniPBR."""
 
 from __future__ import annotations
 
@@ -23,6 +23,21 @@ _UNUSED = {  # Inputs that change looks and are not used, if a texture gives the
     "metallic": "maps of metal and roughness",
     "roughness": "maps of metal and roughness",
 }
+
+
+_MDL_NAME = "info:mdl:sourceAsset:subIdentifier"  # Attribute with the name of an MDL material.
+_UNUSED_OMNIVERSE = {
+    "normalmap_texture": "normal maps",
+    "ao_texture": "occlusion maps",
+    "enable_emission": "emission",
+    "enable_opacity": "transparency",
+    "metallic_texture": "maps of metal and roughness",
+    "reflectionroughness_texture": "maps of metal and roughness",
+    "ORM_texture": "maps of metal and roughness",
+    "texture_scale": "scale of textures",
+    "texture_rotate": "rotation of textures",
+}
+_EVEN = {"texture_scale": (1.0, 1.0), "texture_rotate": 0.0}  # Values that change nothing.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -71,7 +86,11 @@ class UsdLooks:
         shader, *_ = material.ComputeSurfaceSource()
         name = material.GetPrim().GetName()
         if not shader or shader.GetIdAttr().Get() != "UsdPreviewSurface":
-            self.unused.add("materials other than UsdPreviewSurface")
+            shader, *_ = material.ComputeSurfaceSource("mdl")
+            kind = shader.GetPrim().GetAttribute(_MDL_NAME).Get() if shader else None
+            if kind == "OmniPBR":
+                return self._omniverse(name, shader)
+            self.unused.add("materials other than UsdPreviewSurface and OmniPBR")
             return Look(appearance=Appearance(name=name))
         for key, words in _UNUSED.items():
             if self._source(shader, key) is not None:
@@ -93,6 +112,30 @@ class UsdLooks:
         )
         texture = self._source(shader, "diffuseColor")
         return look if texture is None else self._textured(look, texture)
+
+    def _omniverse(self, name: str, shader: Any) -> Look:
+        """Look of an OmniPBR, whose textures repeat."""
+        for key, words in _UNUSED_OMNIVERSE.items():
+            value = self._value(shader, key)
+            if value is not None and value is not False and value != _EVEN.get(key):
+                self.unused.add(words)
+        asset, key = self._value(shader, "diffuse_texture"), "diffuse_color_constant"
+        image = _image(asset)
+        if image is not None:
+            key = "diffuse_tint"
+        elif asset is not None and asset.path:
+            self.unused.add("textures that cannot be read")
+        colour = self._value(shader, key)
+        default = 0.2 if image is None else 1.0
+        red, green, blue = np.clip(3 * [default] if colour is None else list(colour), 0, 1).tolist()
+        appearance = Appearance(
+            name=name,
+            rgb=(red, green, blue),
+            image=image,
+            metallic=self._number(shader, "metallic_constant", 0.0),
+            alpha=self._number(shader, "reflection_roughness_constant", 0.5) ** 2,
+        )
+        return Look(appearance=appearance)
 
     def _textured(self, look: Look, texture: Any) -> Look:
         """A look with the image of a UsdUVTexture; scale and bias are a factor."""

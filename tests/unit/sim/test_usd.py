@@ -1,6 +1,7 @@
 """USD stages: units, axes, meshes, primitives, looks, and what is refused."""
 
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -215,8 +216,8 @@ def test_left_handed_meshes_are_turned(tmp_path: Path) -> None:
         ),
         ([square(BOUND), paint(TEXTURED, "mirror")], "mirrored repetition of textures"),
         (
-            [square(BOUND), paint("").replace("UsdPreviewSurface", "OmniPBR")],
-            "materials other than UsdPreviewSurface",
+            [square(BOUND), paint("").replace("UsdPreviewSurface", "ND_standard")],
+            "materials other than UsdPreviewSurface and OmniPBR",
         ),
         ([square(BOUND, "constant"), paint(TEXTURED)], "textures without coordinates"),
     ],
@@ -226,6 +227,56 @@ def test_what_a_stage_holds_in_vain_is_one_warning(
 ) -> None:
     with pytest.warns(UserWarning, match=rf"m\.usda: not used: {words}"):
         load(stage(tmp_path, *prims))
+
+
+OMNIVERSE = """def Material "paint" {{
+  token outputs:mdl:surface.connect = </paint/s.outputs:out>
+  def Shader "s" {{
+    uniform token info:implementationSource = "sourceAsset"
+    uniform asset info:mdl:sourceAsset = @OmniPBR.mdl@
+    uniform token info:mdl:sourceAsset:subIdentifier = "OmniPBR"
+    {inputs}
+    token outputs:out
+  }}
+}}
+"""
+
+
+def omniverse(folder: Path, inputs: str) -> Path:
+    return stage(folder, square(BOUND), OMNIVERSE.format(inputs=inputs))
+
+
+def test_materials_of_omniverse(tmp_path: Path) -> None:
+    numbers = "float inputs:metallic_constant = 1\nfloat inputs:reflection_roughness_constant = 0.3"
+    colour = "color3f inputs:diffuse_color_constant = (0.1, 0.2, 0.3)"
+    material = only(omniverse(tmp_path, f"{numbers}\n{colour}")).material
+    assert (material.kind, material.name) == ("metal", "paint")
+    assert material.roughness == pytest.approx(0.09)
+    assert material.rgb == pytest.approx((0.1, 0.2, 0.3))
+    body = only(omniverse(tmp_path, "asset inputs:diffuse_texture = @./p.png@"))
+    assert body.colour is not None and body.repeats
+    np.testing.assert_array_equal(body.colour, PICTURE / 255)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "words"),
+    [
+        ("bool inputs:enable_emission = 1", "emission"),
+        ("asset inputs:normalmap_texture = @./p.png@", "normal maps"),
+        ("float2 inputs:texture_scale = (2, 2)", "scale of textures"),
+        ("asset inputs:diffuse_texture = @./q.png@", "textures that cannot be read"),
+    ],
+)
+def test_what_an_omniverse_material_holds_in_vain(tmp_path: Path, inputs: str, words: str) -> None:
+    with pytest.warns(UserWarning, match=rf"m\.usda: not used: {words}"):
+        load(omniverse(tmp_path, inputs))
+
+
+def test_values_that_change_nothing_are_not_reported(tmp_path: Path) -> None:
+    inputs = "bool inputs:enable_emission = 0\nfloat2 inputs:texture_scale = (1, 1)"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load(omniverse(tmp_path, inputs))
 
 
 def test_missing_textures_are_named(tmp_path: Path) -> None:
