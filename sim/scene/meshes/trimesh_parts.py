@@ -25,7 +25,7 @@ def parts(loaded: trimesh.Scene, look: Look, encoding: Encoding = colours.linear
         encoding: linear light of the bytes of vertex colours; sRGB by default.
 
     Raises:
-        ValueError: if a triangle has a vertex that is missing.
+        ValueError: if a triangle has a vertex that is missing, or vertices are not in space.
     """
     listed: list[Part] = []
     for node in loaded.graph.nodes_geometry:
@@ -62,6 +62,8 @@ def _part(
     encoding: Encoding,
 ) -> Part:
     # The cache has the file's normals.
+    if mesh.vertices.shape[1] != 3:
+        raise ValueError(f"its vertices have {mesh.vertices.shape[1]} coordinates")
     held = mesh.copy(include_cache=True, include_visual=False)
     held.apply_transform(world_from_mesh)
     vertices, faces = np.asarray(held.vertices), np.asarray(held.faces)

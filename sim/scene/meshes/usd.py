@@ -70,13 +70,16 @@ def read(path: Path) -> MeshFile:
     layers = [name for name in unresolved if ".usd" in Path(name).suffix.lower()]
     if layers:
         raise ValueError(f"layers that it names are missing: {', '.join(layers)}")
+    unit_m, up = float(UsdGeom.GetStageMetersPerUnit(stage)), str(UsdGeom.GetStageUpAxis(stage))
+    if not 0 < unit_m < np.inf or up not in _ALONG:
+        raise ValueError(f"its unit is {unit_m:g} m, and its up axis {up}")
     reading = _Reading(path, stage)
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         reading.add(prim)
     return MeshFile(
         parts=reading.parts,
-        unit_m=float(UsdGeom.GetStageMetersPerUnit(stage)),
-        up=str(UsdGeom.GetStageUpAxis(stage)).lower(),
+        unit_m=unit_m,
+        up=up.lower(),
         unused=frozenset(reading.unused | reading.looks.unused),
         missing=tuple(dict.fromkeys(unresolved)),
     )

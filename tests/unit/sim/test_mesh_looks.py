@@ -411,6 +411,12 @@ def test_normals_without_a_length_are_left_out(tmp_path: Path) -> None:
     assert only(tmp_path / "m.obj").mesh.normals is None
 
 
+def test_vertices_in_a_plane_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
+    with pytest.raises(InputError, match="It cannot be read: its vertices have 2 coordinates"):
+        load(tmp_path / "m.obj")
+
+
 def test_large_pictures_are_reduced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(appearance, "LARGEST_PX", 8)
     assert appearance.reduced(np.zeros((4, 32, 3), np.uint8)).shape == (1, 8, 3)

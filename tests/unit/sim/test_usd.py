@@ -305,6 +305,8 @@ def test_pictures_in_a_package_are_read(tmp_path: Path) -> None:
             "layers that it names are missing: .*other",
         ),
         (HEAD.format(up="Y", unit=1), "scene must hold triangles"),
+        (HEAD.format(up="Y", unit=0) + square(), "its unit is 0 m, and its up axis Y"),
+        (HEAD.format(up="9", unit=1) + square(), "its unit is 1 m, and its up axis 9"),
         (
             HEAD.format(up="Y", unit=1) + square().replace("[0, 1, 2, 3]", "[0, 1, 2, 9]"),
             "a triangle has a vertex that is missing",
