@@ -165,19 +165,23 @@ def load_scene(
     look_at: Sequence[float] | None = None,
     up: str | None = None,
     unit: str | None = None,
+    camera: str | None = None,
+    keyframe: str | None = None,
 ) -> Scene:
     """Load a scene.
 
     Args:
-        specifier: builtin scene, mesh file (GLB, OBJ, PLY, STL, DAE, USD), Mitsuba XML, TOML of a
-            scene, or one scene of a capture set. Builtin: `wall`, `staircase`, `tabletop`,
-            `clutter`, `room`; a number may follow a colon (`room:3`).
+        specifier: builtin scene, mesh file (GLB, OBJ, PLY, STL, DAE, USD), Mitsuba XML, model of
+            MuJoCo or URDF, TOML of a scene, or one scene of a capture set. Builtin: `wall`,
+            `staircase`, `tabletop`, `clutter`, `room`; a number may follow a colon (`room:3`).
         sensor: sensor that will see the scene; it sets the viewpoint.
         pose: (4, 4) `world_from_camera` of the left imager in the frame of the scene's file, in
             OpenCV's axes [m], or a file with one pose.
         look_at: position of the camera and the point in its centre, six numbers [m].
         up: axis of a mesh file that points up: `x`, `y` or `z`; by default as the file says.
         unit: unit of a mesh file: `m`, `cm`, `mm` or `in`; by default as the file says.
+        camera: camera of a MuJoCo model that becomes the left imager.
+        keyframe: keyframe of a MuJoCo model; by default its reference state.
 
     Raises:
         InputError: unknown or unreadable scene, a pose that is not rigid, unknown axis or unit.
@@ -197,7 +201,8 @@ def load_scene(
 
     name = arguments.text("specifier", specifier, "Give a name or a file.")
     view = arguments.viewpoint(pose, look_at)
-    return sources.load(name, presets.loaded(sensor), Placing(up=up, unit=unit), view)
+    frame = Placing(up=up, unit=unit, camera=camera, keyframe=keyframe)
+    return sources.load(name, presets.loaded(sensor), frame, view)
 
 
 def list_effects() -> list[str]:
@@ -466,6 +471,8 @@ def simulate_captures(
     look_at: Sequence[float] | None = None,
     up: str | None = None,
     unit: str | None = None,
+    camera: str | None = None,
+    keyframe: str | None = None,
     force: bool = False,
 ) -> dict[str, Any]:
     """Simulate a scene and write it as a capture set, as `starling simulate` does.
@@ -482,6 +489,8 @@ def simulate_captures(
         look_at: as for `load_scene`.
         up: as for `load_scene`.
         unit: as for `load_scene`.
+        camera: as for `load_scene`.
+        keyframe: as for `load_scene`.
         force: replace a folder that Starling wrote before.
 
     Returns:
@@ -508,7 +517,7 @@ def simulate_captures(
         seed=seed,
         effects=effects,
         views=arguments.viewpoints(pose, look_at),
-        frame=Placing(up=up, unit=unit),
+        frame=Placing(up=up, unit=unit, camera=camera, keyframe=keyframe),
         force=force,
     )
 

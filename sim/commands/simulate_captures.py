@@ -320,7 +320,7 @@ class _Stages:
         from starling.sim.render.mitsuba_scene import MitsubaScene, refuse_inside
 
         if self._shared is None or self._shared[0] != task.text:
-            loaded = sources.load(task.text, self._sensor, self._frame)
+            loaded = sources.load(task.text, self._sensor, self._frame, task.view)
             stage = MitsubaScene(self._changed(task.view.seen(loaded)))
             self._shared = task.text, loaded, stage
             return stage

@@ -93,8 +93,8 @@ def simulate(
 
     Args:
         scene: Builtin scene (wall, staircase, tabletop, clutter, room), or a path.
-            Paths: mesh (GLB, OBJ, PLY, STL, DAE, USD), Mitsuba XML, TOML of a scene, capture set,
-            or one scene of a capture set.
+            Paths: mesh (GLB, OBJ, PLY, STL, DAE, USD), Mitsuba XML, model of MuJoCo or URDF, TOML
+            of a scene, capture set, or one scene of a capture set.
             With --camera-matrix: a depth image (.npy, .png, .exr) or a folder of them.
         sensor: Preset (see `starling sensors`) or sensor file (.toml).
         out: Folder to create.
@@ -147,7 +147,7 @@ def simulate(
     if camera_matrix is not None:
         if view.given():
             rule = "must not be given with depth images"
-            raise refuse("pose, look-at, up, unit", rule, view.given(), "They are for scenes.")
+            raise refuse(", ".join(view.given()), rule, view.given(), "They are for scenes.")
         if samples or quality != "full":
             rule = "must not be given with depth images"
             got = f"samples {samples}, quality {quality}"
@@ -201,7 +201,13 @@ def simulate(
             empty=empty,
             force=force,
             views=pose_file.views(view.pose, view.look_at),
-            frame=placing.Placing(up=view.up, unit=view.unit),
+            frame=placing.Placing(
+                up=view.up,
+                unit=view.unit,
+                camera=view.camera,
+                keyframe=view.keyframe,
+                qpos=None if view.qpos is None else str(view.qpos),
+            ),
             options={**options, **view.given()},
             track=track,
         )

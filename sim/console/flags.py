@@ -26,7 +26,7 @@ Shared = OmitArgPrefixes[Common]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ViewFlags:
-    """Where the camera stands, and how a mesh file lies in the world."""
+    """Where the camera stands, how a mesh file lies in the world, and how a robot stands."""
 
     pose: Path | None = None
     """File of camera poses in the frame of the scene's file, in OpenCV's axes: 4 x 4
@@ -39,10 +39,19 @@ class ViewFlags:
     unit: Literal["m", "cm", "mm", "in"] | None = None
     """Unit of a mesh file. By default as the file says; metres without a word."""
 
+    camera: str | None = None
+    """Camera of a MuJoCo model that becomes the left imager."""
+    keyframe: str | None = None
+    """Keyframe of a MuJoCo model. By default its reference state."""
+    qpos: Path | None = None
+    """File of generalized positions of a MuJoCo model, .npy or text, in place of a keyframe."""
+
     def given(self) -> dict[str, object]:
         """Flags that are given, to record."""
-        values = {"look_at": self.look_at, "up": self.up, "unit": self.unit}
-        values["pose"] = None if self.pose is None else str(self.pose)
+        values = {name: getattr(self, name) for name in ("look_at", "up", "unit", "camera")}
+        paths = {"pose": self.pose, "qpos": self.qpos}
+        values |= {"keyframe": self.keyframe}
+        values |= {name: None if path is None else str(path) for name, path in paths.items()}
         return {name: value for name, value in values.items() if value is not None}
 
 

@@ -1,4 +1,4 @@
-"""How a mesh lies in the world, and where the camera stands: unit, up axis and viewpoint."""
+"""What the file of a scene leaves open: unit, up axis, state of a robot, and viewpoint."""
 
 from __future__ import annotations
 
@@ -21,10 +21,13 @@ _PARALLEL = 1e-6  # Sine of the smallest angle between a view and the up directi
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Placing:
-    """Unit and up axis of a mesh file; None keeps the file's own."""
+    """Unit and up axis of a mesh file, or state of a model file; None keeps the file's own."""
 
-    up: str | None = None  # Axis of the file that points up.
+    up: str | None = None  # Axis of a mesh that points up.
     unit: str | None = None  # Unit of its coordinates.
+    camera: str | None = None  # Camera of a model that becomes the left imager.
+    keyframe: str | None = None  # Keyframe of a model.
+    qpos: str | None = None  # File of a model's generalized positions.
 
     def __post_init__(self) -> None:
         if self.up is not None:
@@ -38,10 +41,29 @@ class Placing:
 
     def over(self, fallback: Placing) -> Placing:
         """This placing, with entries of a fallback where this has none."""
-        return Placing(up=self.up or fallback.up, unit=self.unit or fallback.unit)
+        return Placing(**{**fallback.given(), **self.given()})
+
+    def given(self) -> dict[str, str]:
+        """Entries that are not None."""
+        return {name: value for name, value in dataclasses.asdict(self).items() if value}
+
+    def refuse(self, names: tuple[str, ...], kind: str, specifier: str) -> None:
+        """Refuse entries that a scene of another kind has no use for.
+
+        Args:
+            names: entries that must not be given.
+            kind: kind of scene that they are for.
+            specifier: the scene.
+        """
+        wrong = [name for name in self.given() if name in names]
+        if wrong:
+            rule = f"must be given with {kind}"
+            raise errors.refuse(", ".join(wrong), rule, repr(specifier), "Leave them out.")
 
 
 AS_IN_FILE = Placing()
+OF_MESH = ("up", "unit")
+OF_MODEL = ("camera", "keyframe", "qpos")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -86,6 +86,9 @@ class SceneFile:
     look_at: LookAt | None = None  # Eye and target in the world [m], in place of the pose.
     up: str | None = None  # Axis of the mesh that points up; None: as the mesh says.
     unit: str | None = None  # Unit of the mesh: m, cm, mm or in; None: as the mesh says.
+    camera: str | None = None  # Camera of a model, in place of a pose.
+    keyframe: str | None = None  # Keyframe of a model.
+    qpos: str | None = None  # File of a model's generalized positions, as `scene`.
     materials: tuple[KnownMaterial, ...] = ()  # Later matches of a body precede earlier ones.
     ambient_w_m2: float | None = None  # Irradiance of ambient light; None: not measured.
 
@@ -101,12 +104,13 @@ class SceneFile:
                 raise errors.refuse("look_at", rule, list(self.look_at), "Leave one out.")
         if self.ambient_w_m2 is not None:
             errors.in_interval("ambient_w_m2", self.ambient_w_m2, 0.0, BRIGHTEST_W_M2)
-        Placing(up=self.up, unit=self.unit)  # It checks the values.
+        _ = self.frame  # It checks the values.
 
     @property
     def frame(self) -> Placing:
-        """Unit and up axis of the mesh, where its own do not hold."""
-        return Placing(up=self.up, unit=self.unit)
+        """Unit and up axis of the mesh, where its own do not hold; state of a model."""
+        names = (field.name for field in dataclasses.fields(Placing))
+        return Placing(**{name: getattr(self, name) for name in names})
 
     @property
     def world_from_left(self) -> Pose:

@@ -14,7 +14,14 @@ from starling.sim.geometry import frames
 from starling.sim.scene import mitsuba_xml
 from starling.sim.scene.meshes import appearance, mesh_file
 from starling.sim.scene.meshes.appearance import MeshFile
-from starling.sim.scene.placing import AS_IN_FILE, AS_IN_SCENE, Placing, Viewpoint
+from starling.sim.scene.placing import (
+    AS_IN_FILE,
+    AS_IN_SCENE,
+    OF_MESH,
+    OF_MODEL,
+    Placing,
+    Viewpoint,
+)
 from starling.sim.scene.scene import Ambient, Body, Scene, Sun
 from starling.sim.sensor.sensor import Sensor
 
@@ -51,33 +58,37 @@ def load(
     Args:
         specifier: One of the following. A builtin name: `wall`, `staircase`, `tabletop`, `clutter`
             or `room`, also as NAME:NUMBER with a distance in metres or a seed. A mesh file: one of
-            `MESH_SUFFIXES`. A Mitsuba `.xml`. A `scene.toml`. The folder of a scene in a capture
-            set.
+            `MESH_SUFFIXES`. A Mitsuba `.xml`. A model of MuJoCo, or a URDF. A `scene.toml`. The
+            folder of a scene in a capture set.
         sensor: Sensor whose field of view a mesh's default pose fits.
-        frame: Unit and up axis of a mesh file, where its own do not hold.
+        frame: Unit and up axis of a mesh file, where its own do not hold; camera and state of a
+            model.
         view: Where the camera stands, where the scene's own pose does not hold.
 
     Raises:
         InputError: if the specifier is unknown, or the scene is refused.
     """
-    return view.seen(_load(specifier, sensor, frame))
+    return view.seen(_load(specifier, sensor, frame, view.is_given))
 
 
-def _load(specifier: str, sensor: Sensor, frame: Placing) -> Scene:
+def _load(specifier: str, sensor: Sensor, frame: Placing, posed: bool) -> Scene:
+    from starling.sim.mujoco import model_file
     from starling.sim.scene.builtin import scenes
     from starling.sim.scene.captured import captured_scene, known_geometry
 
     name, _, number = specifier.partition(":")
     path = Path(specifier)
     suffix = path.suffix.lower()
-    if name not in scenes.BUILTIN and suffix in MESH_SUFFIXES:
+    built = name in scenes.BUILTIN
+    if not built and suffix == ".toml":
+        return known_geometry.load_file(path, sensor, frame, posed=posed)
+    if not built and model_file.is_model(path):
+        return _load_model(path, frame, posed)
+    frame.refuse(OF_MODEL, "a model of MuJoCo or a URDF", specifier)
+    if not built and suffix in MESH_SUFFIXES:
         return load_mesh(path, sensor, frame=frame)
-    if name not in scenes.BUILTIN and suffix == ".toml":
-        return known_geometry.load_file(path, sensor, frame)
-    if frame != AS_IN_FILE:
-        rule = "must be given with a mesh file"
-        raise errors.refuse("up, unit", rule, repr(specifier), f"{', '.join(MESH_SUFFIXES)}.")
-    if name in scenes.BUILTIN:
+    frame.refuse(OF_MESH, f"a mesh file: {', '.join(MESH_SUFFIXES)}", specifier)
+    if built:
         return scenes.named(name, number)
     if suffix == ".xml":
         return mitsuba_xml.load(path)
@@ -96,6 +107,18 @@ def _load(specifier: str, sensor: Sensor, frame: Placing) -> Scene:
         repr(specifier),
         known,
     )
+
+
+def _load_model(path: Path, frame: Placing, posed: bool) -> Scene:
+    """Load a model of MuJoCo or a URDF, seen by one of its cameras unless `posed` elsewhere."""
+    from starling.sim.mujoco import model_file
+
+    frame.refuse(OF_MESH, f"a mesh file: {', '.join(MESH_SUFFIXES)}", str(path))
+    if frame.camera is None and not posed:
+        cameras = ", ".join(model_file.cameras(path)) or "none, so give --pose or --look-at"
+        raise errors.refuse("camera", "must be given", "nothing", f"Cameras of {path}: {cameras}.")
+    qpos = None if frame.qpos is None else Path(frame.qpos)
+    return model_file.load(path, camera=frame.camera, keyframe=frame.keyframe or "", qpos=qpos)
 
 
 def load_mesh(

@@ -19,7 +19,7 @@ from starling.sim.scene.scene import Body, Scene
 from starling.sim.scene.scene_file import KnownMaterial, SceneFile
 from starling.sim.sensor.sensor import Sensor
 
-_FILES = (*sources.MESH_SUFFIXES, ".xml")
+_FILES = (*sources.MESH_SUFFIXES, ".xml", ".mjcf", ".urdf")
 _SINGLE = 1e-4  # Tolerance of rotations in single precision, as in Mitsuba.
 
 
@@ -46,7 +46,7 @@ def load(scene: CapturedScene, sensor: Sensor) -> Scene | None:
         return _described(known, scene.path, sensor, AS_IN_FILE)
 
 
-def load_file(path: Path, sensor: Sensor, frame: Placing) -> Scene:
+def load_file(path: Path, sensor: Sensor, frame: Placing, *, posed: bool = False) -> Scene:
     """Load a scene that a TOML describes.
 
     Without a pose in the file, the scene has its default pose.
@@ -54,22 +54,27 @@ def load_file(path: Path, sensor: Sensor, frame: Placing) -> Scene:
     Args:
         path: TOML as `scene.toml`.
         sensor: Sensor that observes it.
-        frame: Unit and up axis that precede the file's.
+        frame: Unit, up axis and state that precede the file's.
+        posed: Whether the scene will be seen from elsewhere, so that it needs no camera.
 
     Raises:
         InputError: as `load`.
     """
     known = scene_file.read_unposed(path)
     with errors.naming(path):
-        return _described(known, path.parent, sensor, frame)
+        return _described(known, path.parent, sensor, frame, posed=posed)
 
 
-def _described(known: SceneFile, folder: Path, sensor: Sensor, frame: Placing) -> Scene:
+def _described(
+    known: SceneFile, folder: Path, sensor: Sensor, frame: Placing, *, posed: bool = False
+) -> Scene:
     """Load geometry with the file's pose, materials and ambient light."""
     pose = None if known.left_from_world is None else known.world_from_left
+    if posed and pose is None and known.look_at is None:
+        pose = np.eye(4)  # Replaced by the caller.
     geometry = _resolve_path(known.scene, folder)
     view = Viewpoint(pose=pose, look_at=known.look_at)
-    loaded = sources.load(geometry, sensor, frame.over(known.frame), view)
+    loaded = sources.load(geometry, sensor, frame.over(_frame(known, folder)), view)
     ambient = loaded.ambient
     if known.ambient_w_m2 is not None:
         ambient = dataclasses.replace(ambient, irradiance_w_m2=known.ambient_w_m2)
@@ -97,7 +102,7 @@ def describe(
         specifier: Argument of `starling.sim.scene.sources.load`, except captures.
         file_from_left: Pose of the left imager (4, 4) in the geometry's frame.
         folder: Folder of the captured scene, where the file will be.
-        frame: Unit and up axis that precede those of a file.
+        frame: Unit, up axis and state that precede those of a file.
 
     Returns:
         Content of the file, with materials if the specifier is a TOML. None if the pose mirrors or
@@ -111,11 +116,11 @@ def describe(
     rows[:3, :3] = rotation.T
     rows[:3, 3] = -rotation.T @ file_from_left[:3, 3]
     a, b, c, d = (_row(row) for row in rows + 0.0)  # No -0.
-    known = SceneFile(scene=specifier)
+    known, source = SceneFile(scene=specifier), Path()
     if not _is_builtin(specifier) and Path(specifier).suffix.lower() == ".toml":
-        known = scene_file.read_unposed(Path(specifier))
-        specifier = _resolve_path(known.scene, Path(specifier).parent)
-    placing = frame.over(known.frame)
+        known, source = scene_file.read_unposed(Path(specifier)), Path(specifier).parent
+        specifier = _resolve_path(known.scene, source)
+    placing = frame.over(_frame(known, source))
     return dataclasses.replace(
         known,
         scene=_relative_path(specifier, folder) if _is_file(specifier) else specifier,
@@ -123,7 +128,17 @@ def describe(
         look_at=None,
         up=placing.up,
         unit=placing.unit,
+        camera=None,
+        keyframe=placing.keyframe,
+        qpos=None if placing.qpos is None else _relative_path(placing.qpos, folder),
     )
+
+
+def _frame(known: SceneFile, folder: Path) -> Placing:
+    """What a file in a folder says of its geometry, with paths from here."""
+    if known.qpos is None:
+        return known.frame
+    return dataclasses.replace(known.frame, qpos=os.path.join(folder, known.qpos))
 
 
 def for_folder(scene: CapturedScene, folder: Path) -> SceneFile | None:
@@ -143,7 +158,9 @@ def for_folder(scene: CapturedScene, folder: Path) -> SceneFile | None:
     if known is None or not _is_file(known.scene):
         return known
     path = _relative_path(os.path.join(scene.path, known.scene), folder)
-    return dataclasses.replace(known, scene=path)
+    qpos = _frame(known, scene.path).qpos
+    qpos = None if qpos is None else _relative_path(qpos, folder)
+    return dataclasses.replace(known, scene=path, qpos=qpos)
 
 
 def _row(row: np.ndarray) -> tuple[float, float, float, float]:

@@ -66,6 +66,12 @@ def load(
     return scene(model, data, camera=camera)
 
 
+def cameras(path: Path) -> list[str]:
+    """Names of a model's cameras."""
+    model, _ = load_model(path)
+    return [model.camera(number).name for number in range(model.ncam)]
+
+
 def load_model(path: Path) -> tuple[Any, Any]:
     """Return `mujoco.MjModel` and `mujoco.MjData` of a file.
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from starling.patterns import InputError
-from starling.sim.mujoco import files
+from starling.sim.mujoco import model_file
 from tests.unit.sim.mujoco.small_model import MODEL, assets
 
 URDF = """<?xml version="1.0"?><!-- one link --><robot name="arm"><link name="base"><visual>
@@ -37,14 +37,14 @@ def test_files_are_recognised_by_their_first_element(tmp_path: Path):
     }
     for name, text in texts.items():
         (tmp_path / name).write_text(text)
-    known = {name for name in texts if files.is_model(tmp_path / name)}
+    known = {name for name in texts if model_file.is_model(tmp_path / name)}
     assert known == {"mujoco.xml", "robot.urdf", "empty.mjcf"}
-    assert not files.is_model(tmp_path / "missing.xml")
+    assert not model_file.is_model(tmp_path / "missing.xml")
 
 
 def test_a_keyframe_or_positions_set_the_state(path: Path, tmp_path: Path):
     def height(**state: object) -> float:
-        scene = files.load(path, camera="top", **state)
+        scene = model_file.load(path, camera="top", **state)
         (ball,) = (body for body in scene.bodies if body.name.startswith("ball"))
         return float(ball.world_from_body[2, 3])
 
@@ -70,21 +70,21 @@ def test_states_that_do_not_fit_are_refused(path: Path, tmp_path: Path):
         ({"qpos": tmp_path / "short.npy", "keyframe": "lifted"}, "must not be given with keyframe"),
     ):
         with pytest.raises(InputError, match=message):
-            files.load(path, **state)
+            model_file.load(path, **state)
 
 
 def test_a_robot_of_ros_loads(tmp_path: Path):
     (tmp_path / "arm.urdf").write_text(URDF)
-    scene = files.load(tmp_path / "arm.urdf")
+    scene = model_file.load(tmp_path / "arm.urdf")
     low, high = (bound(scene.bodies[0].mesh.vertices, axis=0) for bound in (np.min, np.max))
     np.testing.assert_allclose(high - low, [0.1, 0.2, 0.3], rtol=1e-6)
     with pytest.raises(InputError, match=r"keyframe must be in the model; got home. It has none"):
-        files.load(tmp_path / "arm.urdf", keyframe="home")
+        model_file.load(tmp_path / "arm.urdf", keyframe="home")
 
 
 def test_missing_files_are_named(path: Path, tmp_path: Path):
     (tmp_path / "sheet.obj").unlink()
     with pytest.raises(InputError, match=r"scene must load in MuJoCo; .*sheet.obj"):
-        files.load(path)
+        model_file.load(path)
     with pytest.raises(InputError, match="must be a file that exists"):
-        files.load(tmp_path / "arm.xml")
+        model_file.load(tmp_path / "arm.xml")
