@@ -15,12 +15,10 @@ from starling.sim.arrays import Image
 from starling.sim.mujoco import geoms, texture_coordinates
 from starling.sim.mujoco.library import mujoco
 from starling.sim.scene import colours
-from starling.sim.scene.scene import Body, Kind, Material
+from starling.sim.scene.meshes.appearance import Appearance, material_of
+from starling.sim.scene.scene import Body, Material
 
 _UNSET = (0.5, 0.5, 0.5, 1.0)  # Colour of a geom whose file gives none.
-_METALLIC = 0.5  # Above it, a surface is bare metal.
-_GLOSSY = 0.4  # Below this roughness, a surface has a clear coat.
-_SMOOTHEST = 0.05
 
 
 def rgba(model: Any, geom: int) -> NDArray[np.float64]:
@@ -67,19 +65,17 @@ def _bytes(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
 
 
 def _material(model: Any, number: int, name: str, rgb: Image) -> Material:
-    reflectance = float(colours.near_infrared(rgb))
+    """Material of a colour; MuJoCo marks metal and roughness without a value by -1."""
     metallic = float(model.mat_metallic[number]) if number >= 0 else -1.0
     roughness = float(model.mat_roughness[number]) if number >= 0 else -1.0
-    kind: Kind = "diffuse"
-    if metallic > _METALLIC:
-        kind = "metal"
-    elif 0 <= roughness < _GLOSSY:
-        kind = "glossy"
     red, green, blue = rgb.tolist()
-    slope = float(np.clip(roughness if roughness >= 0 else 0.1, _SMOOTHEST, 1.0))
-    return Material(
-        name=name, kind=kind, reflectance=reflectance, roughness=slope, rgb=(red, green, blue)
+    look = Appearance(
+        name=name,
+        rgb=(red, green, blue),
+        metallic=max(metallic, 0.0),
+        alpha=roughness**2 if roughness >= 0 else 1.0,
     )
+    return material_of(look)
 
 
 def _texture(model: Any, geom: int) -> tuple[NDArray[np.uint8], bool] | None:

@@ -164,7 +164,7 @@ def test_wrong_places_are_refused(box: Path) -> None:
         Placing(up="up")
     with pytest.raises(InputError, match="unit must be a known name; got 'km'"):
         Placing(unit="km")
-    with pytest.raises(InputError, match="up, unit must be given with a mesh file; got 'wall'"):
+    with pytest.raises(InputError, match="up must be given with a mesh file"):
         sources.load("wall", SENSOR, Placing(up="z"))
     with pytest.raises(InputError, match="pose, look-at must not both be given"):
         Viewpoint(pose=POSE, look_at=(0, 0, 1, 0, 0, 0))

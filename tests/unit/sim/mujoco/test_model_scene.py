@@ -150,8 +150,8 @@ def test_materials_follow_metal_roughness_and_colour(model):
         return looks.body(model, model.geom(name).id, name).material
 
     steel, glaze, hills = material("steel"), material("glaze"), material("hills")
-    assert (steel.kind, steel.roughness) == ("metal", pytest.approx(0.2))
-    assert (glaze.kind, glaze.roughness) == ("glossy", pytest.approx(0.1))
+    assert (steel.kind, steel.roughness) == ("metal", pytest.approx(0.04))
+    assert (glaze.kind, glaze.roughness) == ("glossy", pytest.approx(0.01))
     assert hills.kind == "diffuse"
     green = colours.linear(np.array([51, 153, 51], np.uint8))
     np.testing.assert_allclose(hills.rgb, green, rtol=1e-5)
