@@ -171,8 +171,8 @@ def load_scene(
     """Load a scene.
 
     Args:
-        specifier: builtin scene, mesh file (GLB, OBJ, PLY, STL, DAE, USD), Mitsuba XML, model of
-            MuJoCo or URDF, TOML of a scene, or one scene of a capture set. Builtin: `wall`,
+        specifier: builtin scene, file, or one scene of a capture set. Files: mesh (GLB, OBJ, PLY,
+            STL, DAE, USD), Mitsuba XML, model of MuJoCo, URDF, TOML of a scene. Builtin: `wall`,
             `staircase`, `tabletop`, `clutter`, `room`; a number may follow a colon (`room:3`).
         sensor: sensor that will see the scene; it sets the viewpoint.
         pose: (4, 4) `world_from_camera` of the left imager in the frame of the scene's file, in

@@ -93,8 +93,8 @@ def simulate(
 
     Args:
         scene: Builtin scene (wall, staircase, tabletop, clutter, room), or a path.
-            Paths: mesh (GLB, OBJ, PLY, STL, DAE, USD), Mitsuba XML, model of MuJoCo or URDF, TOML
-            of a scene, capture set, or one scene of a capture set.
+            Files: mesh (GLB, OBJ, PLY, STL, DAE, USD), Mitsuba XML, model of MuJoCo, URDF, TOML of
+            a scene. Folders: capture set, or one scene of a capture set.
             With --camera-matrix: a depth image (.npy, .png, .exr) or a folder of them.
         sensor: Preset (see `starling sensors`) or sensor file (.toml).
         out: Folder to create.
