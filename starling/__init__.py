@@ -307,8 +307,9 @@ def corrupt(
         depth_m: (h, w) depth along the optical axis [m]; 0, NaN or infinity without a surface.
         camera_matrix: (3, 3) intrinsics of the depth image [px].
         sensor: depth camera to imitate, or its name as for `load_sensor`.
-        reflectance: of the surfaces in the near infrared, a number or image (h, w) from 0 to 1.
-            RGB bytes (h, w, 3) are a hint: 0.25 + 0.6 max(R, G, B). 0.5 if None.
+        reflectance: of the surfaces in the sensor's band, a number or image (h, w) from 0 to 1.
+            RGB bytes (h, w, 3) are a hint: 0.25 + 0.6 max(R, G, B), or the luminance if the sensor
+            sees visible light. 0.5 if None.
         ambient_lux: daylight on the surfaces [lux]; an indoor level if None.
         up: (3,) direction of the zenith in the camera's axes (x right, y down, z forward), from
             which more ambient light comes. None: equal from all directions.

@@ -13,6 +13,7 @@ from starling.sim.batch import handoff
 from starling.sim.batch.views import seen_disparity
 from starling.sim.render.emission import NEAREST_M
 from starling.sim.render.skylight import MATT_TILT
+from starling.sim.scene.colours import DARKEST, RISE
 from starling.sim.scene.visible import LUMINANCE
 from starling.sim.warp.kernels import NEAREST_EMITTER_M, SLACK_PX, SLACK_SHARE
 
@@ -25,6 +26,8 @@ _FULL_BLUR = wp.constant(NEAREST_M)
 _SLACK_SHARE = wp.constant(float(SLACK_SHARE))
 _SLACK_PX = wp.constant(float(SLACK_PX))
 _TILT = wp.constant(MATT_TILT)
+_DARKEST = wp.constant(DARKEST)
+_RISE = wp.constant(RISE)
 _RED, _GREEN, _BLUE = (wp.constant(float(share)) for share in LUMINANCE)
 
 
@@ -75,7 +78,7 @@ def fill_reflectance(
     if visible:
         reflectance[e, y, x] = _RED * red + _GREEN * green + _BLUE * blue
     else:
-        reflectance[e, y, x] = 0.25 + 0.6 * wp.max(wp.max(red, green), blue)
+        reflectance[e, y, x] = _DARKEST + _RISE * wp.max(wp.max(red, green), blue)
 
 
 @wp.kernel

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from starling.sim.arrays import Image
 
-_DARKEST = 0.25  # Near-infrared reflectance of what is black to the eye.
-_RISE = 0.6  # Rise to what is white.
+DARKEST = 0.25  # Near-infrared reflectance of what is black to the eye.
+RISE = 0.6  # Rise to what is white.
 
 
 def linear(levels: NDArray[np.uint8]) -> Image:
@@ -24,4 +24,4 @@ def near_infrared(rgb: NDArray[np.floating]) -> Image:
     It is a guess: dyes that absorb visible light are bright at 850 nm (`docs/materials.md`).
     """
     brightest = np.asarray(rgb, np.float32).max(-1)
-    return brightest * np.float32(_RISE) + np.float32(_DARKEST)
+    return brightest * np.float32(RISE) + np.float32(DARKEST)
