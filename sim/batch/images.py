@@ -54,7 +54,7 @@ class Codes:
     """Digital images of one imager, each (n, h, w)."""
 
     delivered: Any
-    matched: Any  # uint16, the matcher's.
+    matched: Any  # uint16 of at most ten bits, the matcher's.
 
 
 def light_views(scene: BatchScene, rig: LightRig) -> tuple[LitView, LitView]:

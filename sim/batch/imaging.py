@@ -52,8 +52,9 @@ class PixelChain:
     gamma: float  # Inverse of the exponent.
     black: float  # [DN]
     ceiling: float  # [DN]
-    finer: float  # Codes of the matcher per DN.
-    matched_ceiling: float  # Largest code of the matcher.
+    finer: float  # Codes of the converter per DN.
+    matched_ceiling: float  # Largest code of the converter.
+    excess: int  # Finest bits of the converter, which the matcher does not read.
 
 
 @wp.func
@@ -320,7 +321,7 @@ def digitise(
         weights: (2 reach + 1,) of the device's averaging along each axis.
         die: the electronics.
         delivered: (n, h, w) codes that the device delivers.
-        matched: (n, h, w) codes of the matcher.
+        matched: (n, h, w) codes of the matcher, of at most ten bits.
     """
     e, y, x = wp.tid()
     reach = weights.shape[0] // 2
@@ -340,7 +341,7 @@ def digitise(
     level += die.black
     delivered[e, y, x] = delivered.dtype(int(wp.clamp(wp.rint(level), 0.0, die.ceiling)))
     codes = wp.clamp(wp.rint(level * die.finer), 0.0, die.matched_ceiling)
-    matched[e, y, x] = wp.uint16(int(codes))
+    matched[e, y, x] = wp.uint16(int(codes) >> die.excess)
 
 
 for _codes in (wp.uint8, wp.int32):  # Both are compiled together.

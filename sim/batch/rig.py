@@ -19,6 +19,7 @@ from starling.sim.imaging.optics import shading, speckle, spot
 from starling.sim.render.emission import NEAREST_M
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Imager, Sensor
+from starling.sim.stereo.matching import TEN_BITS
 from starling.sim.warp import layers
 
 wp: Any = handoff.import_warp()
@@ -189,6 +190,7 @@ def _die(sensor: Sensor, imager: Imager) -> Any:
     die.ceiling = float(imager.ceiling_dn)
     die.finer = 2.0 ** (imager.matched_bits - imager.bit_depth)
     die.matched_ceiling = 2.0**imager.matched_bits - 1
+    die.excess = max(imager.matched_bits - TEN_BITS.bit_length(), 0)
     return die
 
 

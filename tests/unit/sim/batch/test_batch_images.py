@@ -12,11 +12,12 @@ from starling.sim import simulate
 from starling.sim.corrupt import Corruptor
 from starling.sim.reason import Reason
 from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.matching import readable
 from tests.unit.sim.batch import steps
 
 wp: Any = pytest.importorskip("warp", reason="warp-lang is not installed")
 
-from starling.sim.batch import reading  # noqa: E402
+from starling.sim.batch import images, reading  # noqa: E402
 from starling.sim.batch.batch_reading import BatchReading  # noqa: E402
 from tests.unit.sim.batch.both_paths import (  # noqa: E402
     EQUAL_SHARE,
@@ -102,6 +103,24 @@ def test_reasons_and_depth_are_those_of_the_compiled_path(changes: tuple[str, ..
         dataclasses.replace(noisy, projector=noisy.projector.steady())
     )
     assert reasons >= EQUAL_SHARE and depths >= EQUAL_SHARE
+
+
+@pytest.mark.parametrize("bits", [1, 2, 3, 8])
+def test_the_matcher_reads_ten_bits(bits: int) -> None:
+    """Ten bits are all that `match` accepts; finer ones are dropped, as from one image."""
+    sensor = steps.without_noise(steps.sensor(f"imager.dropped_bits={bits}"))
+    corruptor, rig = build(sensor)
+    depth = steps.depth_image()
+    pair = simulate.infrared(corruptor.light(depth).layers, corruptor._scene, sensor)
+    expected = readable(pair.matched_left, sensor.left.matched_bits)
+    left, _ = both_views(rig, depth)
+    draws = images.SliceDraws(0, 0, 0)
+    formed = images.form(left, "left", rig.left, draws)
+    time_s = wp.array([pair.exposure.exposure_s], dtype=float)
+    delivered = wp.empty(formed.radiance.shape, dtype=wp.uint8)
+    matched = images.read_out(formed, time_s, "left", rig.left, draws, delivered).matched.numpy()
+    assert matched.max() > 255 and matched.max() <= 1023
+    assert np.abs(matched[0].astype(int) - expected).max() <= 2
 
 
 @pytest.mark.parametrize(
