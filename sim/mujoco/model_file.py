@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from starling.sim.scene.scene import Scene
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
 _START = 65536  # Bytes in which the first element of a file stands.
+# Comments, processing instructions and declarations of XML.
+_NO_ELEMENT = re.compile(r"<!--.*?(?:-->|$)|<\?.*?(?:\?>|$)|<!.*?(?:>|$)", re.DOTALL)
 
 
 def is_model(path: Path) -> bool:
@@ -25,15 +28,10 @@ def is_model(path: Path) -> bool:
 
 
 def _first_element(path: Path) -> str:
+    """Name of the first element; empty if there is none."""
     text = regular_file.read(path)[:_START].decode("utf-8", errors="replace")
-    while (start := text.find("<")) >= 0:
-        text = text[start + 1 :]
-        end = {"?": "?>", "!--": "-->", "!": ">"}
-        skipped = next((end[key] for key in ("!--", "?", "!") if text.startswith(key)), None)
-        if skipped is None:
-            return text.split(">")[0].split("/")[0].split()[0] if text.strip() else ""
-        text = text.partition(skipped)[2]
-    return ""
+    element = re.search(r"<\s*([^\s<>/?!]+)", _NO_ELEMENT.sub("", text))
+    return element[1] if element else ""
 
 
 def load(

@@ -33,12 +33,15 @@ def test_files_are_recognised_by_their_first_element(tmp_path: Path):
         "blank.xml": "  ",
         "cut.xml": "<!-- <mujoco>",
         "bare.xml": "<",
+        "nameless.xml": "< >",
+        "closed.xml": "</>",
+        "declared.xml": "<!DOCTYPE mujoco><?mujoco ?><!-- <mujoco> --><mujoco\n>",
         "mujoco.txt": "<mujoco/>",
     }
     for name, text in texts.items():
         (tmp_path / name).write_text(text)
     known = {name for name in texts if model_file.is_model(tmp_path / name)}
-    assert known == {"mujoco.xml", "robot.urdf", "empty.mjcf"}
+    assert known == {"mujoco.xml", "robot.urdf", "empty.mjcf", "declared.xml"}
     assert not model_file.is_model(tmp_path / "missing.xml")
 
 
