@@ -33,6 +33,24 @@ except ImportError:
 _SEEDS = 2**31  # Number of seeds from which an episode without one draws its own.
 
 
+class _EpisodeSeeds:
+    """Seeds of the noise: that of a reset, or one drawn after it.
+
+    The random numbers of the environment itself are left alone.
+    """
+
+    def __init__(self, seed: int | None) -> None:
+        """Start before the first episode; None starts differently each time."""
+        self._draws = np.random.default_rng(seed)
+
+    def following(self, seed: int | None) -> int:
+        """Seed of the next episode, whose reset has this seed or none."""
+        if seed is None:
+            return int(self._draws.integers(_SEEDS))
+        self._draws = np.random.default_rng(seed)
+        return int(seed)
+
+
 class RealisticDepth(gymnasium.Wrapper):
     """Replaces a clean depth image in the observations of an environment.
 
@@ -60,7 +78,7 @@ class RealisticDepth(gymnasium.Wrapper):
             sensor: depth camera to imitate, or its name as for `starling.load_sensor`.
             key: entry of the observation that is the depth image; None if it is all of it.
             rgb_key: entry with the colour image (h, w, 3) uint8, as a hint of reflectance.
-            missing: value of pixels without depth.
+            missing: value of pixels without depth, a finite number.
             effects: strengths as for `starling.apply_effects`.
             residual: removes depth where a trained model does; from `starling.load_residual`.
 
@@ -68,13 +86,11 @@ class RealisticDepth(gymnasium.Wrapper):
             InputError: if the observation has no such image, or as `starling.Corruptor`.
         """
         super().__init__(env)
+        space, self.observation_space = _spaces(env.observation_space, key, rgb_key, missing)
         self._key, self._rgb_key, self._missing = key, rgb_key, np.float32(missing)
-        space = _entry(env.observation_space, key)
-        if rgb_key is not None:
-            _entry(env.observation_space, rgb_key)
         self._shape = tuple(space.shape)
-        self.observation_space = _with_entry(env.observation_space, key, _depth_space(space))
         self.corruptor = _corruptor(sensor, camera_matrix, self._shape, effects, residual)
+        self._seeds = _EpisodeSeeds(None)
         self._seed, self._frame = 0, 0
         self._history: History | None = None
 
@@ -83,8 +99,7 @@ class RealisticDepth(gymnasium.Wrapper):
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, and the noise by its seed."""
         observation, info = self.env.reset(seed=seed, options=options)
-        drawn = int(self.env.unwrapped.np_random.integers(_SEEDS)) if seed is None else seed
-        self._seed, self._frame, self._history = drawn, 0, None
+        self._seed, self._frame, self._history = self._seeds.following(seed), 0, None
         return self._corrupted(observation), info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -141,26 +156,22 @@ class RealisticDepthVector(gymnasium.vector.VectorWrapper):
             InputError: as `RealisticDepth`, and as `starling.Corruptor.batch`.
         """
         super().__init__(env)
+        space, single = _spaces(env.single_observation_space, key, rgb_key, missing)
         self._key, self._rgb_key, self._missing = key, rgb_key, float(missing)
-        space = _entry(env.single_observation_space, key)
-        if rgb_key is not None:
-            _entry(env.single_observation_space, rgb_key)
-        single = _with_entry(env.single_observation_space, key, _depth_space(space))
         self.single_observation_space = single
         self.observation_space = gymnasium.vector.utils.batch_space(single, env.num_envs)
         self._size = tuple(space.shape)[:2]
         self.corruptor = _corruptor(sensor, camera_matrix, self._size, effects, None)
-        self._seed, self._frame = seed, 0
+        self._seeds = _EpisodeSeeds(errors.whole_number("seed", seed, 0, 2**63 - 1))
+        self._seed, self._frame = 0, 0
 
     def reset(
         self, *, seed: Any = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environments, and the noise by the first seed."""
         observation, info = self.env.reset(seed=seed, options=options)
-        seeds: list[int | None] = [seed] if isinstance(seed, int) else list(seed or [])
-        if seeds and seeds[0] is not None:
-            self._seed = seeds[0]
-        self._frame = 0
+        first = seed if seed is None or isinstance(seed, int) else seed[0]
+        self._seed, self._frame = self._seeds.following(first), 0
         return self._corrupted(observation), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -188,33 +199,37 @@ class RealisticDepthVector(gymnasium.vector.VectorWrapper):
         return seen.nan_to_num(nan=self._missing).reshape(clean.shape)
 
 
+def _spaces(
+    space: spaces.Space[Any], key: str | None, rgb_key: str | None, missing: float
+) -> tuple[spaces.Box, spaces.Space[Any]]:
+    """Space of the clean depth image, and of observations with the realistic one."""
+    clean = _entry(space, key)
+    if rgb_key is not None:
+        _entry(space, rgb_key)
+    if len(clean.shape) == 3 and clean.shape[2] != 1:
+        raise errors.refuse("depth", "must be (h, w) or (h, w, 1)", clean.shape, "Give its key.")
+    largest = float(np.finfo(np.float32).max)
+    errors.in_interval("missing", missing, -largest, largest, "Give a finite number, such as 0.")
+    depth = spaces.Box(min(missing, 0.0), np.inf, clean.shape, np.float32)
+    if key is None:
+        return clean, depth
+    assert isinstance(space, spaces.Dict)  # Checked by `_entry`.
+    return clean, spaces.Dict({**space.spaces, key: depth})
+
+
 def _entry(space: spaces.Space[Any], key: str | None) -> spaces.Box:
     """The space of an image in an observation."""
     part: Any = space
     if key is not None:
-        known = list(space.spaces) if isinstance(space, spaces.Dict) else []
         if not isinstance(space, spaces.Dict):
             advice = "Give key=None if the observation is the image."
             raise errors.refuse("observation", "must be a Dict space", type(space).__name__, advice)
-        errors.one_of("key", key, known)
+        errors.one_of("key", key, space.spaces)
         part = space.spaces[key]
     if not isinstance(part, spaces.Box) or len(part.shape) not in (2, 3):
         rule = f"must be an image (h, w) or (h, w, channels) at {key or 'its top'}"
         raise errors.refuse("observation", rule, part, "Give its key.")
     return part
-
-
-def _depth_space(space: spaces.Box) -> spaces.Box:
-    if len(space.shape) == 3 and space.shape[2] != 1:
-        raise errors.refuse("depth", "must be (h, w) or (h, w, 1)", space.shape, "Give its key.")
-    return spaces.Box(0.0, np.inf, space.shape, np.float32)
-
-
-def _with_entry(space: spaces.Space[Any], key: str | None, depth: spaces.Box) -> spaces.Space[Any]:
-    if key is None:
-        return depth
-    assert isinstance(space, spaces.Dict)  # Checked by `_entry`.
-    return spaces.Dict({**space.spaces, key: depth})
 
 
 def _corruptor(

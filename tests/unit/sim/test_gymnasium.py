@@ -65,12 +65,35 @@ def test_observations_have_holes_and_stay_in_their_space(options):
 
 
 def test_noise_is_that_of_seed_and_step():
-    env = RealisticDepth(Room(), **DEVICE, missing=-1.0)
+    env = RealisticDepth(Room(), **DEVICE)
     first = env.reset(seed=1)[0]["depth"]
-    assert (first == -1).any()
+    following = env.reset()[0]["depth"]
     assert (env.reset(seed=2)[0]["depth"] != first).any()
     np.testing.assert_array_equal(env.reset(seed=1)[0]["depth"], first)
-    assert (env.reset()[0]["depth"] != first).any()
+    np.testing.assert_array_equal(env.reset()[0]["depth"], following)
+    assert (following != first).any()
+    assert (env.reset()[0]["depth"] != following).any()
+
+
+def test_the_environment_s_own_random_numbers_stay():
+    plain, wrapped = Room(), RealisticDepth(Room(), **DEVICE)
+    for env in (plain, wrapped):
+        env.reset(seed=1)
+        env.reset()
+    assert plain.np_random.random() == wrapped.unwrapped.np_random.random()
+
+
+@pytest.mark.parametrize("missing", [-1.0, 0.0, 7.0])
+def test_missing_depth_is_in_the_space(missing):
+    env = RealisticDepth(Room(), **DEVICE, missing=missing)
+    seen, _ = env.reset(seed=1)
+    assert (seen["depth"] == missing).any() and env.observation_space.contains(seen)
+
+
+@pytest.mark.parametrize("missing", [np.nan, np.inf, "none"])
+def test_missing_depth_is_a_number(missing):
+    with pytest.raises(InputError, match="missing must be in"):
+        RealisticDepth(Room(), **DEVICE, missing=missing)
 
 
 def test_a_temporal_filter_goes_on_from_step_to_step():
@@ -101,6 +124,8 @@ def test_vectors_have_depth_of_their_own():
     again, *_ = env.step(np.zeros(2, int))
     assert (again["depth"] != seen["depth"]).any()
     np.testing.assert_array_equal(env.reset(seed=[1, 2])[0]["depth"], seen["depth"])
+    assert (env.reset()[0]["depth"] != seen["depth"]).any()
+    assert (env.reset(seed=[None, 2])[0]["depth"] != seen["depth"]).any()
     assert env.observation_space["depth"].shape == (2, *SHAPE)
     torch = pytest.importorskip("torch", reason="torch is not installed")
     tensors = {name: torch.as_tensor(seen[name]) for name in ("depth", "rgb")}
@@ -109,6 +134,12 @@ def test_vectors_have_depth_of_their_own():
     depth = env._corrupted(tensors)["depth"]
     assert isinstance(depth, torch.Tensor) and depth.shape == (2, *SHAPE)
     assert 0 < (depth == 0).float().mean() < 0.5
+
+
+def test_a_negative_seed_is_refused():
+    rooms = gymnasium.vector.SyncVectorEnv([Room])
+    with pytest.raises(InputError, match="seed must be an integer"):
+        RealisticDepthVector(rooms, **DEVICE, seed=-1)
 
 
 def test_observations_without_the_image_are_refused():
