@@ -14,7 +14,6 @@ from starling.sim.corrupt import (
     Corruptor,
     HoleModel,
     Reading,
-    narrow_search,
     reading_of,
     without_depth,
 )
@@ -185,10 +184,8 @@ class _Trace:
         mi_scene = self._placed(data, pose)
         sensor, (seed, frame) = self._sensor, number
         layers = render_layers(mi_scene, sensor, seed=seed, quality=self._quality)
-        depth_m = layers.truth.depth_m
-        narrowed = narrow_search(sensor, depth_m)
-        shot = expose(layers, mi_scene.scene, narrowed, seed=seed, frame=frame, past=past)
-        if not np.isfinite(depth_m).any():
+        shot = expose(layers, mi_scene.scene, sensor, seed=seed, frame=frame, past=past)
+        if not np.isfinite(layers.truth.depth_m).any():
             shot = without_depth(shot, past)
         return reading_of(shot, sensor, self._residual, seed=seed, frame=frame)
 

@@ -68,8 +68,9 @@ def _seen(data: Any, point: tuple[float, float, float]) -> tuple[int, int, float
     return round(79.5 + focal * x / z), round(59.5 + focal * y / z), float(z)
 
 
-def test_traced_readings_are_those_of_the_scene_built_anew(model, data):
-    camera = _camera(model, by="trace", quality="full")
+@pytest.mark.parametrize("sensor", ["d435", "oak-d"])
+def test_traced_readings_are_those_of_the_scene_built_anew(model, data, sensor):
+    camera = _camera(model, by="trace", quality="full", sensor=sensor)
     camera.read(data)
     data.qpos[:3] = -0.1, 0, 0.5
     mujoco.mj_forward(model, data)
@@ -79,6 +80,8 @@ def test_traced_readings_are_those_of_the_scene_built_anew(model, data):
     anew = simulate(scene, camera.sensor)
     np.testing.assert_array_equal(reading.ir_left, anew.ir_left)
     np.testing.assert_array_equal(reading.true_depth_m, anew.layers.truth.depth_m)
+    np.testing.assert_array_equal(reading.depth_m, anew.depth.depth_m)
+    np.testing.assert_array_equal(reading.reason, anew.depth.reason)
 
 
 @pytest.mark.parametrize("sensor", ["d435", "oak-d"])
