@@ -41,7 +41,7 @@ class DepthCamera:
         *,
         by: By = "warp",
         size: tuple[int, int] | None = None,
-        left_from_camera_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        camera_from_left_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
         views: Literal[1, 3] = 1,
         quality: Quality = "draft",
         groups: tuple[int, ...] = model_scene.GROUPS,
@@ -60,12 +60,12 @@ class DepthCamera:
             size: (width, height) of the images, with the field of the model's camera. Without it,
                 images are those of the model's camera if it has a `resolution`, and the sensor's
                 own otherwise.
-            left_from_camera_m: place of the left imager from the model's camera, if that is the
-                middle of a housing; x right, y down, z forward. D435: (-0.0175, 0, 0), D415:
+            camera_from_left_m: place of the left imager in the frame of the model's camera, if that
+                is the middle of a housing; x right, y down, z forward. D435: (-0.0175, 0, 0), D415:
                 (-0.020, 0, 0), D455: (-0.0475, 0, 0).
             views: 3 draws two further depth images for `warp`, from the right imager and the
-                projector, which makes occlusions and shadows exact.
-            quality: quality of `trace`, as for `starling.simulate`.
+                projector, which makes occlusions and shadows exact. `trace` needs none.
+            quality: quality of `trace`, as for `starling.simulate`; `warp` has one.
             groups: groups of geoms to show.
             ambient_w_m2: irradiance of ambient light.
             residual: removes depth where a trained model does; from `starling.load_residual`.
@@ -75,13 +75,14 @@ class DepthCamera:
             InputError: unknown camera, sensor or argument; or MuJoCo cannot draw on this machine.
         """
         errors.one_of("by", by, get_args(By))
+        errors.one_of("quality", quality, get_args(Quality))
         if views not in (1, 3):
             raise errors.refuse("views", "must be 1 or 3", views, "3 is exact, 1 is faster.")
-        errors.vector("left_from_camera_m", left_from_camera_m, -1.0, 1.0, "Give metres.")
+        errors.vector("camera_from_left_m", camera_from_left_m, -1.0, 1.0, "Give metres.")
         self._seed = errors.whole_number("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
         self._number = model_scene.camera_number(model, camera)
         self.sensor = _with_camera(presets.resolved(sensor), model, self._number, size)
-        self._camera_from_left = frames.pose(left_from_camera_m)
+        self._camera_from_left = frames.pose(camera_from_left_m)
         self._frame = 0
         self._history: History | None = None
         self._source: _Warp | _Trace
@@ -172,7 +173,6 @@ class _Trace:
         residual: HoleModel | None,
     ) -> None:
         refuse_impossible(sensor, 2)
-        errors.one_of("quality", quality, get_args(Quality))
         self._model, self._sensor = model, sensor
         self._quality: Quality = quality
         self._groups, self._ambient_w_m2, self._residual = groups, ambient_w_m2, residual
