@@ -117,9 +117,7 @@ class Corruptor:
             InputError: if the matrix is no camera matrix, or an effect needs surfaces that a depth
                 image does not have. Also if the residual is no loaded model.
         """
-        if not (residual is None or callable(residual)):
-            advice = "Load it: starling.load_residual(NAME)."
-            raise errors.refuse("residual", "must be a loaded model", repr(residual), advice)
+        refuse_unloaded(residual)
         self.camera_matrix = edits.checked_matrix(camera_matrix)
         settings = setting.checked({} if effects is None else effects)
         _refuse_effects(settings)
@@ -330,6 +328,17 @@ def _refuse_effects(effects: Mapping[str, Value]) -> None:
                 effects[name],
                 "Simulate the scene itself: starling.simulate.",
             )
+
+
+def refuse_unloaded(residual: object) -> None:
+    """Refuse what is no model, such as the name of one.
+
+    Raises:
+        InputError: if the residual cannot be called.
+    """
+    if not (residual is None or callable(residual)):
+        advice = "Load it: starling.load_residual(NAME)."
+        raise errors.refuse("residual", "must be a loaded model", repr(residual), advice)
 
 
 def reading_of(

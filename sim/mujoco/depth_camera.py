@@ -15,6 +15,7 @@ from starling.sim.corrupt import (
     HoleModel,
     Reading,
     reading_of,
+    refuse_unloaded,
     without_depth,
 )
 from starling.sim.geometry import frames
@@ -72,10 +73,13 @@ class DepthCamera:
             seed: seed of the noise. Each reading has its own.
 
         Raises:
-            InputError: unknown camera, sensor or argument; or MuJoCo cannot draw on this machine.
+            InputError: no model, unknown camera, sensor or argument; or MuJoCo cannot draw on this
+                machine.
         """
+        model_scene.refuse_model(model, groups)
         errors.one_of("by", by, get_args(By))
         errors.one_of("quality", quality, get_args(Quality))
+        refuse_unloaded(residual)
         if views not in (1, 3):
             raise errors.refuse("views", "must be 1 or 3", views, "3 is exact, 1 is faster.")
         errors.vector("camera_from_left_m", camera_from_left_m, -1.0, 1.0, "Give metres.")
@@ -83,7 +87,7 @@ class DepthCamera:
         self._number = model_scene.camera_number(model, camera)
         self.sensor = _with_camera(presets.resolved(sensor), model, self._number, size)
         self._camera_from_left = frames.pose(camera_from_left_m)
-        self._frame = 0
+        self._frame, self._open = 0, True
         self._history: History | None = None
         self._source: _Warp | _Trace
         if by == "warp":
@@ -96,7 +100,12 @@ class DepthCamera:
 
         Args:
             data: `mujoco.MjData` with current kinematics, as after `mujoco.mj_step`.
+
+        Raises:
+            InputError: if there are no kinematics, or the camera is closed.
         """
+        if not self._open:
+            raise errors.refuse("camera", "must be open", "a closed one", "Make a new one.")
         pose = model_scene.camera_pose(data, self._number) @ self._camera_from_left
         reading = self._source.read(data, pose, (self._seed, self._frame), self._history)
         self._frame += 1
@@ -115,7 +124,8 @@ class DepthCamera:
         return _matrix(self.sensor)
 
     def close(self) -> None:
-        """Free what the camera draws with."""
+        """Free what the camera draws with; it reads no more."""
+        self._open = False
         self._source.close()
 
 
@@ -178,7 +188,7 @@ class _Trace:
         self._groups, self._ambient_w_m2, self._residual = groups, ambient_w_m2, residual
         self._geoms = model_scene.shown(model, groups)
         self._names = model_scene.names(model, self._geoms)
-        self._scene: MitsubaScene | None = None
+        self._scene: MitsubaScene | None = None  # Built by the first reading.
 
     def read(self, data: Any, pose: Pose, number: tuple[int, int], past: History | None) -> Reading:
         mi_scene = self._placed(data, pose)
@@ -217,9 +227,11 @@ class _Trace:
 
 def _with_camera(sensor: Sensor, model: Any, number: int, size: tuple[int, int] | None) -> Sensor:
     """The sensor with the intrinsics of the model's camera, if it has any."""
-    chosen = size or model_scene.resolution(model, number)
+    chosen = model_scene.resolution(model, number) if size is None else size
     if chosen is None:
         return sensor
+    if np.shape(chosen) != (2,):
+        raise errors.refuse("size", "must be (width, height)", chosen, "Give pixels.")
     return edits.with_camera(sensor, model_scene.intrinsics(model, number, chosen), chosen)
 
 

@@ -41,13 +41,14 @@ def scene(
         ambient_w_m2: irradiance of ambient light from above.
 
     Raises:
-        InputError: nothing to show, or an unknown camera.
+        InputError: no model, nothing to show, or an unknown camera.
 
     Examples:
         >>> scene = starling.mujoco.scene(model, data, camera="wrist")
         >>> starling.simulate(scene, "d435").depth.depth_m.shape
         (480, 848)
     """
+    refuse_model(model, groups)
     number = None if camera is None else camera_number(model, camera)
     numbers = shown(model, groups)
     bodies = tuple(
@@ -58,6 +59,18 @@ def scene(
     title = f"mujoco {camera}" if camera else "mujoco"
     ambient = Ambient(irradiance_w_m2=ambient_w_m2, up=UP)
     return Scene(name=title, bodies=bodies, ambient=ambient, world_from_left=left)
+
+
+def refuse_model(model: Any, groups: Any) -> None:
+    """Refuse what is no `mujoco.MjModel`, and groups that no geom has.
+
+    Raises:
+        InputError: if one of them is wrong.
+    """
+    advice = "Load it: mujoco.MjModel.from_xml_path(PATH)."
+    errors.instance("model", model, mujoco().MjModel, advice)
+    for group in errors.instance("groups", groups, tuple, "Give a tuple, such as (0, 1, 2)."):
+        errors.whole_number("entry of groups", group, 0, mujoco().mjNGROUP - 1)
 
 
 def shown(model: Any, groups: tuple[int, ...]) -> list[int]:
@@ -72,14 +85,14 @@ def shown(model: Any, groups: tuple[int, ...]) -> list[int]:
         for geom in range(model.ngeom)
         if int(model.geom_group[geom]) in groups and looks.rgba(model, geom)[3] > 0
     ]
-    other = sorted({int(model.geom_type[geom]) for geom in numbers} - set(known))
-    dropped = [f"geoms of kind {kind}" for kind in other]
+    unknown = sorted({int(model.geom_type[geom]) for geom in numbers} - set(known))
+    dropped = [f"geoms of kind {kind}" for kind in unknown]
     dropped += [kind for kind in ("skin", "flex") if getattr(model, f"n{kind}")]
     if dropped:
         warnings.warn(f"{', '.join(dropped)} are not shown. Convert them to meshes.", stacklevel=4)
     numbers = [geom for geom in numbers if int(model.geom_type[geom]) in known]
     if not numbers:
-        rule = f"must have geoms in the groups {', '.join(map(str, groups))}"
+        rule = f"must have geoms in the groups {', '.join(map(str, groups)) or 'given'}"
         held = sorted({int(group) for group in model.geom_group})
         raise errors.refuse("model", rule, f"groups {held}", "Give groups=(...).")
     return numbers

@@ -48,6 +48,9 @@ def test_readings_have_depth_and_noise_of_their_own(model, data, method):
     camera.reset(seed=4)
     assert _differs(camera.read(data), first)
     camera.close()
+    camera.close()
+    with pytest.raises(InputError, match="camera must be open; got a closed one"):
+        camera.read(data)
 
 
 def test_readings_follow_bodies_that_move(model, data, method):
@@ -164,9 +167,16 @@ def test_odd_arguments_are_refused(model):
         ({"quality": "best", "by": "trace"}, "quality must be a known name"),
         ({"quality": "best", "by": "warp"}, "quality must be a known name"),
         ({"sensor": "d4"}, "d4"),
+        ({"groups": 3}, "groups must be of type tuple; got 3"),
+        ({"groups": (6,)}, r"entry of groups must be an integer in \[0, 5\]; got 6"),
+        ({"size": 160}, r"size must be \(width, height\); got 160"),
+        ({"size": ()}, r"size must be \(width, height\); got \(\)"),
+        ({"residual": "hybrid", "by": "trace"}, "residual must be a loaded model"),
     ):
         with pytest.raises(InputError, match=message):
             _camera(model, **options)
+    with pytest.raises(InputError, match=r"model must be of type MjModel; got 'arm\.xml'. Load"):
+        _camera("arm.xml")
     camera = _camera(model, by="trace")
     with pytest.raises(InputError, match="seed must be"):
         camera.reset(seed=-1)
