@@ -11,9 +11,11 @@ from starling.sim.batch import batch_scene, handoff, images, matching, refusals,
 from starling.sim.batch.batch_reading import BatchReading
 from starling.sim.batch.batch_scene import BatchScene
 from starling.sim.batch.handoff import launch
+from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging.imager import dark_window, electrons_per_radiance, noise
 from starling.sim.scene.scene import Ambient, Scene
 from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.matching import TEN_BITS
 from starling.sim.stereo.post.chain import LARGEST_CODE
 from starling.sim.warp import depth_input, suspicions
 
@@ -48,10 +50,10 @@ class BatchRig:
 
 def build(sensor: Sensor, scene: Scene, device: Any) -> BatchRig:
     """Copy the constants of a sensor to a Warp device, and warn of parts without dots."""
-    matrix = np.array([[sensor.fx_px, 0, sensor.cx_px], [0, sensor.fy_px, sensor.cy_px], [0, 0, 1]])
+    matrix = Pinhole.from_camera(sensor).matrix
     camera = depth_input.InputCamera(matrix, (sensor.height, sensor.width))
     suspicions.warn_of_cameras(camera, sensor)
-    bits = min(sensor.left.matched_bits, 10)
+    bits = min(sensor.left.matched_bits, TEN_BITS.bit_length())
     return BatchRig(
         sensor=sensor,
         ambient=scene.ambient,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from starling.sim import quantities
 from starling.sim.arrays import Image
@@ -35,6 +36,12 @@ class Pinhole:
     def from_camera(cls, camera: Any) -> Pinhole:
         """Copy the fields of a sensor, capture information or colour camera."""
         return cls(**{field.name: getattr(camera, field.name) for field in dataclasses.fields(cls)})
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Camera matrix (3, 3) [px]."""
+        rows = [[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1]]
+        return np.array(rows, np.float64)
 
     @property
     def half_diagonal_px(self) -> float:

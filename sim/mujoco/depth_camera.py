@@ -20,6 +20,7 @@ from starling.sim.corrupt import (
 )
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
+from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.mujoco import model_scene
 from starling.sim.mujoco.buffers import Buffers
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -121,7 +122,7 @@ class DepthCamera:
     @property
     def camera_matrix(self) -> NDArray[np.float64]:
         """Camera matrix (3, 3) of the depth image [px]."""
-        return _matrix(self.sensor)
+        return Pinhole.from_camera(self.sensor).matrix
 
     def close(self) -> None:
         """Free what the camera draws with; it reads no more."""
@@ -142,7 +143,7 @@ class _Warp:
         residual: HoleModel | None,
     ) -> None:
         effects = {"ambient": ambient_w_m2}
-        matrix = _matrix(sensor)
+        matrix = Pinhole.from_camera(sensor).matrix
         self._corruptor = Corruptor(sensor, matrix, effects=effects, residual=residual)
         self._buffers = Buffers(model, sensor, groups)
         self._views = views
@@ -185,9 +186,8 @@ class _Trace:
         refuse_impossible(sensor, 2)
         self._model, self._sensor = model, sensor
         self._quality: Quality = quality
-        self._groups, self._ambient_w_m2, self._residual = groups, ambient_w_m2, residual
-        self._geoms = model_scene.shown(model, groups)
-        self._names = model_scene.names(model, self._geoms)
+        self._ambient_w_m2, self._residual = ambient_w_m2, residual
+        self._geoms = model_scene.shown(model, groups, level=4)
         self._scene: MitsubaScene | None = None  # Built by the first reading.
 
     def read(self, data: Any, pose: Pose, number: tuple[int, int], past: History | None) -> Reading:
@@ -201,21 +201,18 @@ class _Trace:
 
     def _placed(self, data: Any, pose: Pose) -> MitsubaScene:
         """The model in its present state, seen from a pose."""
-        poses = {
-            name: model_scene.geom_pose(data, geom)
-            for name, geom in zip(self._names, self._geoms, strict=True)
-        }
         if self._scene is None:
-            scene = model_scene.scene(
-                self._model, data, groups=self._groups, ambient_w_m2=self._ambient_w_m2
+            geoms, light = self._geoms, self._ambient_w_m2
+            scene = model_scene.assembled(
+                self._model, data, geoms, name="mujoco", ambient_w_m2=light
             )
             self._scene = MitsubaScene(dataclasses.replace(scene, world_from_left=pose))
             return self._scene
-        bodies = {body.name: body for body in self._scene.scene.bodies}
+        poses = (model_scene.geom_pose(data, geom) for geom in self._geoms)
         moved = {
-            name: placed
-            for name, placed in poses.items()
-            if not np.array_equal(placed, bodies[name].world_from_body)
+            body.name: placed
+            for body, placed in zip(self._scene.scene.bodies, poses, strict=True)
+            if not np.array_equal(placed, body.world_from_body)
         }
         posed = dataclasses.replace(self._scene.scene, world_from_left=pose)
         self._scene = self._scene.with_scene(posed).place(moved)
@@ -233,8 +230,3 @@ def _with_camera(sensor: Sensor, model: Any, number: int, size: tuple[int, int] 
     if np.shape(chosen) != (2,):
         raise errors.refuse("size", "must be (width, height)", chosen, "Give pixels.")
     return edits.with_camera(sensor, model_scene.intrinsics(model, number, chosen), chosen)
-
-
-def _matrix(sensor: Sensor) -> NDArray[np.float64]:
-    rows = [[sensor.fx_px, 0, sensor.cx_px], [0, sensor.fy_px, sensor.cy_px], [0, 0, 1]]
-    return np.array(rows, np.float64)

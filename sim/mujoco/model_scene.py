@@ -49,16 +49,23 @@ def scene(
         (480, 848)
     """
     refuse_model(model, groups)
-    number = None if camera is None else camera_number(model, camera)
+    left = None if camera is None else camera_number(model, camera)
     numbers = shown(model, groups)
-    bodies = tuple(
-        dataclasses.replace(looks.body(model, geom, name), world_from_body=geom_pose(data, geom))
-        for name, geom in zip(names(model, numbers), numbers, strict=True)
-    )
-    left = np.eye(4) if number is None else camera_pose(data, number)
     title = f"mujoco {camera}" if camera else "mujoco"
-    ambient = Ambient(irradiance_w_m2=ambient_w_m2, up=UP)
-    return Scene(name=title, bodies=bodies, ambient=ambient, world_from_left=left)
+    seen = assembled(model, data, numbers, name=title, ambient_w_m2=ambient_w_m2)
+    pose = np.eye(4) if left is None else camera_pose(data, left)
+    return dataclasses.replace(seen, world_from_left=pose)
+
+
+def assembled(
+    model: Any, data: Any, numbers: list[int], *, name: str, ambient_w_m2: float
+) -> Scene:
+    """Return the geoms with these numbers as a scene, seen from the origin."""
+    bodies = tuple(
+        dataclasses.replace(looks.body(model, geom, body), world_from_body=geom_pose(data, geom))
+        for body, geom in zip(names(model, numbers), numbers, strict=True)
+    )
+    return Scene(name=name, bodies=bodies, ambient=Ambient(irradiance_w_m2=ambient_w_m2, up=UP))
 
 
 def refuse_model(model: Any, groups: Any) -> None:
@@ -73,8 +80,13 @@ def refuse_model(model: Any, groups: Any) -> None:
         errors.whole_number("entry of groups", group, 0, mujoco().mjNGROUP - 1)
 
 
-def shown(model: Any, groups: tuple[int, ...]) -> list[int]:
+def shown(model: Any, groups: tuple[int, ...], *, level: int = 3) -> list[int]:
     """Numbers of the geoms that are in the groups and not fully transparent.
+
+    Args:
+        model: `mujoco.MjModel`.
+        groups: groups of geoms.
+        level: of `warnings.warn`; 3 is the caller of the caller.
 
     Raises:
         InputError: if there is none.
@@ -89,7 +101,8 @@ def shown(model: Any, groups: tuple[int, ...]) -> list[int]:
     dropped = [f"geoms of kind {kind}" for kind in unknown]
     dropped += [kind for kind in ("skin", "flex") if getattr(model, f"n{kind}")]
     if dropped:
-        warnings.warn(f"{', '.join(dropped)} are not shown. Convert them to meshes.", stacklevel=4)
+        text = f"{', '.join(dropped)} are not shown. Convert them to meshes."
+        warnings.warn(text, stacklevel=level)
     numbers = [geom for geom in numbers if int(model.geom_type[geom]) in known]
     if not numbers:
         rule = f"must have geoms in the groups {', '.join(map(str, groups)) or 'given'}"

@@ -53,14 +53,19 @@ def test_geoms_of_other_groups_and_transparent_ones_are_not_shown(model, data):
 
 def test_flexible_bodies_are_left_out_with_a_warning():
     flexible = mujoco.MjModel.from_xml_string(
-        """<mujoco><worldbody><geom size=".1"/><flexcomp name="cloth" type="grid" count="3 3 1"
+        """<mujoco><worldbody><geom size=".1"/><camera name="top" pos="0 0 1"/>
+        <flexcomp name="cloth" type="grid" count="3 3 1"
         spacing=".1 .1 .1" dim="2"/></worldbody></mujoco>"""
     )
     state = mujoco.MjData(flexible)
     mujoco.mj_forward(flexible, state)
-    with pytest.warns(UserWarning, match="flex are not shown"):
+    with pytest.warns(UserWarning, match="flex are not shown") as warned:
         scene = starling.mujoco.scene(flexible, state)
     assert len(scene.bodies) == 1
+    with pytest.warns(UserWarning, match="flex are not shown") as warned_too:
+        camera = starling.mujoco.DepthCamera(flexible, "top", by="trace", size=(64, 48))
+        camera.read(state)
+    assert [each.filename for each in (*warned, *warned_too)] == [__file__, __file__]
 
 
 def test_unknown_cameras_are_refused_with_those_there_are(model, data):
