@@ -10,12 +10,13 @@ from __future__ import annotations
 from typing import Any
 
 from starling.sim.batch import handoff
+from starling.sim.stereo.census import SUBLEVELS
 
 wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
 
 wp.set_module_options({"enable_backward": False})
 
-_LEVEL_BITS = wp.constant(6)  # `census.SUBLEVELS` is 2^6.
+_LEVEL_BITS = wp.constant(SUBLEVELS.bit_length() - 1)  # Levels per DN are a power of two.
 _WORD = wp.constant(wp.uint32(0xFFFF))  # Running sums wrap around at 16 bits.
 _HALF = wp.constant(wp.uint32(16))
 

@@ -18,7 +18,7 @@ _GRADIENT = Ambient().gradient  # Of ambient light that is brighter from above.
 
 
 def ambient_of(ambient: Ambient, lux: float | None, up: ArrayLike | None) -> Ambient:
-    """Return ambient light of this strength, brighter from above.
+    """Return ambient light of this strength; with `up` it is brighter from above.
 
     Args:
         ambient: light whose strength and direction hold where none is given.

@@ -18,8 +18,7 @@ from starling.sim.render import direct
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene import sources
 from starling.sim.scene.scene import Ambient
-from starling.sim.sensor import presets
-from starling.sim.sensor.edits import with_values
+from starling.sim.sensor import edits, presets
 from starling.sim.warp import conversions, depth_input
 from starling.sim.warp import layers as warp_layers
 from starling.sim.warp.layers import DepthScene, layers
@@ -153,6 +152,38 @@ def test_refused_images(change: dict[str, Any], message: str) -> None:
         Corruptor(SENSOR, MATRIX)(values.pop("depth_m"), **values)
 
 
+@pytest.mark.parametrize(("depth_m", "accepted"), [(49.9, True), (50.1, False)])
+def test_a_median_above_50_m_is_in_millimetres(depth_m: float, accepted: bool) -> None:
+    image = WALL * np.float32(depth_m)
+    image[:40] = 0.5
+    if accepted:
+        assert np.nanmax(depth_input.checked_depth("depth_m", image)) == np.float32(depth_m)
+        return
+    with pytest.raises(InputError, match=r"depth_m must be in metres; got a median of 50\.1"):
+        depth_input.checked_depth("depth_m", image)
+
+
+def test_the_nearest_surface_is_at_one_millimetre() -> None:
+    image = WALL.copy()
+    image[0, 0] = 0.001
+    assert depth_input.checked_depth("depth_m", image)[0, 0] == np.float32(0.001)
+    image[0, 0] = 0.00099
+    with pytest.raises(InputError, match=r"depth_m must be 0 or >= 0\.001 m; got 0\.00099"):
+        depth_input.checked_depth("depth_m", image)
+
+
+@pytest.mark.parametrize(("jump", "seen"), [(0.018, "between"), (0.022, "nearest")])
+def test_resampling_interpolates_on_surfaces_alone(jump: float, seen: str) -> None:
+    """Neighbours whose inverse depths differ by more than 2 % are two surfaces."""
+    depth = np.ones((40, 40), np.float32)
+    depth[:, 20:] = 1 / (1 - jump)
+    shifted = np.array([[FOCAL, 0, 19.75], [0, FOCAL, 19.5], [0, 0, 1]])
+    sensor = edits.with_camera(SENSOR, shifted - [[0, 0, 0.35], [0, 0, 0], [0, 0, 0]], (40, 40))
+    moved = depth_input.resampled(depth, depth_input.InputCamera(shifted, (40, 40)), sensor)
+    levels = np.unique(np.round(1 / moved[20, 2:-2], 4))
+    assert len(levels) == (3 if seen == "between" else 2)
+
+
 def test_light_from_above_brightens_surfaces_that_face_it() -> None:
     camera = Corruptor(SENSOR, MATRIX)
     even = camera.light(WALL).layers.left.ambient
@@ -238,7 +269,7 @@ def test_a_passive_camera_sees_the_luminance_of_rgb() -> None:
     picture = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     for channel in range(3):
         picture[:, channel, channel] = 255
-    visible = with_values(SENSOR, [("projector.wavelength_nm", 550.0)])
+    visible = edits.with_values(SENSOR, [("projector.wavelength_nm", 550.0)])
     seen = depth_input.reflectance(picture, camera, visible)
     np.testing.assert_allclose(seen[0, :4], [0.2126, 0.7152, 0.0722, 0.0], rtol=1e-6)
 

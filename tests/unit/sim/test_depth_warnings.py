@@ -88,7 +88,9 @@ def test_a_ball_is_no_range_image() -> None:
     assert messages(ball) == []
 
 
-@pytest.mark.parametrize(("farthest", "columns", "warns"), [(10.1, 2, True), (9.9, 80, False)])
+@pytest.mark.parametrize(
+    ("farthest", "columns", "warns"), [(10.1, 2, True), (9.9, 80, False), (10.1, 1, False)]
+)
 def test_a_far_plane_is_reported(farthest: float, columns: int, warns: bool) -> None:
     depth = WALL.copy()
     depth[:, :columns] = farthest
@@ -101,6 +103,19 @@ def test_a_far_plane_is_reported(farthest: float, columns: int, warns: bool) -> 
 def test_a_depth_buffer_is_reported(low: float, warns: bool) -> None:
     depth = np.linspace(low, 1, 160)[None].repeat(120, axis=0)
     assert any("depth_from_zbuffer" in text for text in messages(depth)) == warns
+
+
+@pytest.mark.parametrize(
+    ("share", "warns"), [(0.24, True), (0.26, False), (0.74, False), (0.76, True)]
+)
+@pytest.mark.parametrize("row", [0, 1])
+def test_a_principal_point_beside_the_middle_half_is_reported(
+    share: float, warns: bool, row: int
+) -> None:
+    matrix = MATRIX.copy()
+    matrix[row, 2] = share * SHAPE[1 - row]
+    texts = camera_messages(InputCamera(matrix, SHAPE), SENSOR)
+    assert any("Is it for another image size" in text for text in texts) == warns
 
 
 def test_a_matrix_of_another_size_is_reported() -> None:

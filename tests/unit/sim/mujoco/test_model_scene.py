@@ -150,6 +150,17 @@ def test_colours_are_those_that_mujoco_draws(drawing, model, data):
         assert correlation > 0.9, name
 
 
+@pytest.mark.parametrize(
+    ("metallic", "roughness", "kind"),
+    [(0.51, 0.2, "metal"), (0.5, 0.5, "glossy"), (0.5, 0.51, "diffuse"), (0.0, -1.0, "diffuse")],
+)
+def test_kinds_change_at_half_metallic_and_above_half_rough(metallic, roughness, kind):
+    text = f"""<mujoco>
+    <asset><material name="m" metallic="{metallic}" roughness="{roughness}"/></asset>
+    <worldbody><geom name="g" size=".1" material="m"/></worldbody></mujoco>"""
+    assert looks.body(mujoco.MjModel.from_xml_string(text), 0, "g").material.kind == kind
+
+
 def test_materials_follow_metal_roughness_and_colour(model):
     def material(name: str) -> Any:
         return looks.body(model, model.geom(name).id, name).material
