@@ -57,8 +57,8 @@ class DepthCamera:
             model: `mujoco.MjModel`.
             camera: name of a camera in the model. The left imager stands there.
             sensor: depth camera to imitate, or its name as for `starling.load_sensor`.
-            by: `warp` corrupts MuJoCo's own depth image, at camera rate. `trace` traces rays
-                through the model, with the shadows and gloss that a depth image lacks.
+            by: `warp` corrupts MuJoCo's own depth image. `trace` traces rays through the model,
+                with the shadows and gloss that a depth image lacks, and is slower.
             size: (width, height) of the images, with the field of the model's camera. Without it,
                 images are those of the model's camera if it has a `resolution`, and the sensor's
                 own otherwise.

@@ -23,9 +23,9 @@ _UNSET = (0.5, 0.5, 0.5, 1.0)  # Colour of a geom whose file gives none.
 
 def rgba(model: Any, geom: int) -> NDArray[np.float64]:
     """Colour (4,) of a geom in sRGB: its own, or that of its material."""
-    own, material = np.array(model.geom_rgba[geom], np.float64), int(model.geom_matid[geom])
-    if material < 0 or not np.allclose(own, _UNSET):
-        return own
+    colour, material = np.array(model.geom_rgba[geom], np.float64), int(model.geom_matid[geom])
+    if material < 0 or not np.allclose(colour, _UNSET):
+        return colour
     return np.array(model.mat_rgba[material], np.float64)
 
 

@@ -76,6 +76,21 @@ def test_light_of_a_wall_is_that_of_rays(name: str) -> None:
     assert (warped.truth.right_sees == truth.right_sees).mean() > 0.98
 
 
+@pytest.mark.parametrize(("width", "largest_px"), [(64, 0.26), (160, 0.12)])
+def test_disparities_of_small_images_are_off_as_documented(width: int, largest_px: float) -> None:
+    """Bounds are those of docs/tutorial/12-mujoco.md: median of a wall, 0.6 to 2 m."""
+    height, focal = 3 * width // 4, 0.875 * width
+    matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+    sensor = edits.with_camera(presets.load("d435"), matrix, (width, height))
+    camera = Corruptor(sensor, matrix)
+    errors_px = []
+    for distance_m in np.linspace(0.6, 2, 15):
+        depth_m = camera(np.full((height, width), distance_m)).depth_m
+        off_px = sensor.focal_baseline_px_m * (1 / depth_m - 1 / distance_m)
+        errors_px.append(abs(float(np.nanmedian(off_px))))
+    assert 0.5 * largest_px < max(errors_px) < largest_px
+
+
 def test_a_step_hides_its_left_side_from_the_right_imager() -> None:
     """The hidden strip is as wide as the two disparities differ."""
     scene = DepthScene(
