@@ -230,7 +230,7 @@ class Corruptor:
         ]
         reflected = depth_input.reflectance(reflectance, camera, sensor)
         scene = dataclasses.replace(
-            self._scene, ambient=daylight.ambient_of(self._scene.ambient, ambient_lux, up)
+            self._scene, ambient=daylight.ambient_of(self._scene.ambient, ambient_lux, up, sensor)
         )
         rendered = layers(
             DepthScene(

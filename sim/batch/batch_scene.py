@@ -9,6 +9,7 @@ from starling.patterns import errors
 from starling.sim.batch import handoff, light
 from starling.sim.batch.handoff import launch
 from starling.sim.scene.scene import Ambient
+from starling.sim.sensor.sensor import Sensor
 from starling.sim.warp import daylight, depth_input
 
 wp: Any = handoff.import_warp()
@@ -47,22 +48,22 @@ class SceneArrays:
     projector_depth_m: Any = None
 
 
-def build(clean: Any, inputs: SceneArrays, ambient: Ambient, *, visible: bool) -> BatchScene:
+def build(clean: Any, inputs: SceneArrays, ambient: Ambient, sensor: Sensor) -> BatchScene:
     """Check arrays, and share their memory.
 
     Args:
         clean: (n, h, w) depth [m], a Warp array.
         inputs: further arguments.
-        ambient: light where none is inputs.
-        visible: whether the sensor sees visible light.
+        ambient: light where the inputs have none.
+        sensor: sensor that sees it.
 
     Raises:
         InputError: if an array has another shape, type or device.
     """
-    irradiance, gradient, up = _sky(inputs, ambient, clean)
+    irradiance, gradient, up = _sky(inputs, ambient, sensor, clean)
     return BatchScene(
         depth=clean,
-        reflectance=_share(inputs.reflectance, clean, visible),
+        reflectance=_share(inputs.reflectance, clean, sensor),
         irradiance=irradiance,
         gradient=gradient,
         up=up,
@@ -71,16 +72,19 @@ def build(clean: Any, inputs: SceneArrays, ambient: Ambient, *, visible: bool) -
     )
 
 
-def _sky(inputs: SceneArrays, ambient: Ambient, clean: Any) -> tuple[Any, float, Any]:
+def _sky(
+    inputs: SceneArrays, ambient: Ambient, sensor: Sensor, clean: Any
+) -> tuple[Any, float, Any]:
     """Return irradiance (n,), gradient and zenith (n, 3) of the sky."""
     count, device = clean.shape[0], clean.device
     lux, up = inputs.ambient_lux, inputs.up
     many_lux, many_up = handoff.is_array(lux), handoff.is_array(up)
-    even = daylight.ambient_of(ambient, None if many_lux else lux, None if many_up else up)
+    one_lux, one_up = None if many_lux else lux, None if many_up else up
+    even = daylight.ambient_of(ambient, one_lux, one_up, sensor)
     if many_lux:
         levels = _of_shape("ambient_lux", lux, (count,), clean)
         irradiance = wp.empty(count, dtype=float, device=device)
-        launch(light.scale, count, device, levels, daylight.W_M2_PER_LUX, irradiance)
+        launch(light.scale, count, device, levels, daylight.w_m2_per_lux(sensor), irradiance)
     else:
         irradiance = wp.full(count, even.irradiance_w_m2, dtype=float, device=device)
     if many_up:
@@ -90,7 +94,7 @@ def _sky(inputs: SceneArrays, ambient: Ambient, clean: Any) -> tuple[Any, float,
     return irradiance, even.gradient, zenith
 
 
-def _share(reflectance: Any, clean: Any, visible: bool) -> Any:
+def _share(reflectance: Any, clean: Any, sensor: Sensor) -> Any:
     """Return the reflectance as a number or an array (n, h, w), or refuse it."""
     if reflectance is None:
         return depth_input.REFLECTANCE
@@ -101,6 +105,7 @@ def _share(reflectance: Any, clean: Any, visible: bool) -> Any:
     shape = tuple(clean.shape)
     if image.dtype == wp.uint8 and image.shape == (*shape, 3):
         share = wp.empty(shape, dtype=float, device=clean.device)
+        visible = sensor.projector.visible
         launch(light.fill_reflectance, shape, clean.device, image, visible, share)
         return share
     if image.dtype != wp.float32 or image.shape != shape:

@@ -97,8 +97,7 @@ def corrupt(
     with handoff.stream_of(depth):
         clean = handoff.as_warp("depth", depth)
         shape, device = clean.shape, constants.device
-        visible = constants.sensor.projector.visible
-        scene = batch_scene.build(clean, inputs, constants.ambient, visible=visible)
+        scene = batch_scene.build(clean, inputs, constants.ambient, constants.sensor)
         code = wp.uint8 if constants.sensor.left.bit_depth == 8 else wp.int32
         out = BatchReading(
             depth_m=wp.empty(shape, dtype=float, device=device),

@@ -16,7 +16,7 @@ from starling.sim.corrupt import Corruptor
 from starling.sim.reason import Reason
 from starling.sim.render import direct
 from starling.sim.render.mitsuba_scene import MitsubaScene
-from starling.sim.scene import sources
+from starling.sim.scene import sources, spectra
 from starling.sim.scene.scene import Ambient
 from starling.sim.sensor import edits, presets
 from starling.sim.warp import conversions, depth_input
@@ -209,6 +209,26 @@ def test_light_from_above_brightens_surfaces_that_face_it() -> None:
     ):
         lit = camera.light(WALL, up=up).layers.left.ambient
         np.testing.assert_allclose(lit, even * factor, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("name", "width_nm"), [("d435", 0), ("xtion", 80), ("oak-d", 300)])
+def test_daylight_is_what_the_filter_passes(name: str, width_nm: int) -> None:
+    """ASTM G173 through the sensor's filter, as for all ambient light (decision 0007)."""
+    sensor = edits.with_camera(presets.load(name), MATRIX, (WIDTH, HEIGHT))
+    assert sensor.left.lens.filter_width_nm == width_nm
+    band = spectra.Band.from_imager(sensor.left, sensor.projector)
+    lit = Corruptor(sensor, MATRIX).light(WALL, ambient_lux=5000.0)
+    expected = spectra.ambient_w_m2("sun", illuminance_lx=5000.0, band=band)
+    assert lit.scene.ambient.irradiance_w_m2 == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("name", ["d435", "oak-d-pro"])
+def test_the_brightest_daylight_is_accepted(name: str) -> None:
+    sensor = edits.with_camera(presets.load(name), MATRIX, (WIDTH, HEIGHT))
+    camera = Corruptor(sensor, MATRIX)
+    assert camera.light(WALL, ambient_lux=1.5e5).seen
+    with pytest.raises(InputError, match=r"ambient_lux must be in \[0, 150000\]"):
+        camera.light(WALL, ambient_lux=1.51e5)
 
 
 @pytest.mark.parametrize(

@@ -125,7 +125,7 @@ _POSE = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.8], [0, 0, 0, 1]]"
         ("body =", "bodies =", r"key in materials\[0\] must be a known name; got 'bodies'"),
         ('body = "ball*"', "", r"materials\[0\].body must be given"),
         ('"ball*"', '""', "materials.body must name bodies; got ''. Give a name, or "),
-        ("[[mat", "ambient_w_m2 = -0.1\n[[mat", r"ambient_w_m2 must be in \[0, 2000\]; got -0.1"),
+        ("[[mat", "ambient_w_m2 = -0.1\n[[mat", r"ambient_w_m2 must be in \[0, 4000\]; got -0.1"),
         ("[[mat", "ambient_w_m2 = '1'\n[[mat", "ambient_w_m2 must be of type float"),
         ("= 0.3", "= 1.3", r"reflectance of ball\* must be in \[0, 1\]; got 1.3"),
         ("= 0.3", "= '0.3'", r"materials\[0\].reflectance must be of type float"),

@@ -40,8 +40,7 @@ def views(rig: Any, depth: Any, **inputs: Any) -> Any:
     """Both lit views of a batch."""
     light = batch_scene.SceneArrays(**batched(inputs))
     clean = wp.array(depth[None], dtype=float)
-    visible = rig.sensor.projector.visible
-    scene = batch_scene.build(clean, light, rig.ambient, visible=visible)
+    scene = batch_scene.build(clean, light, rig.ambient, rig.sensor)
     return images.light_views(scene, rig.light)
 
 

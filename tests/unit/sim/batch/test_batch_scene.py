@@ -31,12 +31,12 @@ def still() -> Sensor:
 @pytest.mark.parametrize(
     "inputs",
     [
-        {"ambient_lux": 5000.0},
-        {"ambient_lux": 5000.0, "up": UP},
+        {"ambient_lux": 200.0},
+        {"ambient_lux": 200.0, "up": UP},
         {"up": UP},
         {"right_depth_m": RIGHT},
         {"projector_depth_m": PROJECTOR},
-        {"right_depth_m": RIGHT, "projector_depth_m": PROJECTOR, "up": UP, "ambient_lux": 2000.0},
+        {"right_depth_m": RIGHT, "projector_depth_m": PROJECTOR, "up": UP, "ambient_lux": 80.0},
     ],
     ids=lambda inputs: "-".join(inputs),
 )
@@ -64,7 +64,7 @@ def test_light_is_that_of_the_compiled_path(name: str, inputs: dict[str, Any]) -
 @pytest.mark.parametrize(
     "inputs",
     [
-        {"ambient_lux": 5000.0},
+        {"ambient_lux": 200.0},
         {"up": UP},
         {"right_depth_m": RIGHT},
         {"projector_depth_m": PROJECTOR},
@@ -79,7 +79,7 @@ def test_reasons_and_depth_are_those_of_the_compiled_path(inputs: dict[str, Any]
 
 def test_bright_light_from_above_moves_disparities_by_the_device_s_step_at_most() -> None:
     """Rounding in the matcher decides 0.7 % of them."""
-    reasons, _, disparities = both_paths.equal_shares(still(), ambient_lux=5000.0, up=UP)
+    reasons, _, disparities = both_paths.equal_shares(still(), ambient_lux=200.0, up=UP)
     assert reasons >= both_paths.EQUAL_SHARE and disparities >= both_paths.EQUAL_SHARE
 
 
@@ -91,7 +91,7 @@ def test_environments_have_daylight_of_their_own(monkeypatch: pytest.MonkeyPatch
     camera = Corruptor(sensor, steps.MATRIX)
     wall = np.full((steps.HEIGHT, steps.WIDTH), 1.5, np.float32)
     tilted = (wall / (1 - 0.3 * (np.arange(steps.HEIGHT)[:, None] - 59.5) / 150)).astype(np.float32)
-    lux, ups = (500.0, 3000.0), ((0.0, -1.0, 0.0), (0.0, 0.5, -1.0))
+    lux, ups = (20.0, 120.0), ((0.0, -1.0, 0.0), (0.0, 0.5, -1.0))
     monkeypatch.setattr(reading, "SLICE_BYTES", 1)
     seen = camera.batch(
         wp.array(np.stack([tilted] * 2)),
