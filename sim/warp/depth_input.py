@@ -151,7 +151,7 @@ def resampled(depth_m: Image, camera: InputCamera, sensor: Sensor) -> Image:
     Inverse depth is linear on planes, so it is interpolated on surfaces. Across edges the nearest
     pixel counts.
     """
-    if matches(camera, sensor) and depth_m.shape == camera.shape:
+    if matches(camera, sensor):
         return depth_m
     x, y = _sources(camera, sensor)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -314,8 +314,9 @@ def right_rows(
                 place = nearer_source[x]
             place = min(max(place, _f4(0)), _f4(w - 1))
             column = min(int(place), w - 2)
-            share, here = place - _f4(column), disparity[y, column]
-            if abs(disparity[y, column + 1] - here) > jump_px:  # Surfaces do not mix.
+            share = place - _f4(column)
+            step_px = abs(disparity[y, column + 1] - disparity[y, column])
+            if step_px > jump_px:  # Surfaces do not mix.
                 share = np.rint(share)
             value = reflectance[y, column]
             out_reflectance[y, x] = value + share * (reflectance[y, column + 1] - value)
