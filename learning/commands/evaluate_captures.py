@@ -140,26 +140,26 @@ def evaluate_captures(
         },
         **(options or {}),
     }
-    work_folder.begin(out, arguments, force=force)
-    stored: dict[str, list[_Stored]] = {name: [] for name in names}
-    for held in track(held_out, "rooms"):
-        fold = _Fold(opened, held, training_rooms[held], simulated.get(held))
-        for name in names:
-            folder = out / FOLDS / file_name(held) / name
-            fit = partial(methods[name].fit, folder=folder, seed=plan.seed, track=track)
-            stored[name] += _predictions(fold, folder, models.get(name), fit)
-    predictions = {name: OnDemand(items, _Stored.read) for name, items in stored.items()}
-    scores = {name: evaluate.scores(scenes) for name, scenes in predictions.items()}
-    figures = evaluate.figures(scores, seed=plan.seed)
-    figures["icp"] = {}
-    if plan.icp:
-        outcomes = case_study.case_study(
-            opened, predictions, trials=plan.icp, seed=plan.seed, track=track
-        )
-        figures["icp"] = case_study.figures(outcomes)
-    output.write_file(out / "curves.png", pictures.curves(scores), force=True)
-    output.write_file(out / "scenes.png", pictures.scenes(predictions), force=True)
-    work_folder.end(out, "evaluate", arguments, figures)
+    with work_folder.opened(out, arguments, force=force):
+        stored: dict[str, list[_Stored]] = {name: [] for name in names}
+        for held in track(held_out, "rooms"):
+            fold = _Fold(opened, held, training_rooms[held], simulated.get(held))
+            for name in names:
+                folder = out / FOLDS / file_name(held) / name
+                fit = partial(methods[name].fit, folder=folder, seed=plan.seed, track=track)
+                stored[name] += _predictions(fold, folder, models.get(name), fit)
+        predictions = {name: OnDemand(items, _Stored.read) for name, items in stored.items()}
+        scores = {name: evaluate.scores(scenes) for name, scenes in predictions.items()}
+        figures = evaluate.figures(scores, seed=plan.seed)
+        figures["icp"] = {}
+        if plan.icp:
+            outcomes = case_study.case_study(
+                opened, predictions, trials=plan.icp, seed=plan.seed, track=track
+            )
+            figures["icp"] = case_study.figures(outcomes)
+        output.write_file(out / "curves.png", pictures.curves(scores), force=True)
+        output.write_file(out / "scenes.png", pictures.scenes(predictions), force=True)
+        work_folder.end(out, "evaluate", arguments, figures)
     return {**figures, "out": str(out), "seconds": round(time.perf_counter() - start_time, 3)}
 
 

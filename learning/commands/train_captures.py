@@ -79,20 +79,20 @@ def train_captures(
         "simulated_with": simulation and captured.sensor_digest(simulation.sensor),
         **(options or {}),
     }
-    work_folder.begin(out, arguments, force=force)
-    examples = captured.examples(
-        opened,
-        rooms=rooms,
-        simulation=simulation,
-        track=track,
-    )
-    untrained_method.fit(examples, folder=out, seed=seed, track=track)
-    figures = {
-        "method": method,
-        "scenes": [scene.name for scene in captured.scenes_in(opened, rooms)],
-        "ndp_rate": captured.ndp_rate(examples),
-    }
-    work_folder.end(out, "train", arguments, figures)
+    with work_folder.opened(out, arguments, force=force):
+        examples = captured.examples(
+            opened,
+            rooms=rooms,
+            simulation=simulation,
+            track=track,
+        )
+        untrained_method.fit(examples, folder=out, seed=seed, track=track)
+        figures = {
+            "method": method,
+            "scenes": [scene.name for scene in captured.scenes_in(opened, rooms)],
+            "ndp_rate": captured.ndp_rate(examples),
+        }
+        work_folder.end(out, "train", arguments, figures)
     return {**figures, "out": str(out), "seconds": round(time.perf_counter() - start_time, 3)}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import fcntl
 import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +16,7 @@ from starling.patterns import errors
 from starling.sim import files
 from starling.sim.captures import info as capture_info
 from starling.sim.captures.info import CaptureInfo
-from starling.sim.console import output, record
+from starling.sim.console import lock, output, record
 from starling.sim.datasets import index, shard
 from starling.sim.datasets.render_view import RenderedView, write_files
 from starling.sim.datasets.workers import Task, TaskResult
@@ -30,7 +29,7 @@ CHECKSUMS = "SHA256SUMS"  # Of the set's own files, as `sha256sum -c` reads it.
 OWN_FILES = (capture_info.FILE, PLAN, index.FILE, output.RECORD)
 _HEX = re.compile("[0-9a-f]{64}")
 _PARTS = ".parts"  # Folder with the rows of each complete task.
-_LOCK = ".lock"
+_LOCK = ".lock"  # Of version 0.1.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -271,13 +270,7 @@ def opened(path: Path, plan: str, layout: Layout) -> Iterator[SetFolder]:
         raise errors.refuse("out", "must be a new folder or an unfinished set", path, advice)
     with output.refused(path):
         (path / _PARTS).mkdir(parents=True, exist_ok=True)
-        lock = (path / _LOCK).open("w")
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            rule, advice = "must be used by one run at a time", "End the other run, or wait for it."
-            raise errors.refuse("out", rule, path, advice) from error
+    with lock.exclusive(path):
         with output.refused(path):
             if (path / output.RECORD).is_file():
                 shutil.rmtree(path / _PARTS)

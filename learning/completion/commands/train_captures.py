@@ -108,10 +108,10 @@ def train_captures(
     train = partial(train_diffusion, **generator) if start else train_small
     _import_or_refuse(method)
     arguments = {"method": method, **generator, **data_arguments, "steps": steps, "seed": seed}
-    work_folder.begin(out, arguments, force=force)
-    result = train(chosen, holes, steps=steps, folder=out, seed=seed, track=track)
-    figures = {"method": method, **result}
-    work_folder.end(out, VERB, arguments, figures)
+    with work_folder.opened(out, arguments, force=force):
+        result = train(chosen, holes, steps=steps, folder=out, seed=seed, track=track)
+        figures = {"method": method, **result}
+        work_folder.end(out, VERB, arguments, figures)
     return {**figures, "out": str(out), "seconds": round(time.perf_counter() - start_time, 3)}
 
 

@@ -16,10 +16,15 @@ ARGUMENTS = {"method": "trees", "rooms": ("a", "b"), "seed": 0, "captures": Path
 OTHERS = {**ARGUMENTS, "seed": 1}
 
 
+def _begin(folder: Path, arguments: dict, *, force: bool) -> None:
+    with work_folder.opened(folder, arguments, force=force):
+        pass
+
+
 def _refused(folder: Path, arguments: dict, *, force: bool) -> str:
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     with pytest.raises(InputError) as caught:
-        work_folder.begin(folder, arguments, force=force)
+        _begin(folder, arguments, force=force)
     line = str(caught.value)
     assert "\n" not in line
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
@@ -30,41 +35,41 @@ def _refused(folder: Path, arguments: dict, *, force: bool) -> str:
 def test_work_starts_in_a_new_or_empty_folder(tmp_path, force):
     (tmp_path / "empty").mkdir()
     for folder in (tmp_path / "new" / "deep", tmp_path / "empty"):
-        work_folder.begin(folder, ARGUMENTS, force=force)
+        _begin(folder, ARGUMENTS, force=force)
         assert [path.name for path in folder.iterdir()] == [work_folder.UNFINISHED]
     marker = json.loads((tmp_path / "empty" / work_folder.UNFINISHED).read_text())
     assert marker == {"method": "trees", "rooms": ["a", "b"], "seed": 0, "captures": "set"}
 
 
 def test_the_same_work_continues(tmp_path):
-    work_folder.begin(tmp_path, ARGUMENTS, force=False)
+    _begin(tmp_path, ARGUMENTS, force=False)
     (tmp_path / "model.npz").write_text("half")
-    work_folder.begin(tmp_path, dict(ARGUMENTS), force=False)
+    _begin(tmp_path, dict(ARGUMENTS), force=False)
     assert (tmp_path / "model.npz").read_text() == "half"
 
 
 def test_other_work_needs_force_and_starts_again(tmp_path):
-    work_folder.begin(tmp_path / "out", ARGUMENTS, force=False)
+    _begin(tmp_path / "out", ARGUMENTS, force=False)
     (tmp_path / "out" / "model.npz").write_text("half")
     line = _refused(tmp_path / "out", OTHERS, force=False)
     assert line == (
         f"out must hold no other unfinished work; got {tmp_path / 'out'}. "
         "Choose another, or give --force to drop it."
     )
-    work_folder.begin(tmp_path / "out", OTHERS, force=True)
+    _begin(tmp_path / "out", OTHERS, force=True)
     assert [path.name for path in (tmp_path / "out").iterdir()] == [work_folder.UNFINISHED]
     assert json.loads((tmp_path / "out" / work_folder.UNFINISHED).read_text())["seed"] == 1
 
 
 def test_force_also_deletes_the_same_unfinished_work(tmp_path):
-    work_folder.begin(tmp_path / "out", ARGUMENTS, force=False)
+    _begin(tmp_path / "out", ARGUMENTS, force=False)
     (tmp_path / "out" / "model.npz").write_text("half")
-    work_folder.begin(tmp_path / "out", ARGUMENTS, force=True)
+    _begin(tmp_path / "out", ARGUMENTS, force=True)
     assert [path.name for path in (tmp_path / "out").iterdir()] == [work_folder.UNFINISHED]
 
 
 def test_the_record_replaces_the_marker(tmp_path):
-    work_folder.begin(tmp_path, ARGUMENTS, force=False)
+    _begin(tmp_path, ARGUMENTS, force=False)
     work_folder.end(tmp_path, "train", ARGUMENTS, {"ndp_rate": np.float32(0.25), "auc": np.nan})
     assert [path.name for path in tmp_path.iterdir()] == [RECORD]
     record = json.loads((tmp_path / RECORD).read_text())
@@ -78,13 +83,13 @@ def test_the_record_replaces_the_marker(tmp_path):
 
 def test_finished_work_needs_force(tmp_path):
     out = tmp_path / "out"
-    work_folder.begin(out, ARGUMENTS, force=False)
+    _begin(out, ARGUMENTS, force=False)
     work_folder.end(out, "train", ARGUMENTS, {})
     line = _refused(out, ARGUMENTS, force=False)
     assert line == (
         f"out must be an empty or new folder; got {out}. Choose another or give --force."
     )
-    work_folder.begin(out, ARGUMENTS, force=True)
+    _begin(out, ARGUMENTS, force=True)
     assert [path.name for path in out.iterdir()] == [work_folder.UNFINISHED]
 
 
@@ -100,7 +105,7 @@ def test_files_of_others_are_never_removed(tmp_path, force):
 def test_a_file_is_refused(tmp_path, force):
     (tmp_path / "out").write_text("a letter")
     with pytest.raises(InputError) as caught:
-        work_folder.begin(tmp_path / "out", ARGUMENTS, force=force)
+        _begin(tmp_path / "out", ARGUMENTS, force=force)
     assert str(caught.value) == (
         f"out must be a folder; got the file {tmp_path / 'out'}. Choose another name."
     )
@@ -108,8 +113,33 @@ def test_a_file_is_refused(tmp_path, force):
 
 
 def test_a_record_that_cannot_be_written_is_refused(tmp_path):
-    work_folder.begin(tmp_path, ARGUMENTS, force=False)
+    _begin(tmp_path, ARGUMENTS, force=False)
     (tmp_path / RECORD).mkdir()
     with pytest.raises(InputError, match="out must be a file; got the folder"):
         work_folder.end(tmp_path, "train", ARGUMENTS, {})
     assert (tmp_path / work_folder.UNFINISHED).is_file()
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_second_run_in_the_folder_is_refused(tmp_path, force):
+    """It would write into the files of the first, and remove its marker."""
+    with work_folder.opened(tmp_path / "out", ARGUMENTS, force=False):
+        line = _refused(tmp_path / "out", ARGUMENTS, force=force)
+        assert line.startswith(f"out must be used by one run at a time; got {tmp_path / 'out'}. ")
+    _begin(tmp_path / "out", ARGUMENTS, force=force)
+
+
+def test_force_keeps_the_target_of_links(tmp_path):
+    _begin(tmp_path / "out", ARGUMENTS, force=False)
+    (tmp_path / "set").mkdir()
+    (tmp_path / "out" / "folds").mkdir()
+    (tmp_path / "out" / "link").symlink_to(tmp_path / "set")
+    _begin(tmp_path / "out", ARGUMENTS, force=True)
+    assert (tmp_path / "set").is_dir()
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [work_folder.UNFINISHED]
+
+
+def test_a_folder_below_a_file_is_refused(tmp_path):
+    (tmp_path / "letter").write_text("")
+    with pytest.raises(InputError, match="out must be writable; got .*letter/out"):
+        _begin(tmp_path / "letter" / "out", ARGUMENTS, force=False)
