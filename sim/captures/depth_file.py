@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from starling.patterns import errors, regular_file
 from starling.sim import quantities
 from starling.sim.arrays import Image
-from starling.sim.captures import png
+from starling.sim.captures import library_path, png
 
 SUFFIXES = (".npy", ".png", ".exr")
 UNITS = {"m": 1.0, "mm": 1e-3}
@@ -117,15 +117,17 @@ def _exr(path: Path) -> NDArray[Any]:
 
     try:
         regular_file.refuse_others(path)
-        with OpenEXR.File(str(path), header_only=True) as file:
-            windows = [_windows(part.header) for part in file.parts]
-            stated = [{each.name for each in part.header["channels"]} for part in file.parts]
-        for (left, top, right, bottom), _ in windows:
-            _refuse_size(path, (bottom - top + 1, right - left + 1))
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            parts = [
-                {name: each.pixels for name, each in part.channels.items()} for part in file.parts
-            ]
+        with library_path.for_reading(path) as place:
+            with OpenEXR.File(place, header_only=True) as file:
+                windows = [_windows(part.header) for part in file.parts]
+                stated = [{each.name for each in part.header["channels"]} for part in file.parts]
+            for (left, top, right, bottom), _ in windows:
+                _refuse_size(path, (bottom - top + 1, right - left + 1))
+            with OpenEXR.File(place, separate_channels=True) as file:
+                parts = [
+                    {name: each.pixels for name, each in part.channels.items()}
+                    for part in file.parts
+                ]
     except (OSError, RuntimeError, ValueError, TypeError, KeyError, IndexError) as error:
         rule = "must be a whole OpenEXR file"
         raise errors.refuse("depth image", rule, path, f"{error}.") from error

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors, regular_file
+from starling.sim.captures import library_path
 from starling.sim.reason import Reason
 from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.stereo.depth import DepthMap
@@ -101,7 +102,8 @@ def write(path: Path, layers: Layers, depth: DepthMap) -> None:
         if part in arrays
     ]
     try:
-        OpenEXR.File(parts).write(str(path))
+        with library_path.for_writing(path) as place:
+            OpenEXR.File(parts).write(place)
         check_structure(path.read_bytes(), pixels=False)
     except RuntimeError as error:
         code = errno.ENOSPC if "No space left" in str(error) else errno.EIO
@@ -130,7 +132,10 @@ def read(path: Path) -> tuple[Layers, DepthMap]:
             "EXR file", "must be a whole OpenEXR file", f"{path}, {error}", "Simulate it again."
         ) from error
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with (
+            library_path.for_reading(path) as place,
+            OpenEXR.File(place, separate_channels=True) as file,
+        ):
             parts = {
                 part.name(): {name: channel.pixels for name, channel in part.channels.items()}
                 for part in file.parts  # The file's own dicts are emptied when it closes.

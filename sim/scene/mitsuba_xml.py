@@ -14,7 +14,7 @@ import numpy as np
 from starling.patterns import errors, regular_file
 from starling.sim.geometry import frames
 from starling.sim.render import backend
-from starling.sim.scene import ply, serialized
+from starling.sim.scene import mitsuba_surfaces, ply, serialized
 from starling.sim.scene.scene import Ambient, Scene, Sun
 
 SUN_Y_UP = (0.3, 0.9, 0.3)  # Above and in front, as the default is where y points down.
@@ -31,11 +31,12 @@ def load(path: Path) -> Scene:
     """Load a Mitsuba 3 scene, y up, at the pose of its first sensor or Mitsuba's default pose.
 
     Projector and ambient light replace all emitters of the file and of files that it includes.
-    The shapes of lamps remain.
+    The shapes of lamps remain. All surfaces reflect on both sides.
 
     Raises:
         InputError: if the file is missing, cannot be loaded, has no shapes, or has instances.
-            Also if a mesh is damaged, or a share of light is outside [0, 1].
+            Also if a mesh is damaged, a share of light is outside [0, 1], a material is not
+            supported, or a matrix is not affine.
     """
     if not path.is_file():
         raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
@@ -71,6 +72,7 @@ def _without_lights(path: Path) -> Any:
             mi.parser.transform_resolve(config, state)
             _remove_lights(state)
             _refuse_nodes(state, path, resolver)
+            mitsuba_surfaces.make_two_sided(state)
             mi.parser.transform_merge_equivalent(config, state)
             mi.parser.transform_merge_meshes(config, state)
             loaded = mi.parser.instantiate(config, state)
@@ -97,7 +99,7 @@ def _resolver(folder: Path) -> Iterator[Any]:
 
 
 def _refuse_pipes(path: Path, resolver: Any, values: dict[str, str], files: set[Path]) -> None:
-    """Refuse a scene that names a pipe or a device, on which Mitsuba would wait for ever.
+    """Refuse pipes and devices, on which Mitsuba would wait for ever, and damaged matrices.
 
     Args:
         path: File of the scene, or a file that it includes.
@@ -113,6 +115,8 @@ def _refuse_pipes(path: Path, resolver: Any, values: dict[str, str], files: set[
         attributes = {key: _substitute(text, values) for key, text in element.attrib.items()}
         if element.tag == "default":
             values.setdefault(attributes.get("name", ""), attributes.get("value", ""))
+        if element.tag == "matrix":
+            _refuse_not_affine(attributes.get("value", ""), path)
         if element.tag == "path":
             resolver.prepend(str(resolver.resolve(attributes.get("value", "."))))
         named = attributes.get("value") if attributes.get("name") == "filename" else None
@@ -126,6 +130,20 @@ def _refuse_pipes(path: Path, resolver: Any, values: dict[str, str], files: set[
             _refuse_pipes(file, resolver, values, files)
 
 
+def _refuse_not_affine(text: str, path: Path) -> None:
+    """Refuse a matrix whose last row is not 0 0 0 1: Mitsuba would ignore the row."""
+    words = re.split(r"[\s,]+", text.strip())
+    if len(words) != 16:
+        return
+    try:
+        row = [float(word) for word in words[12:]]
+    except ValueError:  # Mitsuba refuses it.
+        return
+    if row != [0, 0, 0, 1]:
+        rule, got = "must end with the row 0 0 0 1", " ".join(words[12:])
+        raise errors.refuse(f"matrix in {path}", rule, got, "Is it transposed?")
+
+
 def _substitute(text: str, values: dict[str, str]) -> str:
     for name in sorted(values, key=len, reverse=True):  # As Mitsuba: `$ab` before `$a`.
         text = text.replace(f"${name}", values[name])
@@ -135,16 +153,9 @@ def _substitute(text: str, values: dict[str, str]) -> str:
 def _remove_lights(state: Any) -> None:
     mi = backend.mitsuba()
     for node in state.nodes:
-        for name, number in _children(node):
+        for name, number in mitsuba_surfaces.children(node):
             if state.nodes[number].type == mi.ObjectType.Emitter:
                 del node.props[name]
-
-
-def _children(node: Any) -> list[tuple[str, int]]:
-    """Property and number of the nodes inside a node."""
-    kind = backend.mitsuba().Properties.Type.ResolvedReference
-    names = [name for name in node.props.keys() if node.props.type(name) == kind]  # noqa: SIM118
-    return [(name, node.props[name].index()) for name in names]
 
 
 def _refuse_nodes(state: Any, path: Path, resolver: Any) -> None:
@@ -165,6 +176,7 @@ def _refuse_nodes(state: Any, path: Path, resolver: Any) -> None:
                 raise errors.refuse("shape", rule, mesh, advice) from None
         if node.type == mi.ObjectType.BSDF:
             where = mi.parser.file_location(state, node)
+            mitsuba_surfaces.refuse_unknown(state, where, node)
             for name in filter(_SHARE.fullmatch, node.props.keys()):
                 for value in _numbers(state, node, name):
                     errors.in_interval(f"{name} in {where}", value, 0.0, 1.0)

@@ -141,5 +141,5 @@ def test_force_keeps_the_target_of_links(tmp_path):
 
 def test_a_folder_below_a_file_is_refused(tmp_path):
     (tmp_path / "letter").write_text("")
-    with pytest.raises(InputError, match="out must be writable; got .*letter/out"):
+    with pytest.raises(InputError, match=r"out must be writable; got .*letter/out"):
         _begin(tmp_path / "letter" / "out", ARGUMENTS, force=False)

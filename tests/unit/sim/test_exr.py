@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import os
 import resource
 import signal
 import struct
@@ -246,3 +247,15 @@ def test_changed_bytes_are_refused_or_harmless(
         assert "\n" not in str(error)
     else:
         assert layers.truth.depth_m.shape == (37, 20)
+
+
+def test_a_path_that_is_not_utf8_is_written_and_read(tmp_path: Path) -> None:
+    """The library takes UTF-8 only; folders of older archives have other names."""
+    layers, depth = _frame()
+    path = tmp_path / os.fsdecode(b"caf\xe9") / "frame.exr"
+    path.parent.mkdir()
+    exr.write(path, layers, depth)
+    exr.write(tmp_path / "frame.exr", layers, depth)
+    assert path.read_bytes() == (tmp_path / "frame.exr").read_bytes()
+    assert _same(exr.read(path)[1].depth_m, depth.depth_m)
+    assert [each.name for each in path.parent.iterdir()] == ["frame.exr"]

@@ -194,3 +194,95 @@ def test_colours_of_vertices_are_checked(tmp_path: Path, level: float, is_refuse
 )
 def test_shares_of_light_inside_their_range_are_read(tmp_path: Path, values: str):
     assert mitsuba_xml.load(_surface(tmp_path / "scene.xml", values)).shapes
+
+
+@pytest.mark.parametrize(
+    ("material", "message"),
+    [
+        ('<bsdf type="blendbsdf"/>', "blendbsdf in {} must have 2 materials inside; got 0"),
+        (
+            f'<bsdf type="blendbsdf">{DIFFUSE.format("")}</bsdf>',
+            "blendbsdf in {} must have 2 materials inside; got 1",
+        ),
+        ('<bsdf type="mask"/>', "mask in {} must have 1 materials inside; got 0"),
+        (
+            '<bsdf type="twosided"><bsdf type="bumpmap"/></bsdf>',
+            "bumpmap in {} must have 1 materials inside; got 0",
+        ),
+        ('<bsdf type="twosided"/>', "twosided in {} must have 1 or 2 materials inside; got 0"),
+        ('<bsdf type="hair"/>', "bsdf in {} must be a known name; got 'hair'"),
+        ('<bsdf type="velvet"/>', "bsdf in {} must be a known name; got 'velvet'"),
+    ],
+)
+def test_materials_that_would_end_the_process_are_refused(
+    tmp_path: Path, material: str, message: str
+):
+    place = r".*scene\.xml \(line .*\)"
+    with pytest.raises(InputError, match=message.format(place)):
+        mitsuba_xml.load(_write(tmp_path / "scene.xml", BALL.format(material)))
+
+
+@pytest.mark.parametrize("row", ["0 0 0 2", "0 0 1 1", "0, 0, 0, 0.5"])
+def test_a_matrix_that_is_not_affine_is_refused(tmp_path: Path, row: str):
+    """Mitsuba ignores the row."""
+    matrix = f'<default name="row" value="{row}"/>'
+    place = '<transform name="to_world"><matrix value="1 0 0 0 0 1 0 0 0 0 1 0 {}"/></transform>'
+    path = _write(tmp_path / "scene.xml", matrix + BALL.format(place.format("$row")))
+    message = r"matrix in .*scene\.xml must end with the row 0 0 0 1; got 0 0"
+    with pytest.raises(InputError, match=message):
+        mitsuba_xml.load(path)
+
+
+@pytest.mark.parametrize("matrix", ["1 0 0 0 1 0 0 0 1", "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1"])
+def test_affine_matrices_are_read(tmp_path: Path, matrix: str):
+    place = f'<transform name="to_world"><matrix value="{matrix}"/></transform>'
+    assert mitsuba_xml.load(_write(tmp_path / "scene.xml", BALL.format(place))).shapes
+
+
+def test_a_matrix_without_numbers_is_refused(tmp_path: Path):
+    place = f'<transform name="to_world"><matrix value="{"x " * 16}"/></transform>'
+    with pytest.raises(InputError, match="scene must be a Mitsuba XML"):
+        mitsuba_xml.load(_write(tmp_path / "scene.xml", BALL.format(place)))
+
+
+CHECKS = '<texture type="checkerboard" name="reflectance"/>'
+ONE_SIDED = {
+    "none": "",
+    "diffuse": DIFFUSE.format('<rgb name="reflectance" value="0.5"/>'),
+    "textured": DIFFUSE.format(CHECKS),
+    "plastic": '<bsdf type="roughplastic"/>',
+    "metal": '<bsdf type="principled"><float name="metallic" value="1"/></bsdf>',
+    "mask": f'<bsdf type="mask"><float name="opacity" value="0.7"/>{DIFFUSE.format("")}</bsdf>',
+    "blend": f'<bsdf type="blendbsdf"><float name="weight" value="0.25"/>{DIFFUSE.format("")}'
+    '<bsdf type="plastic"/></bsdf>',
+    "twosided": f'<bsdf type="twosided">{DIFFUSE.format("")}</bsdf>',
+}
+
+
+@pytest.mark.parametrize("name", ONE_SIDED)
+def test_surfaces_reflect_equally_on_both_sides(tmp_path: Path, name: str):
+    """A rectangle's front is at +z. Its back reflects as much light as the front."""
+    material = ONE_SIDED[name]
+    square = f'<shape type="rectangle">{material}</shape>'
+    scene = mitsuba_xml.load(_write(tmp_path / "scene.xml", square))
+    mi = backend.mitsuba()
+    world = mi.load_dict({"type": "scene", "shape": scene.shapes[0]})
+    shares = []
+    for side in (1.0, -1.0):
+        ray = mi.Ray3f(mi.Point3f(0.3, 0.2, 2 * side), mi.Vector3f(0, 0, -side))
+        surface = world.ray_intersect(ray)
+        outgoing = mi.Vector3f(0.6, 0.0, 0.8 * side)
+        value = surface.bsdf().eval(mi.BSDFContext(), surface, surface.to_local(outgoing), True)
+        albedo = surface.bsdf().eval_diffuse_reflectance(surface, True)
+        shares.append((float(value[0][0]), float(albedo[0][0])))
+    assert shares[0] == pytest.approx(shares[1], rel=1e-5)
+    assert shares[0][0] > 0
+
+
+def test_glass_keeps_its_sides(tmp_path: Path):
+    glass = '<bsdf type="dielectric"/>'
+    thin = '<bsdf type="principled"><float name="spec_trans" value="0.5"/></bsdf>'
+    text = BALL.format(glass) + BALL.format(thin)
+    shapes = mitsuba_xml.load(_write(tmp_path / "scene.xml", text)).shapes
+    names = {type(shape.bsdf()).__name__ + str(shape.bsdf())[:10] for shape in shapes}
+    assert len(names) == 2 and not any("TwoSided" in name for name in names)
