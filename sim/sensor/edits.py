@@ -103,15 +103,17 @@ def with_camera(sensor: Sensor, camera_matrix: Any, size: tuple[int, int]) -> Se
     return with_values(sensor, values)
 
 
-def checked_matrix(matrix: Any) -> NDArray[np.float64]:
-    """Return a camera matrix (3, 3) [px], or refuse it."""
-    name, form = "camera_matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+def checked_matrix(matrix: Any, name: str = "camera_matrix") -> NDArray[np.float64]:
+    """Return a camera matrix (3, 3) [px], or refuse it by its name."""
+    form = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
     k = arrays.numbers(name, matrix).astype(np.float64)
     if k.shape != (3, 3) or not np.isfinite(k).all():
         raise errors.refuse(name, f"must be {form}, finite", k.tolist(), "Give pixels.")
     if k[2, 0] or k[2, 1]:
         raise errors.refuse(name, f"must be {form}", k.tolist(), "Is it transposed?")
-    if k[1, 0] or abs(k[0, 1]) > 1e-6 * abs(k[0, 0]) or k[2, 2] != 1:
+    if k[2, 2] != 1:
+        raise errors.refuse(name, f"must be {form}", k.tolist(), "Divide by its last number.")
+    if k[1, 0] or abs(k[0, 1]) > 1e-6 * abs(k[0, 0]):
         raise errors.refuse(name, f"must be {form}", k.tolist(), "Rectify the image first.")
     if min(k[0, 0], k[1, 1]) <= 1:
         raise errors.refuse(

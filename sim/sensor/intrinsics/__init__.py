@@ -17,7 +17,7 @@ def read(path: Path) -> DeviceCalibration:
     """Read the calibration of a device; the content decides on the format.
 
     Args:
-        path: output of `rs-enumerate-devices -c`, a `camera_info` in YAML, or a board or
+        path: output of `rs-enumerate-devices -c`, a `camera_info` in YAML or JSON, or a board or
             calibration file of depthai in JSON.
 
     Raises:
@@ -26,6 +26,8 @@ def read(path: Path) -> DeviceCalibration:
     data = files.read_bytes(path)
     if path.suffix.lower() == ".json":
         table = files.parse_json(data, path)
+        if camera_info.is_table(table):
+            return camera_info.from_table(table, path)
         if isinstance(table, Mapping) and depthai_eeprom.CAMERAS in table:
             return depthai_eeprom.parse(table, path)
         return depthai_board.parse(table, path)

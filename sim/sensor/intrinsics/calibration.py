@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,8 @@ from starling.sim.sensor.sensor import Sensor
 # Largest factor between a device's number and that of the sensor it replaces. Devices differ less,
 # and units of length by 10 and more.
 _FACTOR = 5.0
+_STRETCH = 1.25  # Largest ratio of the focal lengths of one camera; those of devices are near 1.
+_ASIDE = 0.1  # Largest offset of a camera across the baseline, as a share of it.
 _KEYS = ("width", "height", "fx_px", "fy_px", "cx_px", "cy_px")
 
 
@@ -31,6 +34,8 @@ class DeviceCalibration:
     baseline_m: float | None = None
 
     def __post_init__(self) -> None:
+        for camera in (*self.cameras, *filter(None, [self.imager])):
+            _refuse_implausible(camera, self.path)
         if self.field_deg is not None:
             errors.in_interval(f"hfov in {self.path}", self.field_deg, 1.0, 179.0, "Give degrees.")
         if self.baseline_m is not None:
@@ -120,6 +125,42 @@ def with_keys(calibration: DeviceCalibration, keys: Mapping[str, Any]) -> dict[s
     if calibration.baseline_m is not None:
         result["baseline_m"] = calibration.baseline_m
     return {**result, **keys}
+
+
+def baseline_of(right_m: tuple[float, float, float], name: str) -> float:
+    """Return the baseline [m] of a rectified pair.
+
+    Args:
+        right_m: translation [m] that takes a point from the left camera's frame to the right one's:
+            (-baseline, 0, 0).
+        name: name of the numbers for messages.
+
+    Raises:
+        InputError: if the cameras do not lie side by side.
+    """
+    x, y, z = right_m
+    if not math.hypot(y, z) <= _ASIDE * abs(x):
+        rule, got = "must lie along x", f"{x:g}, {y:g}, {z:g} m"
+        raise errors.refuse(name, rule, got, "Only horizontal pairs are modelled.")
+    if x > 0:
+        warnings.warn(
+            f"{name}: the right camera lies left of the left one, by {x:g} m. Are they exchanged? "
+            "The distance alone is used.",
+            stacklevel=2,
+        )
+    return math.hypot(x, y, z)
+
+
+def _refuse_implausible(camera: Pinhole, path: Path) -> None:
+    """Refuse pixels that are not nearly square, and a principal point outside the image."""
+    ratio, advice = camera.fy_px / camera.fx_px, "Is a number in the wrong place?"
+    size = f"{camera.width}x{camera.height} in {path}"
+    errors.in_interval(f"fy / fx of {size}", ratio, 1 / _STRETCH, _STRETCH, advice)
+    for axis, place, side in (
+        ("cx", camera.cx_px, camera.width),
+        ("cy", camera.cy_px, camera.height),
+    ):
+        errors.in_interval(f"{axis} of {size}", place, 0.0, side - 1.0, advice)
 
 
 def _refuse_far(name: str, value: float, usual: float) -> None:

@@ -12,8 +12,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from starling.patterns import errors
 from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.sensor import edits
 from starling.sim.sensor.intrinsics import depthai_board
 from starling.sim.sensor.intrinsics.calibration import DeviceCalibration
 
@@ -65,8 +68,8 @@ def _links(cameras: Mapping[str, Mapping[str, Any]], path: Path) -> list[depthai
         goal = extrinsics.get("toCameraSocket") if isinstance(extrinsics, Mapping) else None
         if isinstance(extrinsics, Mapping) and str(goal) in cameras:  # -1 is none.
             name = f"translation of socket {socket} in {path.name}"
-            step = depthai_board.step_cm(extrinsics.get("translation"), name, _EXAMPLE)
-            links.append((socket, str(goal), step))
+            step = depthai_board.numbers(extrinsics.get("translation"), "xyz", name, _EXAMPLE)
+            links.append(depthai_board.Link(socket, str(goal), step))
     return links
 
 
@@ -78,12 +81,13 @@ def _pinhole(camera: Mapping[str, Any], name: str) -> Pinhole:
     if len(numbers) != 9 or not all(map(errors.is_number, (*numbers, *size))):
         rule = "must have width, height and intrinsicMatrix (3, 3)"
         raise errors.refuse(name, rule, (*size, matrix), _EXAMPLE)
+    k = edits.checked_matrix(np.reshape(numbers, (3, 3)), f"intrinsicMatrix of {name}")
     with errors.naming(name):
         return Pinhole(
             width=camera["width"],
             height=camera["height"],
-            fx_px=float(numbers[0]),
-            fy_px=float(numbers[4]),
-            cx_px=float(numbers[2]),
-            cy_px=float(numbers[5]),
+            fx_px=float(k[0, 0]),
+            fy_px=float(k[1, 1]),
+            cx_px=float(k[0, 2]),
+            cy_px=float(k[1, 2]),
         )

@@ -12,7 +12,8 @@ import pytest
 import starling
 from starling.patterns.errors import InputError
 from starling.sim.sensor import presets
-from tests.unit.sim.test_intrinsics import geometry, written
+from tests.unit.sim.calibration_files import written
+from tests.unit.sim.test_intrinsics import geometry
 
 EEPROM: dict[str, Any] = {  # In the form of depthai-ros#742, with numbers of an OAK-D.
     "cameraData": [
@@ -122,6 +123,12 @@ def eeprom(edit: Any) -> dict[str, Any]:
         (
             lambda table: table["cameraData"][2][1].update(width=0),
             r"^socket 2 in a.json: width must be in",
+        ),
+        (
+            lambda table: table["cameraData"][2][1].update(
+                intrinsicMatrix=[[803, 0, 0], [0, 803, 0], [635.5, 404.5, 1]]
+            ),
+            r"^intrinsicMatrix of socket 2 in a.json must be .* Is it transposed",
         ),
         # Millimetres.
         (
