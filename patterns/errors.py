@@ -128,11 +128,14 @@ def texts(name: str, values: object, remedy: str) -> list[str]:
     """Return a list of texts; one text is no list.
 
     Raises:
-        InputError: if the value or an entry has another type.
+        InputError: if the value has no entries, or an entry has another type.
     """
     if isinstance(values, (str, bytes)):
         values = instance(name, values, list, remedy)
-    entries = instance(name, values, Iterable, remedy)
+    try:
+        entries = list(instance(name, values, Iterable, remedy))
+    except TypeError:  # An array of numpy without axes has no entries.
+        raise refuse(name, "must be a list", shown(values), remedy) from None
     return [instance(f"entry of {name}", entry, str, remedy) for entry in entries]
 
 

@@ -148,8 +148,10 @@ def load_sensor(
 
     name = arguments.text("name", name, "Give a preset or a sensor file.")
     changes = errors.texts("edits", edits, "Give a list: ['projector.power_w=0.2'].")
+    mode = errors.instance("mode", mode, str, "Example: 640x480@60.")
     if isinstance(camera_matrix, (str, PathLike)):
-        sensor = presets.load_file(name, mode=mode, camera_matrix=camera_matrix).sensor
+        file = arguments.path("camera_matrix", camera_matrix)
+        sensor = presets.load_file(name, mode=mode, camera_matrix=file).sensor
         return apply(sensor, changes)
     sensor = presets.load(name, mode=mode)
     if camera_matrix is not None:
@@ -519,7 +521,7 @@ def simulate_captures(
         effects=effects,
         views=arguments.viewpoints(pose, look_at),
         frame=Placing(up=up, unit=unit, camera=camera, keyframe=keyframe),
-        force=force,
+        force=arguments.switch("force", force),
     )
 
 
@@ -698,7 +700,7 @@ def diagnose(
         against=None if against is None else arguments.captures("against", against),
         families=names,
         cache=None if cache is None else arguments.path("cache", cache),
-        residual=residual,
+        residual=arguments.switch("residual", residual),
     )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from starling.patterns import errors
-from starling.patterns.errors import instance, refuse
+from starling.patterns.errors import instance, plain, refuse, shown
 
 if TYPE_CHECKING:
     from starling.sim.captures.capture import CaptureSet
@@ -22,9 +22,23 @@ def text(name: str, value: object, remedy: str) -> str:
     """Return text, or the text of a path.
 
     Raises:
-        InputError: if the value is neither.
+        InputError: if the value is neither, or holds half of a character, as no file's name does.
     """
-    return os.fspath(instance(name, value, (str, Path), remedy))
+    result = os.fspath(instance(name, value, (str, Path), remedy))
+    try:
+        os.fsencode(result)
+    except UnicodeEncodeError:
+        raise refuse(name, "must be Unicode text", shown(result), remedy) from None
+    return result
+
+
+def switch(name: str, value: object) -> bool:
+    """Return a truth value.
+
+    Raises:
+        InputError: if the value has another type.
+    """
+    return bool(instance(name, plain(value), bool, "Give True or False."))
 
 
 def path(name: str, value: object) -> Path:

@@ -174,3 +174,44 @@ def test_scenes_refuse_parts_of_wrong_types() -> None:
 def test_match_warns_of_images_of_another_size() -> None:
     with pytest.warns(UserWarning, match=r"size \(32, 32\), and d435 of \(480, 848\)"):
         starling.match(IMAGE, IMAGE, SENSOR)
+
+
+def test_text_that_no_file_can_be_named_is_refused(tmp_path: Path) -> None:
+    """Half of a character, as in damaged JSON, cannot be encoded."""
+    half, rule = "\ud800", " must be Unicode text; got '\\ud800'"
+    for name, call in (
+        ("camera_matrix", lambda: api.load_sensor("d435", camera_matrix=half)),
+        ("name", lambda: api.load_sensor(f"{half}")),
+        ("plan", lambda: api.generate(half, "out")),
+        ("out", lambda: api.draw(tmp_path, half)),
+        ("model", lambda: api.load_residual(half)),
+        ("scene", lambda: api.simulate_captures(half, SENSOR, "out")),
+    ):
+        _refuses(f"{name}{rule}", call)
+    _refuses("sensor must be", lambda: api.simulate("wall", f"{half}.toml"))
+
+
+@pytest.mark.parametrize("value", [np.array(1), np.array("a"), np.ma.masked, 1])
+def test_values_that_are_no_list_are_refused(value: Any, captures: Path, tmp_path: Path) -> None:
+    _refuses("edits must be ", lambda: api.load_sensor("d435", edits=value))
+    _refuses("families must be ", lambda: api.diagnose(captures, SMALL, families=value))
+    settings = {"free": ["noise"], "folder": tmp_path / "out", "heldout": value}
+    _refuses("heldout must be ", lambda: api.calibrate(captures, SMALL, **settings))
+
+
+def test_modes_and_switches_of_wrong_types_are_refused(captures: Path, tmp_path: Path) -> None:
+    for value in (np.eye(3), ["640x480"], 0):
+        _refuses(
+            "mode must be of type str", lambda value=value: api.load_sensor("d435", mode=value)
+        )
+    for value in (np.eye(2), None, 1, "yes"):
+        out = {"out": tmp_path / "a", "force": value}
+        _refuses(
+            "force must be of type bool",
+            lambda out=out: api.simulate_captures("wall", SMALL, **out),
+        )
+        _refuses(
+            "residual must be of type bool",
+            lambda value=value: api.diagnose(captures, SMALL, residual=value),
+        )
+    assert api.load_sensor("d435", edits=iter(())) == SENSOR
