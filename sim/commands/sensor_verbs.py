@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from starling.patterns.errors import refuse
+from starling.patterns.errors import naming, refuse
 from starling.sim.console import shell
 from starling.sim.console.flags import Common, Edits, ModeName, Shared
 
@@ -77,7 +77,7 @@ def sensors(
 def _new(
     name: str, base_name: str, *, mode: str, camera_matrix: Path | None, edits: tuple[str, ...]
 ) -> str:
-    from starling.sim.sensor import differences, presets
+    from starling.sim.sensor import differences, modes, presets, sensor_file
     from starling.sim.sensor.edits import apply
 
     for key, value in (("name", name), ("from", base_name)):
@@ -91,7 +91,12 @@ def _new(
         mode = mode or file.mode.mode
         base = presets.load_file(base_name, mode=mode)
     sensor = presets.with_absolute_patterns(apply(file.sensor, edits), Path.cwd())
-    return differences.new_file(name, base_name, base, sensor, mode)
+    if mode and mode.partition("@")[0] != modes.name_of(sensor):  # Of no mode any more.
+        mode, base = "", presets.load_file(base_name)
+    text = differences.new_file(name, base_name, base, sensor, mode)
+    with naming("the new file"):
+        sensor_file.refuse_unreadable(text, Path.cwd())
+    return text
 
 
 def _parsed(text: str) -> dict[str, Any]:

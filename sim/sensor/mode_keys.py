@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from starling.patterns import errors
 from starling.sim.sensor import scaling, structure
 from starling.sim.sensor.modes import ChosenMode, Modes
 from starling.sim.sensor.sensor import Sensor
@@ -68,6 +69,27 @@ def paths(table: Mapping[str, Any], folder: str = "") -> Iterator[str]:
         yield f"{folder}{key}"
         if isinstance(value, Mapping):
             yield from paths(value, f"{folder}{key}.")
+
+
+def refuse_twice(table: Mapping[str, Any], name: str) -> None:
+    """Refuse a key that a table gives twice: as `"a.b" = 1` and as `a.b = 2`.
+
+    Raises:
+        InputError: if it does; the message names the table.
+    """
+    seen: set[str] = set()
+    for path in _leaves(table):
+        if path in seen:
+            raise errors.refuse(f"{path}{name}", "must be given once", "two values", "Drop one.")
+        seen.add(path)
+
+
+def _leaves(table: Mapping[str, Any], folder: str = "") -> Iterator[str]:
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{folder}{key}.")
+        else:
+            yield f"{folder}{key}"
 
 
 def _values(keys: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:

@@ -158,6 +158,11 @@ def choose(modes: Modes, text: object, camera: str) -> ChosenMode:
     return ChosenMode(mode=name, fps=fps)
 
 
+def changes_of(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keys of a mode's table beyond scale and frame rates."""
+    return {key: value for key, value in entry.items() if key not in ("scale", "fps")}
+
+
 def name_of(sensor: Sensor) -> str:
     """Return the name of the mode of a sensor's image size: `848x480`."""
     return f"{sensor.width}x{sensor.height}"
@@ -217,5 +222,5 @@ def _mode(name: str, table: Any) -> Mode:
         height=int(size[2]),
         scale=float(table["scale"]),
         fps=tuple(map(float, rates)),
-        changes={key: value for key, value in table.items() if key not in ("scale", "fps")},
+        changes=changes_of(table),
     )

@@ -141,21 +141,40 @@ def with_calibration(
     return dataclasses.replace(file, sensor=sensor, calibration=calibration)
 
 
+def refuse_unreadable(text: str, folder: Path) -> None:
+    """Refuse the text of a sensor file that `read` would refuse in a folder.
+
+    Raises:
+        InputError: as `read`.
+    """
+    _from_table(tomllib.loads(text), folder / f"new{_SUFFIX}", ())
+
+
 def _read(path: Path, key: str, chain: tuple[Path, ...]) -> SensorFile:
-    table = _toml(path, key)
+    return _from_table(_toml(path, key), path, chain)
+
+
+def _from_table(table: dict[str, Any], path: Path, chain: tuple[Path, ...]) -> SensorFile:
     for name in table:
         errors.one_of("key", name, (*_SENSOR_KEYS, *FILE_KEYS))
     for name in ("base", "camera_matrix", "description"):
         errors.instance(name, table.get(name, ""), str, "Quote the text.")
     calibration = None
     if "camera_matrix" in table:
+        if not table["camera_matrix"]:
+            rule, advice = "must name a file", "Leave the key out, or give the path."
+            raise errors.refuse("camera_matrix", rule, "no text", advice)
         calibration = intrinsics.read(path.parent / table["camera_matrix"])
     keys = {name: value for name, value in table.items() if name not in FILE_KEYS}
+    mode_keys.refuse_twice(keys, "")
     if "base" in table:
         chain = (*chain, Path(os.path.abspath(path)))
-        file = _derived(_base(table["base"], chain), table, keys, calibration)
+        file = _derived(_base(table["base"], chain), table, keys, calibration, path)
     else:
-        file = _root(table, keys, calibration)
+        file = _root(table, keys, calibration, path)
+    for name, entry in table.get("modes", {}).items():
+        if modes.changes_of(entry):
+            _refuse_mode(file, name, entry)
     return dataclasses.replace(
         file,
         sensor=sensor_table.with_absolute_patterns(file.sensor, path.parent),
@@ -165,7 +184,10 @@ def _read(path: Path, key: str, chain: tuple[Path, ...]) -> SensorFile:
 
 
 def _root(
-    table: Mapping[str, Any], keys: dict[str, Any], calibration: DeviceCalibration | None
+    table: Mapping[str, Any],
+    keys: dict[str, Any],
+    calibration: DeviceCalibration | None,
+    path: Path,
 ) -> SensorFile:
     known = modes.read(table.get("modes", {}))
     if calibration is not None:
@@ -173,7 +195,8 @@ def _root(
     sensor = sensor_table.from_table(keys)
     chosen = None
     if "mode" in table:
-        chosen = modes.choose(known, table["mode"], sensor.name)
+        with errors.naming(path.name):
+            chosen = modes.choose(known, table["mode"], sensor.name)
         _refuse_other_size(sensor, chosen)
     elif modes.name_of(sensor) in known:
         chosen = modes.choose(known, modes.name_of(sensor), sensor.name)
@@ -196,11 +219,19 @@ def _derived(
     table: Mapping[str, Any],
     keys: dict[str, Any],
     calibration: DeviceCalibration | None,
+    path: Path,
 ) -> SensorFile:
-    known = modes.with_table(mode_keys.without(file.modes, keys), table.get("modes", {}))
+    own_modes = table.get("modes", {})
+    known = modes.with_table(file.modes, own_modes)
+    known = mode_keys.without(mode_keys.filled(known, file.mode, file.sensor), keys)
+    known = modes.with_table(known, own_modes)
+    before = file.mode
     file = dataclasses.replace(file, modes=known)
     if "mode" in table:
-        file = in_mode(file, table["mode"])
+        with errors.naming(path.name):  # The message names the base's camera.
+            file = in_mode(file, table["mode"])
+    if before is not None and file.mode is not None and before.mode == file.mode.mode:
+        file = _with_own_keys(file, own_modes.get(before.mode, {}))
     if calibration is not None:
         file = with_calibration(file, calibration, same_mode="mode" in table)
     if not _OF_CAMERA.isdisjoint(keys):  # The file's own numbers win in all modes.
@@ -220,6 +251,25 @@ def _derived(
         own_right=own_right,
         written=file.written | frozenset(mode_keys.paths(keys)),
     )
+
+
+def _with_own_keys(file: SensorFile, entry: Mapping[str, Any]) -> SensorFile:
+    """Return a file with the keys that its table of modes gives to the mode of its base."""
+    changes = modes.changes_of(entry)
+    sensor = sensor_table.changed(file.sensor, changes, own_right=file.own_right)
+    return dataclasses.replace(file, sensor=sensor)
+
+
+def _refuse_mode(file: SensorFile, name: str, entry: Mapping[str, Any]) -> None:
+    """Refuse keys of a mode that could not be used; the mode need not be chosen."""
+    mode_keys.refuse_twice(entry, f" in modes.{name}")
+    with errors.naming(f"modes.{name}"):
+        if file.mode is not None:
+            in_mode(file, name)
+            return
+        width, height = file.modes[name].width, file.modes[name].height
+        sensor = scaling.scaled(file.sensor, width / file.sensor.width, width, height)
+        sensor_table.changed(sensor, modes.changes_of(entry), own_right=file.own_right)
 
 
 def _base(name: str, chain: tuple[Path, ...]) -> SensorFile:

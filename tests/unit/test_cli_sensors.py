@@ -14,7 +14,7 @@ import pytest
 
 from starling import command_line
 from starling.sim.commands import corrupt_captures, simulate_captures
-from starling.sim.sensor import edits, presets, resolve, sensor_file
+from starling.sim.sensor import differences, edits, presets, resolve, sensor_file
 from tests.unit.command_line import Capsys
 from tests.unit.command_line import refused as _refused
 from tests.unit.command_line import run as _run
@@ -240,3 +240,22 @@ def test_a_flag_given_twice_is_reported(flags: tuple[str, ...], count: int, caps
         assert command_line.main(["sensors", "show", "d435", *flags]) == 0
     message = "--mode is given 2 times; the last one counts."
     assert capsys.readouterr().err.count(message) == count
+
+
+def test_new_sensors_can_be_read(tmp_path: Path, capsys: Capsys) -> None:
+    """Another size than the mode's is a camera of its own: the file names no mode."""
+    flags = ("--from", "d555", "--mode", "640x360", "--set", "height=400")
+    code, text, _ = _run("sensors", "new", "mine", *flags, capsys=capsys)
+    assert code == 0 and "mode" not in tomllib.loads(text)
+    (tmp_path / "mine.toml").write_text(text)
+    mine = presets.load(str(tmp_path / "mine.toml"))
+    wanted = presets.load("d555", mode="640x360")
+    assert (mine.width, mine.height, mine.fx_px) == (640, 400, wanted.fx_px)
+
+
+def test_a_new_sensor_that_no_file_can_hold_is_refused(
+    capsys: Capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(differences, "new_file", lambda *_: 'base = "d555"\nwidth = 3\n')
+    message = _refused("sensors", "new", "mine", "--from", "d555", capsys=capsys)
+    assert message.startswith("starling: the new file: width must be in [32, 8192]; got 3")

@@ -116,7 +116,7 @@ def with_keys(calibration: DeviceCalibration, keys: Mapping[str, Any]) -> dict[s
     sole = calibration.cameras[0] if len(calibration.cameras) == 1 else calibration.imager
     width = keys.get("width", sole.width if sole else None)
     height = keys.get("height", sole.height if sole else None)
-    if not isinstance(width, int) or not isinstance(height, int):
+    if type(width) is not int or type(height) is not int:  # A truth value is no number.
         got = ", ".join(calibration.sizes) or "no size"
         advice = "Give whole numbers of pixels."
         raise errors.refuse("width and height", "must be given with camera_matrix", got, advice)

@@ -223,6 +223,7 @@ def test_sizes_that_do_not_fit_are_refused(tmp_path: Path) -> None:
         ('base = "xtion"\ncamera_matrix = "nowhere.yaml"', "nowhere.yaml must be readable"),
         ('name = "a"\ncamera_matrix = "oak.json"', "width and height must be given with camera_m"),
         ('name = "a"\ncamera_matrix = "info.yaml"\nwidth = 64', "image size 64x480; got 640x480"),
+        ('name = "a"\ncamera_matrix = "info.yaml"\nwidth = true', "width and height must be given"),
     ):
         with pytest.raises(InputError, match=message):
             presets.load(str(written(tmp_path, "a.toml", text)))

@@ -271,7 +271,7 @@ _BASE = 'base = "d435"\n[modes]\n'
         ),
         ('base = "d435"', "640x480@45", r"must have a frame rate of 640x480; .* Rates: 6, 15, 30,"),
         ('base = "d435"', "640x480@", r"^mode must have a frame rate of 640x480; got '640x480@'"),
-        ('base = "d435"\nmode = 640', "", r"^mode must be text; got 640"),
+        ('base = "d435"\nmode = 640', "", r"^a.toml: mode must be text; got 640"),
         ('base = "d435"\nmode = "640x480"\nwidth = 600', "", r"^width and height must be those of"),
         (
             'base = "d435"\nwidth = 600',
@@ -324,12 +324,64 @@ _BASE = 'base = "d435"\n[modes]\n'
             "640x480",
             r"^alignment.warp_px must be \(\) where a mode shows another field of view",
         ),
+        # Keys of modes that are not chosen.
+        (
+            'base = "d435"\n[modes."640x480"]\nmatcher.foo = 96\n',
+            "",
+            r"^modes.640x480: key in matcher must be a known name; got 'foo'",
+        ),
+        (
+            'base = "d435"\n[modes."640x480"]\nbaseline_m = -5\n',
+            "",
+            r"^modes.640x480: baseline_m must be > 0; got -5",
+        ),
+        (
+            'base = "d435"\nwidth = 100\ncx_px = 50.0\n[modes."640x480"]\nunit = "a"\n',
+            "",
+            r"^modes.640x480: .*unit must be",
+        ),
+        (
+            'base = "d435"\n[modes."640x480"]\n"matcher.search_px" = 96\nmatcher.search_px = 64\n',
+            "",
+            r"^matcher.search_px in modes.640x480 must be given once; got two values",
+        ),
+        (
+            'base = "d435"\n[matcher]\n"refinement.median_px" = 3\nrefinement.median_px = 5\n',
+            "",
+            r"^matcher.refinement.median_px must be given once; got two values",
+        ),
+        ('base = "d435"\nmode = "1280x721"', "", r"^a.toml: mode must be a mode of d435; got"),
+        (PLAIN + 'mode = "1280x721"\n' + MODES, "", r"^a.toml: mode must be a mode of"),
     ],
 )
 def test_wrong_modes_are_refused(tmp_path: Path, text: str, mode: str, message: str) -> None:
     with pytest.raises(InputError, match=message) as refusal:
         load(tmp_path, text, mode)
     assert "\n" not in str(refusal.value)
+
+
+OWN_KEYS = '[modes."{}"]\nmatcher.search_px = 96\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "mode", "wanted"),
+    [
+        (OWN_KEYS.format("848x480"), "", 96),  # The mode of the base.
+        (OWN_KEYS.format("848x480"), "640x480", 128),
+        ('mode = "848x480"\n' + OWN_KEYS.format("848x480"), "", 96),
+        ('mode = "640x480"\n' + OWN_KEYS.format("640x480"), "", 96),
+        ('mode = "640x480"\n' + OWN_KEYS.format("640x480"), "848x480", 128),
+        ('mode = "640x480"\n' + OWN_KEYS.format("848x480"), "", 128),
+        ('mode = "640x480"\n' + OWN_KEYS.format("848x480"), "848x480", 96),
+        ("width = 100\ncx_px = 50.0\n" + OWN_KEYS.format("640x480"), "", 128),
+        ("matcher.search_px = 64\n" + OWN_KEYS.format("640x480"), "640x480", 96),
+        ("matcher.search_px = 64\n" + OWN_KEYS.format("640x480"), "1280x720", 64),
+    ],
+)
+def test_keys_of_a_mode_hold_in_that_mode_only(
+    tmp_path: Path, text: str, mode: str, wanted: int
+) -> None:
+    assert load(tmp_path, 'base = "d435"\n' + text, mode).matcher.search_px == wanted
 
 
 def test_python_takes_a_mode() -> None:

@@ -79,6 +79,7 @@ def test_a_stock_setting_and_another_kind_replace_parts_of_the_base(tmp_path: Pa
         ('base = "a.toml"', r"^base must not lead back to its own file; got a.toml -> a.toml\."),
         ('base = "b.toml"', r"lead back to its own file; got a.toml -> b.toml -> c.toml -> a.toml"),
         ("base = 3", r"^base must be of type str; got 3"),
+        ('camera_matrix = ""', r"^camera_matrix must name a file; got no text"),
         ("camera_matrix = 3", r"^camera_matrix must be of type str; got 3"),
         ("description = 3", r"^description must be of type str; got 3"),
         ('base = "d435"\nbaseline = 3', r"^key must be a known name; got 'baseline'. Known: base"),
