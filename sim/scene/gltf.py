@@ -10,6 +10,7 @@ from typing import Any
 
 from starling.patterns import errors, regular_file
 from starling.sim import files
+from starling.sim.scene import gltf_structure
 
 # Extensions that change looks, lamps or notes, which Starling does not read from a mesh.
 _LOOKS = (
@@ -51,6 +52,7 @@ def refuse_unsupported(path: Path) -> None:
     _refuse_cut(header, data[20 + length :])
     _refuse_short(header)
     _refuse_matrices(header)
+    gltf_structure.refuse(header)
     primitives = [entry for mesh in header.get("meshes", []) for entry in mesh["primitives"]]
     for primitive in primitives:
         _refuse_primitive(primitive, header)
@@ -61,6 +63,8 @@ def refuse_unsupported(path: Path) -> None:
     ignored = " and ".join(kind for kind, used in kinds.items() if used)
     if ignored:
         warnings.warn(f"{path}: {ignored} are not applied. Export the posed mesh.", stacklevel=2)
+    for sentence in gltf_structure.ignored(header, _LOOKS, data[28 + length :]):
+        warnings.warn(f"{path}: {sentence}.", stacklevel=2)
 
 
 def _refuse_extensions(header: dict[str, Any]) -> None:
@@ -115,6 +119,8 @@ def _refuse_short(header: dict[str, Any]) -> None:
         item = _WIDTHS[accessor["componentType"]] * _COMPONENTS[accessor["type"]]
         size = _size(views, accessor, "bufferView")
         stride = views[accessor["bufferView"]].get("byteStride", item)
+        if stride < item:
+            raise ValueError(f"the byteStride of accessor {number} must be at least {item}")
         end = accessor.get("byteOffset", 0) + (accessor["count"] - 1) * stride + item
         if end > size:
             raise ValueError(f"accessor {number} ends at byte {end} of {size}")

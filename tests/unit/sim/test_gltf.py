@@ -86,6 +86,42 @@ def _positions(header: dict[str, Any]) -> dict[str, Any]:
             r"the matrix of node \d is not affine, or out of range",
         ),
         (lambda header: _primitive(header).update(indices=True), "indices is true"),
+        (lambda header: header["nodes"][0].update(children=[0]), "node 0 is above itself"),
+        (
+            lambda header: header["nodes"].extend([{"children": [2]}, {"children": [1]}]),
+            "node 1 is above itself",
+        ),
+        (
+            lambda header: header["nodes"].extend(
+                [{"children": [0, 2]}, {"children": [3]}, {"children": [1]}]
+            ),
+            r"node \d is above itself",
+        ),
+        (lambda header: header["nodes"][0].update(children=[99]), "node 99 is missing"),
+        (lambda header: header["scenes"][0].update(nodes=[99]), "node 99 is missing"),
+        (lambda header: header["nodes"].extend([{"children": [0]}] * 2), "node 0 has two parents"),
+        (lambda header: header["scenes"][0].update(nodes=[0, 0]), "node 0 is in a scene twice"),
+        (lambda header: header["nodes"].append({"children": [0]}), "node 0 is in a scene twice"),
+        (
+            lambda header: header["nodes"][-1].update(rotation=[0, 0, 0, 2]),
+            r"the rotation of node \d must have the length 1",
+        ),
+        (
+            lambda header: header["nodes"][-1].update(rotation=[0, 1]),
+            r"the rotation of node \d must have the length 1",
+        ),
+        (
+            lambda header: header.update(
+                materials=[{"pbrMetallicRoughness": {"baseColorFactor": [9, 1, 1, 1]}}]
+            ),
+            r"baseColorFactor of material 0 must be in \[0, 1\]; got 9",
+        ),
+        (
+            lambda header: header["bufferViews"][_positions(header)["bufferView"]].update(
+                byteStride=4
+            ),
+            r"the byteStride of accessor \d must be at least 12",
+        ),
         (
             lambda header: _primitive(header).update(
                 indices=_primitive(header)["attributes"]["POSITION"]
@@ -152,3 +188,60 @@ def test_extensions_of_looks_are_read_without_a_warning(tmp_path: Path):
         warnings.simplefilter("error")
         ((_, mesh),) = sources.mesh_parts(path)
     assert len(mesh.faces) == 12
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (
+            lambda header: header["nodes"][-1].update(extensions={"EXT_mesh_gpu_instancing": {}}),
+            "glb: EXT_mesh_gpu_instancing is not applied. Export the meshes without it",
+        ),
+        (
+            lambda header: _positions(header).update(min=[5, 5, 5], max=[6, 6, 6]),
+            r"glb: the vertices of accessor \d lie outside its min and max",
+        ),
+    ],
+)
+def test_what_may_be_missing_gives_a_warning(tmp_path: Path, edit: Edit, message: str):
+    path = _glb(tmp_path / "box.glb", edit)
+    with pytest.warns(UserWarning, match=message) as caught:
+        assert sources.mesh_parts(path)
+    assert len(caught) == 1
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda header: header["nodes"][-1].update(extensions={"KHR_lights_punctual": {}}),
+        lambda header: _positions(header).pop("min"),
+        lambda header: header["nodes"][-1].update(rotation=[0, 0, 0.6, 0.8005]),
+        lambda header: header["scenes"].append({"nodes": [0]}),
+    ],
+)
+def test_parts_that_change_nothing_give_no_warning(tmp_path: Path, edit: Edit):
+    path = _glb(tmp_path / "box.glb", edit)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert sources.mesh_parts(path)
+
+
+def test_bounds_of_buffers_elsewhere_are_not_checked(tmp_path: Path):
+    """Their vertices are not in the file."""
+
+    def edit(header: dict[str, Any]) -> None:
+        header["buffers"] = [{"byteLength": 10**6, "uri": "box.bin"}]
+        _positions(header).update(min=[5, 5, 5], max=[6, 6, 6])
+
+    path = _glb(tmp_path / "box.glb", edit)
+    with warnings.catch_warnings(), pytest.raises(InputError, match="It cannot be read"):
+        warnings.simplefilter("error")
+        sources.mesh_parts(path)
+
+
+def test_long_chains_of_nodes_are_read(tmp_path: Path):
+    def edit(header: dict[str, Any]) -> None:
+        mesh = header["nodes"][0]
+        header["nodes"] = [*({"children": [n + 1]} for n in range(200)), mesh]
+
+    assert sources.mesh_parts(_glb(tmp_path / "box.glb", edit))
