@@ -173,7 +173,7 @@ def _from_table(table: dict[str, Any], path: Path, chain: tuple[Path, ...]) -> S
     else:
         file = _root(table, keys, calibration, path)
     for name, entry in table.get("modes", {}).items():
-        if modes.changes_of(entry):
+        if isinstance(entry, Mapping) and modes.changes_of(entry):
             _refuse_mode(file, name, entry)
     return dataclasses.replace(
         file,
