@@ -18,7 +18,7 @@ from starling.sim.scene.visible import LUMINANCE
 from starling.sim.sensor.sensor import Sensor
 
 NEAREST_SURFACE_M = 1e-3  # Nearer surfaces are errors of the renderer.
-_METRES = 50.0  # A larger median is in millimetres [m].
+_METRES = 50.0  # A larger median is in millimetres, or of sky [m].
 _JUMP = 0.02  # A larger relative depth difference of neighbours separates surfaces.
 REFLECTANCE = 0.5  # Of unknown surfaces.
 
@@ -79,9 +79,11 @@ def checked_depth(
         raise errors.refuse(name, rule, f"{nearest:g}", "Write 0 where there is no surface.")
     middle = float(np.median(known))
     if middle > _METRES:
-        raise errors.refuse(
-            name, "must be in metres", f"a median of {middle:g}", "Divide millimetres by 1000."
+        advice = (
+            f"Divide millimetres by 1000. A median above {_METRES:g} m is refused too: "
+            "set sky and far plane to NaN."
         )
+        raise errors.refuse(name, "must be in metres", f"a median of {middle:g}", advice)
     return out
 
 

@@ -17,7 +17,7 @@ _BACKGROUND_M = 10.0  # A farther plane that fills part of the image is no surfa
 _SHARE = 0.01  # Least share of pixels that is reported.
 _BUFFER = 0.9  # Most of a depth buffer lies above, for usual near planes.
 _STRIDES = 24  # Image widths over which planes are tested.
-_FLATTER = 0.25  # Ratio of curvatures below which an image holds ranges.
+_FLATTER = 0.25  # Ratio of curvatures below which an image holds ranges, or a buffer.
 _ROUGH = 1e-3  # A larger relative curvature is no plane.
 _CENTRE = (0.25, 0.75)  # Usual places of the principal point [image sides].
 _LEVEL = 4  # Of `warnings.warn`: the caller of `Corruptor`.
@@ -33,8 +33,11 @@ def warn_of_depth(depth_m: Image, camera: InputCamera) -> None:
     known = depth_m[np.isfinite(depth_m)]
     farthest = float(known.max())
     low = float(np.quantile(known[::16], 0.05))
-    if _BUFFER < low < farthest <= 1:
-        _warn("depth_m looks like a depth buffer. Convert it with starling.depth_from_zbuffer.")
+    if farthest <= 1 and (low > _BUFFER or _is_flatter_as_buffer(depth_m)):
+        _warn(
+            "depth_m looks like a depth buffer. Convert it with starling.depth_from_zbuffer; "
+            "if it falls with distance, give 1 minus it."
+        )
         return
     share = float(np.mean(depth_m == np.float32(farthest)))
     if farthest > _BACKGROUND_M and share > _SHARE:
@@ -96,6 +99,19 @@ def _is_flatter_as_range(depth_m: Image, camera: InputCamera) -> bool:
     as_range = nearness * ray_length(camera.shape, camera.matrix)
     bent, straight = (_curvature(image, nearness) for image in (nearness, as_range))
     return straight < _FLATTER * bent and straight < _ROUGH
+
+
+def _is_flatter_as_buffer(depth_m: Image) -> bool:
+    """Whether most surfaces are planes, if the image is linear in inverse depth, as buffers are."""
+    nearness = np.float32(1) / depth_m
+    bent, straight = _curvature(nearness, nearness), _curvature(depth_m, depth_m)
+    if not straight < min(_FLATTER * bent, _ROUGH):
+        return False
+    # Depth in whole steps is straight between them: the bend has to be more than a step.
+    rows = depth_m[::4]
+    second = np.abs(np.diff(rows, 2, axis=1)) / rows[:, 1:-1]
+    known = second[np.isfinite(second)]
+    return bool(known.size) and bent > float(np.quantile(known, 0.9))
 
 
 def _curvature(image: Image, scale: Image) -> float:

@@ -135,7 +135,10 @@ def test_resampling_keeps_a_tilted_plane() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"depth_m": WALL * 1000}, "depth_m must be in metres; got a median of 1000"),
+        (
+            {"depth_m": WALL * 1000},
+            r"depth_m must be in metres; got a median of 1000\. .* set sky and far plane to NaN",
+        ),
         ({"depth_m": -WALL}, "depth_m must be >= 0"),
         ({"depth_m": WALL * np.nan}, "depth_m must hold a surface"),
         ({"depth_m": WALL[0]}, r"depth_m must be \(h, w\) numbers"),

@@ -101,7 +101,8 @@ def test_a_far_plane_is_reported(farthest: float, columns: int, warns: bool) -> 
 
 @pytest.mark.parametrize(("low", "warns"), [(0.91, True), (0.89, False)])
 def test_a_depth_buffer_is_reported(low: float, warns: bool) -> None:
-    depth = np.linspace(low, 1, 160)[None].repeat(120, axis=0)
+    depth = np.random.default_rng(0).permutation(np.linspace(low, 1, 120 * 160)).reshape(SHAPE)
+    depth[:9] = low + 1e-3  # 7 % of the pixels.
     assert any("depth_from_zbuffer" in text for text in messages(depth)) == warns
 
 
@@ -116,6 +117,43 @@ def test_a_principal_point_beside_the_middle_half_is_reported(
     matrix[row, 2] = share * SHAPE[1 - row]
     texts = camera_messages(InputCamera(matrix, SHAPE), SENSOR)
     assert any("Is it for another image size" in text for text in texts) == warns
+
+
+def tilted(nearest: float, slope: float) -> Any:
+    """Depth of two tilted planes, one above the other."""
+    x = (np.arange(160) - 79.5) / 150
+    planes = nearest / (1 + slope * x / 2), 1.3 * nearest / (1 - slope * x)
+    return np.concatenate([np.repeat(plane[None], 60, axis=0) for plane in planes])
+
+
+@pytest.mark.parametrize("near", [0.01, 0.05, 0.1, 0.3])
+@pytest.mark.parametrize("far", [5.0, 100.0, 1000.0])
+@pytest.mark.parametrize("is_reversed", [False, True])
+def test_buffers_of_tilted_planes_are_reported(near: float, far: float, is_reversed: bool) -> None:
+    """They are linear in inverse depth, whatever the near plane."""
+    buffer = far / (far - near) * (1 - near / tilted(0.8, 0.8))
+    texts = messages(1 - buffer if is_reversed else buffer)
+    assert any("depth_from_zbuffer" in text for text in texts)
+
+
+@pytest.mark.parametrize("nearest", [0.08, 0.2, 0.4])
+@pytest.mark.parametrize("slope", [0.0, 0.1, 0.4, 0.8])
+def test_near_planes_are_no_buffers(nearest: float, slope: float) -> None:
+    depth = tilted(nearest, slope)
+    assert messages(depth) == []
+    assert messages(np.round(depth, 3)) == []
+
+
+def test_single_pixels_are_no_buffer() -> None:
+    sparse = np.full(SHAPE, np.nan)
+    sparse[::6, ::6] = (0.9 * (1 - 0.1 / tilted(0.8, 0.8)))[::6, ::6]
+    assert messages(sparse) == []
+
+
+def test_a_near_ball_is_no_buffer() -> None:
+    y, x = np.mgrid[:120, :160]
+    ball = 0.5 - 0.2 * np.sqrt(np.maximum(1 - ((x - 80) ** 2 + (y - 60) ** 2) / 100**2, 0))
+    assert messages(ball) == []
 
 
 def test_a_matrix_of_another_size_is_reported() -> None:
