@@ -38,19 +38,33 @@ _STEP_PX = 16  # Engines search a multiple of this.
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Reading:
-    """One reading of a depth camera, each image (h, w) of the sensor's size."""
+    """One reading of a depth camera, each image (h, w) of the sensor's size.
+
+    Attributes:
+        ir_left: image of the left imager, or of the only one [DN].
+        ir_right: image of the right imager [DN]; None for structured light.
+        depth_m: depth along the optical axis [m], NaN where missing.
+        depth_u16: code as the device writes it; 0 where missing.
+        reason: codes of `starling.Reason`; 0 if and only if there is depth.
+        lit: whether the projector reaches the surface.
+        right_sees: whether the right imager sees the surface.
+        true_depth_m: the input in the sensor's camera [m]; NaN without a surface.
+        exposure_s: exposure of the images [s].
+        gain: gain of the images, 1 is none.
+        history: pass it as `past` with the next frame, for a temporal filter; None without one.
+    """
 
     ir_left: Infrared
-    ir_right: Infrared | None  # None: structured light.
-    depth_m: Image  # NaN where missing.
-    depth_u16: NDArray[np.uint16]  # Code as the device writes it; 0 where missing.
-    reason: Labels  # Codes of `starling.Reason`; 0 if and only if there is depth.
-    lit: Mask  # The projector reaches the surface.
-    right_sees: Mask  # The right imager sees the surface.
-    true_depth_m: Image  # The input in the sensor's camera; NaN without a surface.
+    ir_right: Infrared | None
+    depth_m: Image
+    depth_u16: NDArray[np.uint16]
+    reason: Labels
+    lit: Mask
+    right_sees: Mask
+    true_depth_m: Image
     exposure_s: float
     gain: float
-    history: History | None  # Pass as `past` with the next frame, for a temporal filter.
+    history: History | None
 
     @classmethod
     def from_shot(cls, shot: Shot, depth: DepthMap, sensor: Sensor) -> Reading:

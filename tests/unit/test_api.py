@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import doctest
+import pydoc
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -121,3 +124,12 @@ def test_masks_and_other_types_of_images_are_not_ignored():
     for wrong in ("left.png", None):
         with pytest.raises(starling.InputError, match="ir_left must be an array of real numbers"):
             starling.match(wrong, image, sensor)  # type: ignore[arg-type]
+
+
+def test_help_explains_every_field_of_a_reading_and_every_reason() -> None:
+    """Comments of fields are not part of `help`."""
+    reading, reason = (str(pydoc.render_doc(each)) for each in (starling.Reading, starling.Reason))
+    for field in dataclasses.fields(starling.Reading):
+        assert re.search(rf"\n \|      {field.name}: \S", reading)
+    for code in starling.Reason:
+        assert re.search(rf"\n \|      {code.name}: {code.value}\. [A-Z]", reason)
