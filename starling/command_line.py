@@ -9,10 +9,12 @@ from __future__ import annotations
 import difflib
 import os
 import sys
+import typing
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from itertools import pairwise
 
 # By group of the help: each verb and the module whose function of the same name it calls.
 GROUPS: dict[str, dict[str, str]] = {
@@ -67,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         with streams.usable() as output:
             try:
-                code = _end(arguments)
+                code = _end(arguments, ends=argv is None)
             except KeyboardInterrupt:
                 code = _report_stop(_INTERRUPTED)
             lost = output.loss()
@@ -78,12 +80,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _INTERRUPTED
 
 
-def _end(arguments: list[str]) -> int:
+def _end(arguments: list[str], *, ends: bool) -> int:
     """Run one command and turn every way in which it ends into an exit code."""
     from starling.sim.console import shell
 
     try:
-        with shell.stopped_by_signals(), warnings.catch_warnings():
+        with shell.stopped_by_signals(ends=ends), warnings.catch_warnings():
             warnings.showwarning = shell.warn
             return _run(arguments)
     except SystemExit as stop:
@@ -118,6 +120,7 @@ def _run(arguments: list[str]) -> int:
         return _BAD_FLAGS
     _refuse_lost_folder()
     _warn_of_repeated(arguments)
+    _refuse_empty(_function(name), arguments)
     tyro.cli(
         _function(name),
         prog=f"starling {name}",
@@ -135,6 +138,18 @@ def _warn_of_repeated(arguments: list[str]) -> None:
     for flag, count in flags.items():
         if count > 1 and flag not in REPEATED:
             warnings.warn(f"{flag} is given {count} times; the last one counts.", stacklevel=1)
+
+
+def _refuse_empty(verb: Callable[..., None], arguments: list[str]) -> None:
+    """Refuse a flag of a list without a value, which would count as a flag that is left out."""
+    from starling.patterns.errors import refuse
+    from starling.sim.console.flags import REPEATED
+
+    lists = [name for name, hint in typing.get_type_hints(verb).items() if "..." in str(hint)]
+    flags = {*REPEATED, *(f"--{name.replace('_', '-')}" for name in lists)}
+    for word, following in pairwise([*arguments, "--"]):
+        if word in flags and following.startswith("--"):
+            raise refuse(word, "must have a value", "none", "Give one, or leave the flag out.")
 
 
 def _refuse_lost_folder() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -139,6 +140,11 @@ def _images(path: Path, frames: int) -> list[Path]:
     if frames > 1:
         rule = "must be 1 for a folder of depth images"
         raise errors.refuse("frames", rule, frames, "Each image is a frame.")
+    counts = Counter(each.stem for each in images)
+    twice = [each.name for each in images if counts[each.stem] > 1]
+    if twice:
+        rule, advice = "must hold one image of each name", "Move the other ones."
+        raise errors.refuse("scene", rule, f"{twice[0]} and {twice[1]} in {path}", advice)
     return images
 
 

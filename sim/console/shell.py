@@ -18,13 +18,16 @@ _AGAIN_S = 0.1  # A signal during an import is sent again after this time [s].
 
 
 @contextmanager
-def stopped_by_signals() -> Iterator[None]:
+def stopped_by_signals(*, ends: bool = False) -> Iterator[None]:
     """Turn SIGTERM and SIGHUP into `SystemExit`, so that partial output is removed.
 
     SIGINT is `KeyboardInterrupt`.
 
     A repeated signal is ignored, as it would end the removal. A signal that the caller ignores
     stays ignored. A signal waits for the end of an import: trimesh catches all exceptions in its.
+
+    Args:
+        ends: whether the process ends after the context: a signal that it received stays ignored.
     """
     if threading.current_thread() is not threading.main_thread():  # Only it receives signals.
         yield
@@ -38,7 +41,8 @@ def stopped_by_signals() -> Iterator[None]:
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            if not (ends and signal.getsignal(number) == signal.SIG_IGN):
+                signal.signal(number, handler)
 
 
 def _stop(number: int, frame: FrameType | None) -> None:

@@ -370,3 +370,19 @@ def test_other_errors_are_one_line_too(capsys: Capsys, monkeypatch: pytest.Monke
     assert _run("doctor", capsys=capsys)[0] == 130
     monkeypatch.setattr(backend, "report", raising(SystemExit("stop")))
     assert _run("doctor", capsys=capsys)[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("flags", "flag"),
+    [
+        (("sweep", "--out", "o", "--baseline-m", "--distance-m", "1"), "--baseline-m"),
+        (("sweep", "--out", "o", "--distance-m"), "--distance-m"),
+        (("simulate", "wall", "--sensor", "d435", "--out", "o", "--set"), "--set"),
+        (("train", "trees", "set", "--rooms", "--out", "o"), "--rooms"),
+    ],
+)
+def test_a_flag_of_a_list_without_a_value_is_refused(
+    flags: tuple[str, ...], flag: str, capsys: Capsys
+) -> None:
+    message = _refused(*flags, capsys=capsys)
+    assert message.startswith(f"starling: {flag} must have a value; got none. Give one")

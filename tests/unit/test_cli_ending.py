@@ -94,6 +94,27 @@ def test_signal_during_an_import_that_catches_everything_is_not_lost(
     )
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_second_signal_while_the_process_ends_is_ignored(number: int) -> None:
+    """At the end of Python it would print a traceback."""
+    code = INTERRUPTIBLE + (
+        "import atexit, os, sys\n"
+        "from starling import command_line\n"
+        "from starling.sim.render import backend\n"
+        f"backend.report = lambda: os.kill(os.getpid(), {int(number)})\n"
+        f"atexit.register(os.kill, os.getpid(), {int(number)})\n"
+        "sys.argv[1:] = ['doctor']\n"
+        "sys.exit(command_line.main())"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (run.returncode, run.stderr) == (
+        128 + number,
+        "interrupted; nothing half-written is left\n",
+    )
+
+
 def test_ignored_signal_stays_ignored() -> None:
     """As those of a program that `nohup` or a script started in the background."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)

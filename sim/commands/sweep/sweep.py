@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -115,6 +116,7 @@ def run(
         from starling.sim.commands.sweep import picture
 
         figures = summary(result)
+        _warn_of_unmeasured(result)
         arguments = {
             "axes": sweep_axes.chosen(base, axes),
             "distance_m": result.distances_m,
@@ -155,6 +157,22 @@ def summary(result: Sweep) -> dict[str, Any]:
             for camera, figures in zip(result.cameras, result.figures, strict=True)
         },
     }
+
+
+def _warn_of_unmeasured(result: Sweep) -> None:
+    """Warn of cameras without figures at the reference distance, and name the main cause."""
+    causes = {}
+    for camera, figures in zip(result.cameras, result.figures, strict=True):
+        point = figures[result.reference]
+        if not math.isfinite(point.noise_m):
+            causes[result.name(camera)] = max(point.holes, key=lambda name: point.holes[name])
+    if causes:
+        listed_causes = ", ".join(f"{name} ({cause})" for name, cause in causes.items())
+        warnings.warn(
+            f"no figures at {result.distances_m[result.reference]:g} m, where most of the wall has "
+            f"no depth: {listed_causes}.",
+            stacklevel=2,
+        )
 
 
 def listed(result: Sweep) -> dict[str, Any]:

@@ -87,6 +87,14 @@ def test_numbers_in_names_are_in_order(tmp_path: Path) -> None:
     assert depth_file.files(tmp_path / "nowhere") == []
 
 
+def test_two_files_of_one_frame_are_refused(tmp_path: Path) -> None:
+    """As metres and as millimetres of one image, which would be two frames."""
+    for name in ("0.npy", "0.png", "1.npy"):
+        written(tmp_path, name)
+    with pytest.raises(InputError, match=r"scene must hold one image of each name; got 0.npy and"):
+        corrupt_captures(tmp_path, SENSOR, tmp_path / "out", camera_matrix=CAMERA)
+
+
 def test_nanoseconds_in_names_are_in_order(tmp_path: Path) -> None:
     stamps = [1403636579763555584, 1403636579763555585, 1403636579763555586]
     paths = [tmp_path / f"{stamp}.npy" for stamp in stamps]

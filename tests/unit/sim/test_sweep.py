@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import json
 import math
@@ -180,6 +181,16 @@ def test_refused_sweep_leaves_nothing(tmp_path) -> None:
     with pytest.raises(InputError):
         sweep.run(BASE, {"baseline_m": [-1.0]}, tmp_path / "out")
     assert not list(tmp_path.iterdir())
+
+
+def test_cameras_without_figures_give_a_warning(tmp_path, monkeypatch) -> None:
+    result = dataclasses.replace(_result(), reference=1)
+    monkeypatch.setattr(sweep, "sweep", lambda *_, **__: result)
+    message = (
+        r"^no figures at 2 m, .* no depth: base \(no_surface\), baseline 20 mm \(no_surface\), "
+    )
+    with pytest.warns(UserWarning, match=message):
+        sweep.run(BASE, {}, tmp_path / "out")
 
 
 def test_tables_hold_every_camera_at_every_distance() -> None:
