@@ -33,7 +33,7 @@ def warn_of_depth(depth_m: Image, camera: InputCamera) -> None:
     known = depth_m[np.isfinite(depth_m)]
     farthest = float(known.max())
     low = float(np.quantile(known[::16], 0.05))
-    if farthest <= 1 and (low > _BUFFER or _is_flatter_as_buffer(depth_m)):
+    if farthest <= 1 and (_BUFFER < low < farthest or _is_flatter_as_buffer(depth_m)):
         _warn(
             "depth_m looks like a depth buffer. Convert it with starling.depth_from_zbuffer; "
             "if it falls with distance, give 1 minus it."

@@ -144,6 +144,11 @@ def test_near_planes_are_no_buffers(nearest: float, slope: float) -> None:
     assert messages(np.round(depth, 3)) == []
 
 
+@pytest.mark.parametrize("depth_m", [0.95, 1.0])
+def test_a_near_wall_is_no_buffer(depth_m: float) -> None:
+    assert messages(np.full(SHAPE, depth_m)) == []
+
+
 def test_single_pixels_are_no_buffer() -> None:
     sparse = np.full(SHAPE, np.nan)
     sparse[::6, ::6] = (0.9 * (1 - 0.1 / tilted(0.8, 0.8)))[::6, ::6]
