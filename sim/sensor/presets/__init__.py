@@ -11,7 +11,7 @@ import tomli_w
 
 from starling.patterns import errors
 from starling.sim import files
-from starling.sim.sensor import differences, intrinsics, sensor_file, structure
+from starling.sim.sensor import differences, intrinsics, search_end, sensor_file, structure
 from starling.sim.sensor.imager import EXPOSURE
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.sensor.sensor_file import SensorFile
@@ -73,6 +73,8 @@ def load_file(name: str, *, mode: str = "", camera_matrix: str | Path | None = N
     if camera_matrix is not None:
         calibration = intrinsics.read(Path(camera_matrix))
         file = sensor_file.with_calibration(file, calibration, same_mode=bool(mode))
+    if path.parent != sensor_file.PRESETS:
+        search_end.warn(file.sensor, path)
     return file
 
 
