@@ -22,6 +22,12 @@ _KNOWN = {
     **_INSIDE,
     _BOTH: (1, 2),
 }
+_PICTURE = "bitmap"
+_TEXTURES = (
+    *(_PICTURE, "checkerboard", "mesh_attribute"),
+    *("blackbody", "d65", "irregular", "rawconstant", "regular", "srgb", "uniform"),
+)
+_BUMPS = ("bumpmap", "normalmap")  # Materials whose texture must be a picture.
 _TRANSMISSION = "spec_trans"  # Property of a `principled` material that lets light through.
 
 
@@ -43,8 +49,30 @@ def refuse_unknown(state: Any, where: str, node: Any) -> None:
     count = sum(state.nodes[number].type == kind for _, number in children(node))
     if not low <= count <= high:
         wanted = str(low) if low == high else f"{low} or {high}"
-        rule = f"must have {wanted} materials inside"
+        rule = f"must have {wanted} material{'s' if high > 1 else ''} inside"
         raise errors.refuse(f"{plugin} in {where}", rule, count, "Complete the file.")
+    inner = [state.nodes[number].props.plugin_name() for _, number in children(node)]
+    wrong = [name for name in inner if name in _TEXTURES and name != _PICTURE]
+    if plugin in _BUMPS and wrong:
+        rule, advice = "must have a bitmap as texture", "Bake it to a picture."
+        raise errors.refuse(f"{plugin} in {where}", rule, wrong[0], advice)
+
+
+def refuse_texture(where: str, node: Any) -> None:
+    """Refuse a texture that is not supported, or a picture without a file.
+
+    Args:
+        where: place in the file, for the message.
+        node: node of the texture.
+
+    Raises:
+        InputError: if it is.
+    """
+    plugin = node.props.plugin_name()
+    errors.one_of(f"texture in {where}", plugin, _TEXTURES)
+    if plugin == _PICTURE and "filename" not in node.props:
+        rule, advice = "must have a filename", "Complete the file."
+        raise errors.refuse(f"{plugin} in {where}", rule, "none", advice)
 
 
 def make_two_sided(state: Any) -> None:

@@ -174,8 +174,10 @@ def _refuse_nodes(state: Any, path: Path, resolver: Any) -> None:
             except (ValueError, OSError) as error:
                 rule, advice = f"in {path} must be a mesh", f"It cannot be read: {error}"
                 raise errors.refuse("shape", rule, mesh, advice) from None
+        where = mi.parser.file_location(state, node)
+        if node.type == mi.ObjectType.Texture:
+            mitsuba_surfaces.refuse_texture(where, node)
         if node.type == mi.ObjectType.BSDF:
-            where = mi.parser.file_location(state, node)
             mitsuba_surfaces.refuse_unknown(state, where, node)
             for name in filter(_SHARE.fullmatch, node.props.keys()):
                 for value in _numbers(state, node, name):

@@ -20,6 +20,7 @@ from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.sensor.imager import Lens
 
+_NEAREST_M = 1e-3  # Defocus of nearer surfaces is that at this distance [m].
 _STEP = 2.0  # Ratio of successive variances of the uniform blurs.
 
 _FIRST_PX2 = 0.25  # Variance of the first blur [px^2].
@@ -98,6 +99,7 @@ def variance(depth_m: Image, lens: Lens, pinhole: Pinhole) -> Image:
         np.float32(pinhole.cy_px),
         np.float32(lens.defocus_px_m),
         np.float32(1 / lens.focus_m),
+        np.float32(1 / _NEAREST_M),
     )
 
 
@@ -135,13 +137,13 @@ def _interpolated(part: Image, wanted: Image, steps: list[float]) -> Image:
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
-def _variance(depth_m, even, corner, cx, cy, defocus, focus):  # pragma: no cover - compiled
+def _variance(depth_m, even, corner, cx, cy, defocus, focus, most):  # pragma: no cover - compiled
     h, w = depth_m.shape
     out = np.empty((h, w), np.float32)
     for y in range(h):
         for x in range(w):
-            inverse = np.float32(1) / depth_m[y, x]
-            if np.isnan(inverse):
+            inverse = min(np.float32(1) / depth_m[y, x], most)
+            if np.isnan(depth_m[y, x]):
                 inverse = np.float32(0)
             across, down = np.float32(x) - cx, np.float32(y) - cy
             off = defocus * (inverse - focus)

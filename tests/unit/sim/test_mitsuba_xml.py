@@ -188,6 +188,8 @@ def test_colours_of_vertices_are_checked(tmp_path: Path, level: float, is_refuse
     [
         '<rgb name="reflectance" value="0, 0.5, 1"/>',
         '<spectrum name="reflectance" value="400:0, 900:1"/>',
+        '<spectrum name="reflectance" type="uniform"><float name="value" value="0.3"/></spectrum>',
+        '<spectrum name="reflectance" value="400:0, 500:0.5, 900:1"/>',
         '<texture type="checkerboard" name="reflectance"><transform name="to_uv">'
         '<scale value="8"/></transform></texture>',
     ],
@@ -204,13 +206,25 @@ def test_shares_of_light_inside_their_range_are_read(tmp_path: Path, values: str
             f'<bsdf type="blendbsdf">{DIFFUSE.format("")}</bsdf>',
             "blendbsdf in {} must have 2 materials inside; got 1",
         ),
-        ('<bsdf type="mask"/>', "mask in {} must have 1 materials inside; got 0"),
+        ('<bsdf type="mask"/>', "mask in {} must have 1 material inside; got 0"),
         (
             '<bsdf type="twosided"><bsdf type="bumpmap"/></bsdf>',
-            "bumpmap in {} must have 1 materials inside; got 0",
+            "bumpmap in {} must have 1 material inside; got 0",
         ),
         ('<bsdf type="twosided"/>', "twosided in {} must have 1 or 2 materials inside; got 0"),
         ('<bsdf type="hair"/>', "bsdf in {} must be a known name; got 'hair'"),
+        (
+            '<bsdf type="bumpmap"><texture type="checkerboard"/><bsdf type="diffuse"/></bsdf>',
+            "bumpmap in {} must have a bitmap as texture; got checkerboard",
+        ),
+        (
+            DIFFUSE.format('<texture type="bitmap" name="reflectance"/>'),
+            "bitmap in {} must have a filename; got none",
+        ),
+        (
+            DIFFUSE.format('<texture type="volume" name="reflectance"/>'),
+            "texture in {} must be a known name; got 'volume'",
+        ),
         ('<bsdf type="velvet"/>', "bsdf in {} must be a known name; got 'velvet'"),
     ],
 )

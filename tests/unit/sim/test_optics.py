@@ -108,6 +108,15 @@ def test_missing_depth_counts_as_far_and_focus_is_sharp() -> None:
     assert wanted[0, 0] == pytest.approx((0.8 / 0.5) ** 2)
 
 
+def test_defocus_of_a_surface_in_the_lens_is_finite() -> None:
+    """It is that at 1 mm; a scene can touch the camera."""
+    lens = Lens(defocus_px_m=0.1, focus_m=1.0)
+    depths = (np.full(SHAPE, depth_m, np.float32) for depth_m in (0.0, 1e-30, 1e-3))
+    spots = [spot.variance(depth_m, lens, PINHOLE) for depth_m in depths]
+    assert np.array_equal(spots[0], spots[1]) and np.allclose(spots[1], spots[2])
+    assert np.isfinite(spots[0]).all()
+
+
 # Alignment.
 
 
