@@ -24,7 +24,8 @@ def read_bytes(path: Path) -> bytes:
     try:
         return regular_file.read(path)
     except OSError as error:
-        raise errors.refuse(path.name, "must be readable", path, f"{error.strerror}.") from error
+        name = path.name or "file"  # The working directory has no name.
+        raise errors.refuse(name, "must be readable", path, f"{error.strerror}.") from error
 
 
 def read_text(path: Path) -> str:

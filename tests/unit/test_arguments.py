@@ -215,3 +215,4 @@ def test_modes_and_switches_of_wrong_types_are_refused(captures: Path, tmp_path:
             lambda value=value: api.diagnose(captures, SMALL, residual=value),
         )
     assert api.load_sensor("d435", edits=iter(())) == SENSOR
+    _refuses("file must be readable; got .", lambda: api.load_sensor("d435", camera_matrix=""))

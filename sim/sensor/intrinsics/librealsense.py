@@ -110,7 +110,8 @@ def _baseline_m(text: str, path: Path) -> float | None:
             continue
         following = _PART.search(text, head.end())
         block = text[head.end() : following.start() if following else len(text)]
-        words = found[1].split() if (found := _TRANSLATION.search(block)) else []
+        translation = _TRANSLATION.search(block)
+        words = translation[1].split() if translation else []
         if len(words) != 3 or not all(re.fullmatch(_NUMBER, word) for word in words):
             rule, got = "must have a translation of three numbers", " ".join(words) or "nothing"
             raise errors.refuse(name, rule, got, _COMPLETE)
