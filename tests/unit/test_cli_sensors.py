@@ -57,13 +57,14 @@ def test_a_sensor_file_is_shown(capsys: Capsys, tmp_path: Path) -> None:
 def test_a_new_file_reads_as_the_edited_base(capsys: Capsys, tmp_path: Path, mode: str) -> None:
     flags = ["--set", "baseline_m=0.095", "--set", "imager.gain=2", "--set", "right.prnu=0.01"]
     flags += ["--set", "matcher.setting=fast", "--set", "projector.position_m.x=0.04"]
+    flags += ["--set", "post.near_m=0.35"]
     flags += ["--mode", mode] if mode else []
     code, text, err = _run("sensors", "new", "wide", "--from", "d435", *flags, capsys=capsys)
     assert (code, err) == (0, "")
     assert set(tomllib.loads(text)) <= {"base", "name", "mode", "baseline_m", "left", "right",
-                                        "matcher", "projector"}  # fmt: skip
+                                        "matcher", "post", "projector"}  # fmt: skip
     (tmp_path / "wide.toml").write_text(text)
-    wanted = edits.apply(presets.load("d435", mode=mode), flags[1:10:2])
+    wanted = edits.apply(presets.load("d435", mode=mode), flags[1:12:2])
     loaded = presets.load(str(tmp_path / "wide.toml"))
     assert loaded == dataclasses.replace(wanted, name="wide")
 
