@@ -235,7 +235,7 @@ def test_frames_without_truth_are_refused(captures: Path, tmp_path: Path, capsys
     out = ("--out", tmp_path / "out")
     judged = ("evaluate", "completion", captures, *out, "--methods", "nearest")
     assert "room" in refused(*judged, "--rooms", "loft", capsys=capsys)
-    assert "rooms must be at least one; got none" in refused(*judged, "--rooms", capsys=capsys)
+    assert "--rooms must have a value; got none" in refused(*judged, "--rooms", capsys=capsys)
     (captures / "study-view" / "truth.png").unlink()
     for words in (judged, ("train", "completion", captures, *out)):
         assert "scene study-view must have truth.png; got none" in refused(*words, capsys=capsys)
