@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from starling.sim.captures.capture import CapturedScene as CapturedScene
     from starling.sim.captures.capture import CaptureSet as CaptureSet
     from starling.sim.corrupt import Corruptor as Corruptor
-    from starling.sim.corrupt import Reading as Reading
     from starling.sim.effects.effect import Value
+    from starling.sim.reading import Reading as Reading
     from starling.sim.reason import Reason as Reason
     from starling.sim.scene.scene import Scene as Scene
     from starling.sim.sensor.sensor import Sensor as Sensor
@@ -49,7 +49,7 @@ _CLASSES = {  # Name to the module that defines it; loaded on first use.
     "Diagnosis": "starling.diagnosis.diagnosis",
     "InputError": "starling.patterns.errors",
     "Pattern": "starling.patterns.pattern",
-    "Reading": "starling.sim.corrupt",
+    "Reading": "starling.sim.reading",
     "Reason": "starling.sim.reason",
     "Scene": "starling.sim.scene.scene",
     "Sensor": "starling.sim.sensor.sensor",

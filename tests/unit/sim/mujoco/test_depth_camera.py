@@ -12,9 +12,9 @@ import pytest
 import starling
 import starling.mujoco
 from starling.patterns import InputError
-from starling.sim.corrupt import Reading
 from starling.sim.mujoco import model_scene
 from starling.sim.mujoco.buffers import Buffers
+from starling.sim.reading import Reading
 from starling.sim.reason import Reason
 from starling.sim.simulate import simulate
 
