@@ -360,22 +360,22 @@ def test_wrong_modes_are_refused(tmp_path: Path, text: str, mode: str, message: 
     assert "\n" not in str(refusal.value)
 
 
-OWN_KEYS = '[modes."{}"]\nmatcher.search_px = 96\n'
+OWN_KEYS = '[modes."{}"]\nmatcher.search_px = 192\n'
 
 
 @pytest.mark.parametrize(
     ("text", "mode", "wanted"),
     [
-        (OWN_KEYS.format("848x480"), "", 96),  # The mode of the base.
+        (OWN_KEYS.format("848x480"), "", 192),  # The mode of the base.
         (OWN_KEYS.format("848x480"), "640x480", 128),
-        ('mode = "848x480"\n' + OWN_KEYS.format("848x480"), "", 96),
-        ('mode = "640x480"\n' + OWN_KEYS.format("640x480"), "", 96),
+        ('mode = "848x480"\n' + OWN_KEYS.format("848x480"), "", 192),
+        ('mode = "640x480"\n' + OWN_KEYS.format("640x480"), "", 192),
         ('mode = "640x480"\n' + OWN_KEYS.format("640x480"), "848x480", 128),
         ('mode = "640x480"\n' + OWN_KEYS.format("848x480"), "", 128),
-        ('mode = "640x480"\n' + OWN_KEYS.format("848x480"), "848x480", 96),
+        ('mode = "640x480"\n' + OWN_KEYS.format("848x480"), "848x480", 192),
         ("width = 100\ncx_px = 50.0\n" + OWN_KEYS.format("640x480"), "", 128),
-        ("matcher.search_px = 64\n" + OWN_KEYS.format("640x480"), "640x480", 96),
-        ("matcher.search_px = 64\n" + OWN_KEYS.format("640x480"), "1280x720", 64),
+        ("matcher.search_px = 160\n" + OWN_KEYS.format("640x480"), "640x480", 192),
+        ("matcher.search_px = 160\n" + OWN_KEYS.format("640x480"), "1280x720", 160),
     ],
 )
 def test_keys_of_a_mode_hold_in_that_mode_only(
