@@ -66,6 +66,7 @@ VALUES: dict[str, Any] = {
     **{"matcher.engine.census_px": 7, "matcher.engine.support_px": 5, "matcher.search_px": 16},
     **{"matcher.engine.difference_weight": 0.5, "matcher.engine.second_peak": 200.0},
     **{"matcher.engine.neighbour_peak": 100.0, "matcher.engine.kind": "Block"},
+    "matcher.engine.subpixel_fit": "equal_slopes",
     **{
         "matcher.checks.uniqueness": 40.0,
         "matcher.checks.speckle_count": 5000,
@@ -81,22 +82,26 @@ VALUES: dict[str, Any] = {
     **{"left.bit_depth": 10, "right.bit_depth": 10, "left.auto_exposure_level": 0.5},
     **{"post.temporal_persistence": 8, "matcher.refinement.smooth_step_px": 0.1},
 }
+LARGER = {
+    **{"width": 192, "height": 128, "fx_px": 120.0},
+    **{"fy_px": 120.0, "cx_px": 95.5, "cy_px": 63.5},
+}
 # Further edits that make a key act.
 WITH: dict[str, dict[str, Any]] = {
     **{f"{side}.blooming": {"imager.exposure_s": 0.1} for side in ("left", "right")},
     "matcher.search_px": {"baseline_m": 0.2},
-    "matcher.extended": {
-        **{"width": 192, "height": 128, "fx_px": 120.0, "fy_px": 120.0, "cx_px": 95.5},
-        **{"cy_px": 63.5, "baseline_m": 0.15, "matcher.search_px": 16},
-    },
+    "matcher.extended": {**LARGER, "baseline_m": 0.15, "matcher.search_px": 16},
     "matcher.checks.dark_noise": {"imager.read_noise_e": 50.0},
+    "matcher.checks.near_end": {**LARGER, "baseline_m": 0.08, "matcher.search_px": 16},
     "left.auto_exposure_max_s": {"left.auto_exposure_level": 0.5},
     "left.auto_exposure_max_gain": {
         "left.auto_exposure_level": 0.5,
         "left.auto_exposure_max_s": 1e-3,
     },
 }
-RENDERED = re.compile("rolling|search|extended")  # Keys that act with other rendered layers only.
+RENDERED = re.compile(
+    "rolling|search|extended|near_end"
+)  # Keys that act with other rendered layers only.
 PAIRED = ("bit_depth", "dropped_bits")  # Equal on both sides, or refused.
 
 
@@ -268,6 +273,7 @@ SOURCES = {  # Changed values of a source's keys, by kind.
 }
 SENSORS = {
     "preset": "d455",
+    "mode": "640x480",
     "weight": 1e6,
     "set": {**SMALL, "width": 96},
     "effects": {"lens_blur": 1.0},

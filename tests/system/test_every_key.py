@@ -262,6 +262,12 @@ SCENE: dict[str, Any] = {
     "materials.body": [{"body": "back", "reflectance": 0.3}],
     "ambient_w_m2": 3.0,
     "materials.reflectance": [{"body": "step*", "reflectance": 0.4}],
+    "materials.kind": [{"body": "step*", "reflectance": 0.3, "kind": "metal"}],
+    "materials.roughness": [{"body": "step*", "reflectance": 0.3, "roughness": 0.5}],
+    "materials.material": [{"body": "step*", "material": "none", "reflectance": 0.3}],
+    "materials.rgb": [{"body": "step*", "reflectance": 0.3, "rgb": [0.1, 0.2, 0.3]}],
+    "look_at": [0.0, 0.0, -1.0, 0.0, 0.0, 1.0],  # Beside a pose: refused.
+    **{"up": "z", "unit": "mm", "camera": "top", "keyframe": "home", "qpos": "q.npy"},  # Refused.
     "a_typo": 1,
 }
 
@@ -280,7 +286,7 @@ def test_every_key_of_a_known_scene_matters(tmp_path: Path, path: str) -> None:
         (scene / "scene.toml").write_text(tomli_w.dumps(table))
         loaded = known_geometry.load(capture.open_set(scene).scenes[0], presets.load("d435"))
         assert loaded is not None
-        bodies = [(body.name, body.material.reflectance) for body in loaded.bodies]
+        bodies = [(body.name, repr(body.material)) for body in loaded.bodies]
         return bodies, loaded.ambient, loaded.world_from_left.tolist()
 
     before = unchanged(lambda: observed(KNOWN))
