@@ -15,8 +15,8 @@ from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging.imager import dark_window, electrons_per_radiance, noise
 from starling.sim.scene.scene import Ambient, Scene
 from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import LARGEST_CODE
 from starling.sim.stereo.matching import TEN_BITS
-from starling.sim.stereo.post.chain import LARGEST_CODE
 from starling.sim.warp import depth_input, suspicions
 
 wp: Any = handoff.import_warp()

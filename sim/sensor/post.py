@@ -55,6 +55,12 @@ class Post:
         whole("post.temporal_persistence", self.temporal_persistence, 0, 8)
         errors.one_of("post.hole_filling", self.hole_filling, get_args(HoleFilling))
 
+    @property
+    def filters(self) -> bool:
+        """Whether a filter other than the range is on."""
+        off = self.decimation == 1 and self.hole_filling == "off"
+        return not (off and self.spatial_alpha == 1.0 and self.temporal_alpha == 1.0)
+
 
 def refuse_single_frame(post: Post, frames: int) -> None:
     """Refuse a temporal filter on a single frame.

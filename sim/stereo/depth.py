@@ -14,6 +14,9 @@ if TYPE_CHECKING:  # The import loads numba.
     from starling.sim.stereo.post.temporal import History
 
 
+LARGEST_CODE = 65535  # Largest code of the 16-bit depth image; 0 means no depth.
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthMap:
     """Depth in the left imager's frame, each (h, w). Missing pixels have NaN and a reason."""
@@ -67,7 +70,7 @@ def to_code(depth_m: NDArray[np.floating], depth_unit_m: float) -> NDArray[np.ui
     """Convert depth to its 16-bit code: depth / depth_unit_m, rounded; 0 means no depth."""
     errors.positive("depth_unit_m", depth_unit_m)
     code = np.asarray(np.rint(np.asarray(depth_m, np.float64) / depth_unit_m))
-    np.putmask(code, ~((code >= 0) & (code <= 65535)), 0)
+    np.putmask(code, ~((code >= 0) & (code <= LARGEST_CODE)), 0)
     return code.astype(np.uint16)
 
 

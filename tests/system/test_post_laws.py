@@ -16,6 +16,7 @@ from starling.sim.stereo.post import decimation, hole_filling, spatial, temporal
 NAN = np.float32(np.nan)
 DELTA_PX = 20 / 32  # librealsense's default.
 STILL_PX = 20.0
+STILL_CODE = 1250  # Depth codes.
 
 
 def noise(shape, sigma_px=0.02, seed=0):
@@ -148,20 +149,20 @@ def test_decimation_takes_the_median_of_what_is_valid(side):
 
     Does not cover the device's reduction of resolution before matching.
     """
-    image = np.full((36, 48), STILL_PX, np.float32)
-    image[::side, ::side] = NAN
-    image[1::side, 1::side] = 90.0 if side == 3 else STILL_PX
-    large = decimation.enlarge(decimation.decimate(image, side), side, image.shape)
-    np.testing.assert_array_equal(large, np.full_like(image, STILL_PX))
+    code = np.full((36, 48), STILL_CODE, np.uint16)
+    code[::side, ::side] = 0
+    code[1::side, 1::side] = 300 if side == 3 else STILL_CODE
+    large = decimation.enlarge(decimation.decimate(code, side), side, code.shape)
+    np.testing.assert_array_equal(large, np.full_like(code, STILL_CODE))
 
 
 def test_decimation_by_the_mean_averages_noise():
-    """A block of n pixels has 1 / n of the variance, to 5 %.
-
-    At large depth, where noise is skewed, the mean depth would be biased; here by 0.1 %.
-    """
-    blocks = decimation.decimate(noise((1600, 1600)), 4).astype(np.float64)
-    assert blocks.var() == pytest.approx(0.02**2 / 16, rel=0.05)
+    """A block of n pixels has 1 / n of the variance, to 5 %; it is rounded down, by half a unit."""
+    spread = 40.0
+    depth = STILL_CODE + np.random.default_rng(0).normal(0, spread, (1600, 1600))
+    blocks = decimation.decimate(np.rint(depth).astype(np.uint16), 4).astype(np.float64)
+    assert blocks.var() == pytest.approx(spread**2 / 16, rel=0.05)
+    assert blocks.mean() == pytest.approx(STILL_CODE - 0.5, abs=0.1)
 
 
 @pytest.mark.parametrize("mode", ["left", "farthest", "nearest"])
@@ -172,11 +173,11 @@ def test_hole_at_an_edge_is_filled_from_the_side_that_the_mode_names(mode):
     left, above and below. A hole that is open to the right is therefore filled with the near side
     by all three. Below a roof of far depth, farthest takes the roof.
     """
-    near, far = 30.0, 10.0
-    image = np.full((12, 40), far, np.float32)
-    image[:, :20] = near
-    image[1:, 20:26] = NAN
-    filtered = hole_filling.fill(image, mode)
+    near, far = 800, 2400
+    code = np.full((12, 40), far, np.uint16)
+    code[:, :20] = near
+    code[1:, 20:26] = 0
+    filtered = hole_filling.fill(code, mode)
     assert np.unique(filtered[5, 20:26]).tolist() == [far if mode == "farthest" else near]
 
 
@@ -184,7 +185,7 @@ def test_hole_at_an_edge_is_filled_from_the_side_that_the_mode_names(mode):
 def test_codes_step_by_the_depth_unit(unit_m):
     """Depths read back lie on multiples of the unit, all used; error uniform, std unit / sqrt(12).
 
-    To 3 %. The program keeps unrounded depth; a device also rounds before its filters.
+    To 3 %.
     """
     depth = np.linspace(0.5, 0.5 + 200 * unit_m, 100_003, dtype=np.float64)
     code = to_code(depth, unit_m)

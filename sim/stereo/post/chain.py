@@ -9,11 +9,23 @@ from numpy.typing import NDArray
 
 from starling.sim.reason import Reason, first_cause
 from starling.sim.sensor.sensor import Sensor
-from starling.sim.stereo.depth import DepthMap, depth_from_disparity
-from starling.sim.stereo.post import decimation, hole_filling, spatial, temporal, threshold
+from starling.sim.stereo.depth import (
+    LARGEST_CODE,
+    DepthMap,
+    depth_from_disparity,
+    disparity_from_depth,
+    from_code,
+    to_code,
+)
+from starling.sim.stereo.post import (
+    decimation,
+    disparity_transform,
+    hole_filling,
+    spatial,
+    temporal,
+    threshold,
+)
 from starling.sim.stereo.post.temporal import History
-
-LARGEST_CODE = 65535  # Largest code of the 16-bit depth image; 0 means no depth.
 
 
 def process(
@@ -25,10 +37,12 @@ def process(
 ) -> DepthMap:
     """Apply the post-processing filters to the matcher's depth.
 
-    The order is: range of the 16-bit code, decimation, threshold, spatial filter, temporal filter,
-    hole filling. All filters work on disparities, and z = f b / d holds after each. With decimation
-    the later filters run on the smaller image. Its pixels are wider, and so are both deltas. The
-    result has the left imager's size: all pixels of a block share its value.
+    The order is: range of the 16-bit code and of the device, decimation, threshold, spatial filter,
+    temporal filter, hole filling. A filter acts on 16-bit codes as librealsense's does, so its depth
+    is in whole depth units. Without filters, depth stays unrounded. z = f b / d holds in either case.
+
+    With decimation the later filters run on the smaller image, whose pixels are wider. The result
+    has the left imager's size: all pixels of a block share its value.
 
     Args:
         raw: depth from the matcher, (h, w).
@@ -40,38 +54,60 @@ def process(
     Raises:
         InputError: if `past` has another size.
     """
-    post, side = sensor.post, sensor.post.decimation
+    post = sensor.post
     geometry = {"focal_px": sensor.fx_px, "baseline_m": sensor.baseline_m}
-    disparity = raw.disparity_px
-    unit_m = post.depth_unit_m
-    disparity = threshold.limit(disparity, **geometry, near_m=unit_m, far_m=LARGEST_CODE * unit_m)
-    disparity = decimation.decimate(disparity, side)
-    disparity = threshold.limit(disparity, **geometry, near_m=post.near_m, far_m=post.far_m)
-    disparity = spatial.smooth(
-        disparity,
-        alpha=post.spatial_alpha,
-        delta_px=post.spatial_delta_px * side,
-        iterations=post.spatial_iterations,
-    )
-    disparity, history = temporal.smooth(
-        disparity,
-        past,
-        alpha=post.temporal_alpha,
-        delta_px=post.temporal_delta_px * side,
-        persistence=post.temporal_persistence,
-    )
-    disparity = hole_filling.fill(disparity, post.hole_filling)
-    disparity = decimation.enlarge(disparity, side, raw.disparity_px.shape)
-    if disparity is raw.disparity_px and history is None:
-        return raw
-    valid = np.isfinite(disparity)
+    if post.filters:
+        code, history = _filtered(to_code(raw.depth_m, post.depth_unit_m), sensor, past)
+        depth_m = from_code(code, post.depth_unit_m)
+        disparity_px = disparity_from_depth(depth_m, **geometry)
+        depth_m = depth_from_disparity(disparity_px, **geometry)
+    else:
+        history, unit_m = None, post.depth_unit_m
+        disparity_px = threshold.limit(
+            raw.disparity_px, **geometry, near_m=unit_m, far_m=LARGEST_CODE * unit_m
+        )
+        disparity_px = threshold.limit(
+            disparity_px, **geometry, near_m=post.near_m, far_m=post.far_m
+        )
+        if disparity_px is raw.disparity_px:
+            return raw
+        depth_m = depth_from_disparity(disparity_px, **geometry)
+    valid = np.isfinite(disparity_px)
     return DepthMap(
-        disparity_px=disparity,
-        depth_m=depth_from_disparity(disparity, **geometry),
+        disparity_px=disparity_px,
+        depth_m=depth_m,
         valid=valid,
-        reason=_reasons(raw, valid, side, causes),
+        reason=_reasons(raw, valid, post.decimation, causes),
         history=history,
     )
+
+
+def _filtered(
+    code: NDArray[np.uint16], sensor: Sensor, past: History | None
+) -> tuple[NDArray[np.uint16], History | None]:
+    """Run the filters on depth codes (h, w)."""
+    post, side, shape = sensor.post, sensor.post.decimation, code.shape
+    code = decimation.decimate(code, side)
+    code = threshold.limit_codes(
+        code, unit_m=post.depth_unit_m, near_m=post.near_m, far_m=post.far_m
+    )
+    product = disparity_transform.product(sensor, side)
+    disparity_px = spatial.smooth(
+        disparity_transform.to_disparity(code, product),
+        alpha=post.spatial_alpha,
+        delta_px=post.spatial_delta_px,
+        iterations=post.spatial_iterations,
+    )
+    disparity_px, history = temporal.smooth(
+        disparity_px,
+        past,
+        alpha=post.temporal_alpha,
+        delta_px=post.temporal_delta_px,
+        persistence=post.temporal_persistence,
+    )
+    code = disparity_transform.to_code(disparity_px, product)
+    code = hole_filling.fill(code, post.hole_filling)
+    return decimation.enlarge(code, side, shape), history
 
 
 def _reasons(

@@ -7,76 +7,73 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LARGEST_MEDIAN = 3  # Largest block side for the median [px]; larger blocks use the mean.
+_MULTIPLE = 4  # The sides of the result are padded to multiples of it [px].
 
 
-def decimate(disparity_px: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+def decimate(code: NDArray[np.uint16], side: int) -> NDArray[np.uint16]:
     """Reduce every block of `side` x `side` pixels to one value; blocks start at pixel (0, 0).
 
     Blocks of side 2 and 3 take the median depth of their valid pixels; of an even count, the nearer
-    of the two middle ones. Larger blocks take the mean depth, which is a harmonic mean of
-    disparities.
+    of the two middle ones. Larger blocks take the mean depth, rounded down.
 
     Args:
-        disparity_px: (h, w) [px], > 0, NaN = none.
+        code: (h, w) depth codes, 0 = none.
         side: side of a block [px]; 1 returns the input array.
 
     Returns:
-        (h // side, w // side) [px of the input], NaN for blocks without valid pixels. Incomplete
-        blocks at the right and at the bottom are dropped.
+        (h // side, w // side), 0 for blocks without valid pixels. Incomplete blocks at the right
+        and at the bottom are dropped. Zeros pad both sides to multiples of 4, so that later filters
+        have the library's image borders.
 
     Source: librealsense, decimation filter.
     """
     if side == 1:
-        return disparity_px
-    return _decimate(np.ascontiguousarray(disparity_px, np.float32), side, side <= _LARGEST_MEDIAN)
+        return code
+    rows, columns = code.shape[0] // side, code.shape[1] // side
+    padded = (-(-rows // _MULTIPLE) * _MULTIPLE, -(-columns // _MULTIPLE) * _MULTIPLE)
+    out = np.zeros(padded, np.uint16)
+    within = out[:rows, :columns]
+    _decimate(np.ascontiguousarray(code, np.uint16), side, side <= _LARGEST_MEDIAN, within)
+    return out
 
 
-def enlarge(
-    blocks_px: NDArray[np.float32], side: int, shape: tuple[int, int]
-) -> NDArray[np.float32]:
+def enlarge(blocks: NDArray[np.uint16], side: int, shape: tuple[int, int]) -> NDArray[np.uint16]:
     """Set every pixel to its block's value.
 
     Args:
-        blocks_px: (h // side, w // side) from `decimate`.
+        blocks: codes from `decimate`.
         side: side of a block [px]; 1 returns the input array.
         shape: (h, w) of the result.
 
     Returns:
-        (h, w), NaN outside complete blocks.
+        (h, w), 0 outside complete blocks.
     """
     if side == 1:
-        return blocks_px
-    out = np.full(shape, np.nan, np.float32)
-    rows, columns = blocks_px.shape
+        return blocks
+    out = np.zeros(shape, np.uint16)
+    rows, columns = shape[0] // side, shape[1] // side
     within = out[: rows * side, : columns * side].reshape(rows, side, columns, side)
-    within[:] = blocks_px[:, None, :, None]
+    within[:] = blocks[:rows, None, :columns, None]
     return out
 
 
 @nb.njit(nogil=True, cache=True)
-def _decimate(disparity, side, median):  # pragma: no cover - compiled
-    rows, columns = disparity.shape[0] // side, disparity.shape[1] // side
-    out = np.empty((rows, columns), np.float32)
-    values = np.empty(side * side, np.float32)  # Values of one block, ascending.
-    for row in range(rows):
-        for column in range(columns):
-            count, depths = 0, np.float32(0)
+def _decimate(code, side, median, out):  # pragma: no cover - compiled
+    values = np.empty(side * side, np.uint16)  # Values of one block, ascending.
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
+            count, total = 0, 0
             for y in range(row * side, (row + 1) * side):
                 for x in range(column * side, (column + 1) * side):
-                    value = disparity[y, x]
-                    if value != value:  # NaN: no disparity.
+                    value = code[y, x]
+                    if value == 0:
                         continue
-                    depths += np.float32(1) / value
+                    total += value
                     place = count
                     while median and place > 0 and values[place - 1] > value:
                         values[place] = values[place - 1]
                         place -= 1
                     values[place] = value
                     count += 1
-            if count == 0:
-                out[row, column] = np.nan
-            elif median:
-                out[row, column] = values[count // 2]
-            else:
-                out[row, column] = np.float32(count) / depths
-    return out
+            if count:
+                out[row, column] = values[(count - 1) // 2] if median else total // count

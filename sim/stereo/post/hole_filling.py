@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from starling.sim.sensor.post import HoleFilling
 
 
-def fill(disparity_px: NDArray[np.float32], mode: HoleFilling) -> NDArray[np.float32]:
+def fill(code: NDArray[np.uint16], mode: HoleFilling) -> NDArray[np.uint16]:
     """Fill holes row by row; filled pixels can fill the next ones.
 
     "left" repeats the last depth of the row. "farthest" takes the farthest of five neighbours:
@@ -18,14 +18,14 @@ def fill(disparity_px: NDArray[np.float32], mode: HoleFilling) -> NDArray[np.flo
     the last row and the first column unchanged.
 
     Args:
-        disparity_px: (h, w) [px], NaN = none.
+        code: (h, w) depth codes, 0 = none.
         mode: filter mode; "off" returns the input array. A map without holes is also returned.
 
     Source: librealsense, hole filling filter, modes 0, 1 (default) and 2.
     """
-    if mode == "off" or not np.isnan(disparity_px).any():
-        return disparity_px
-    out = np.array(disparity_px, np.float32, order="C")
+    if mode == "off" or code.all():
+        return code
+    out = np.array(code, np.uint16, order="C")
     if mode == "left":
         _from_left(out)
     else:
@@ -37,7 +37,7 @@ def fill(disparity_px: NDArray[np.float32], mode: HoleFilling) -> NDArray[np.flo
 def _from_left(image):  # pragma: no cover - compiled
     for row in image:
         for x in range(1, row.size):
-            if row[x] != row[x]:
+            if row[x] == 0:
                 row[x] = row[x - 1]
 
 
@@ -47,12 +47,11 @@ def _from_around(image, farthest):  # pragma: no cover - compiled
     for y in range(1, h - 1):
         above, current, below = image[y - 1], image[y], image[y + 1]
         for x in range(1, w):
-            if current[x] == current[x] or (not farthest and above[x] != above[x]):
+            if current[x] != 0:
                 continue
             best = above[x]
             for value in (above[x - 1], current[x - 1], below[x - 1], below[x]):
-                # Comparisons with NaN are False: any value replaces a missing best, and a missing
-                # value replaces nothing.
-                if best != best or (value < best if farthest else value > best):
+                # Nothing is nearer than a missing best, which therefore stays missing.
+                if value > best if farthest else 0 < value < best:
                     best = value
             current[x] = best

@@ -43,6 +43,27 @@ def limit(
     return out if removed else disparity_px
 
 
+def limit_codes(
+    code: NDArray[np.uint16], *, unit_m: float, near_m: float, far_m: float
+) -> NDArray[np.uint16]:
+    """Remove depth codes nearer than `near_m` or farther than `far_m`, both ends included.
+
+    Args:
+        code: (h, w), 0 = none.
+        unit_m: depth of code 1 [m].
+        near_m: least accepted depth [m].
+        far_m: greatest accepted depth [m].
+
+    Returns:
+        (h, w) with 0 for removed depth.
+
+    Source: librealsense, threshold filter, with its rounding to float32.
+    """
+    depth_m = np.float32(unit_m) * code.astype(np.float32)
+    stays = (depth_m >= np.float32(near_m)) & (depth_m <= np.float32(far_m))
+    return np.where(stays, code, np.uint16(0))
+
+
 @nb.njit(nogil=True, cache=True)
 def _limit(disparity, focal_baseline, near, far, out):  # pragma: no cover - compiled
     """Copy accepted values; return the number of removed ones."""

@@ -12,7 +12,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from starling.patterns import InputError
-from starling.sim.stereo.post import decimation, hole_filling, spatial, temporal, threshold
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.stereo.post import (
+    decimation,
+    disparity_transform,
+    hole_filling,
+    spatial,
+    temporal,
+    threshold,
+)
 
 NAN = np.float32(np.nan)
 MODES = ("left", "farthest", "nearest")
@@ -29,6 +38,14 @@ def maps(draw, shapes=SHAPES):
     steps = draw(arrays.arrays(np.int16, shape, elements=st.integers(600, 680)))
     holes = draw(arrays.arrays(np.bool_, shape))
     return np.where(holes, NAN, steps.astype(np.float32) / 32)
+
+
+@st.composite
+def depth_codes(draw, shapes=SHAPES):
+    """Depth codes about 1 m, and holes."""
+    codes = draw(arrays.arrays(np.uint16, draw(shapes), elements=st.integers(950, 1050)))
+    holes = draw(arrays.arrays(np.bool_, codes.shape))
+    return np.where(holes, 0, codes).astype(np.uint16)
 
 
 def spatial_twin(image, alpha, delta, iterations):
@@ -65,78 +82,97 @@ def test_a_difference_of_exactly_delta_is_an_edge():
     assert result[0, 0] == 20.125
 
 
-@pytest.mark.parametrize("side", range(1, 9))
+@pytest.mark.parametrize("side", range(2, 9))
 @given(data=st.data())
 def test_decimation_takes_median_or_mean_of_valid_depths(side, data):
-    image = data.draw(maps())
-    h, w = image.shape
-    result = decimation.decimate(image, side)
-    assert result.shape == (h // side, w // side)
-    for row, column in np.ndindex(result.shape):
-        block = image[row * side : (row + 1) * side, column * side : (column + 1) * side]
-        depths = np.sort(1 / block[np.isfinite(block)].astype(np.float64))
-        if not depths.size:
-            assert np.isnan(result[row, column])
+    code = data.draw(depth_codes())
+    rows, columns = code.shape[0] // side, code.shape[1] // side
+    result = decimation.decimate(code, side)
+    assert result.shape == (-(-rows // 4) * 4, -(-columns // 4) * 4)
+    assert not result[rows:].any() and not result[:, columns:].any()
+    for row, column in np.ndindex(rows, columns):
+        block = code[row * side : (row + 1) * side, column * side : (column + 1) * side]
+        known = np.sort(block[block > 0])
+        if not known.size:
+            expected = 0
         elif side <= 3:
-            assert result[row, column] == pytest.approx(
-                1 / depths[(depths.size - 1) // 2], rel=1e-6
-            )
+            expected = known[(known.size - 1) // 2]
         else:
-            assert result[row, column] == pytest.approx(1 / depths.mean(), rel=1e-5)
+            expected = int(known.sum()) // known.size
+        assert result[row, column] == expected
 
 
-@given(maps(), st.integers(2, 8))
-def test_decimation_gives_constant_blocks_and_is_idempotent(image, side):
-    blocks = decimation.decimate(image, side)
-    large = decimation.enlarge(blocks, side, image.shape)
-    assert large.shape == image.shape
-    rows, columns = blocks.shape
-    repeated = blocks.repeat(side, axis=0).repeat(side, axis=1)
+@given(depth_codes(), st.integers(2, 8))
+def test_decimation_gives_constant_blocks_and_is_idempotent(code, side):
+    blocks = decimation.decimate(code, side)
+    large = decimation.enlarge(blocks, side, code.shape)
+    rows, columns = code.shape[0] // side, code.shape[1] // side
+    repeated = blocks[:rows, :columns].repeat(side, axis=0).repeat(side, axis=1)
     np.testing.assert_array_equal(large[: rows * side, : columns * side], repeated)
-    assert np.isnan(large[rows * side :]).all() and np.isnan(large[:, columns * side :]).all()
-    np.testing.assert_allclose(decimation.decimate(large, side), blocks, rtol=1e-6)
+    assert not large[rows * side :].any() and not large[:, columns * side :].any()
+    np.testing.assert_array_equal(decimation.decimate(large, side), blocks)
 
 
-def fill_twin(image, mode):
-    out = image.copy()
+def test_mean_of_the_largest_codes_does_not_overflow():
+    code = np.full((8, 8), 65535, np.uint16)
+    assert decimation.decimate(code, 8)[0, 0] == 65535
+
+
+def fill_twin(code, mode):
+    out = code.copy()
     h, w = out.shape
     rows = range(h) if mode == "left" else range(1, h - 1)
     for y, x in product(rows, range(1, w)):
-        if np.isfinite(out[y, x]):
+        if out[y, x]:
             continue
         if mode == "left":
             out[y, x] = out[y, x - 1]
             continue
         around = [out[y - 1, x - 1], out[y, x - 1], out[y + 1, x - 1], out[y - 1, x], out[y + 1, x]]
-        known = [value for value in around if np.isfinite(value)]
+        known = [value for value in around if value]
         if mode == "farthest" and known:
-            out[y, x] = min(known)
-        if mode == "nearest" and np.isfinite(out[y - 1, x]):
             out[y, x] = max(known)
+        if mode == "nearest" and out[y - 1, x]:
+            out[y, x] = min(known)
     return out
 
 
 @pytest.mark.parametrize("mode", MODES)
-@given(image=maps())
-def test_hole_filling_matches_the_slow_reference_and_keeps_depth(mode, image):
-    result = hole_filling.fill(image, mode)
-    np.testing.assert_array_equal(result, fill_twin(image, mode))
-    known = np.isfinite(image)
-    np.testing.assert_array_equal(result[known], image[known])
-    assert np.isin(result[np.isfinite(result)], image[known]).all()
+@given(code=depth_codes())
+def test_hole_filling_matches_the_slow_reference_and_keeps_depth(mode, code):
+    result = hole_filling.fill(code, mode)
+    np.testing.assert_array_equal(result, fill_twin(code, mode))
+    np.testing.assert_array_equal(result[code > 0], code[code > 0])
+    assert np.isin(result[result > 0], code[code > 0]).all()
 
 
-@given(maps())
-def test_filling_from_the_left_is_idempotent(image):
-    once = hole_filling.fill(image, "left")
+@given(depth_codes())
+def test_filling_from_the_left_is_idempotent(code):
+    once = hole_filling.fill(code, "left")
     np.testing.assert_array_equal(hole_filling.fill(once, "left"), once)
 
 
 def test_hole_filling_by_hand():
-    """One hole among five known neighbours; larger disparity is nearer."""
-    image = np.array([[9, 5, 1], [4, NAN, 2], [7, 8, 3]], np.float32)
-    centre = {mode: hole_filling.fill(image, mode)[1, 1] for mode in MODES}
-    assert centre == {"left": 4, "farthest": 4, "nearest": 9}
+    """One hole among five known neighbours."""
+    code = np.array([[9, 5, 1], [4, 0, 2], [7, 8, 3]], np.uint16)
+    centre = {mode: hole_filling.fill(code, mode)[1, 1] for mode in MODES}
+    assert centre == {"left": 4, "farthest": 9, "nearest": 4}
+
+
+@given(st.integers(1, 65535), st.sampled_from([1e-4, 1e-3, 1e-2]), st.integers(1, 8))
+def test_disparity_of_a_code_becomes_the_code_again(code, unit_m, side):
+    sensor = with_values(presets.load("d435"), [("post.depth_unit_m", unit_m)])
+    scale = disparity_transform.product(sensor, side)
+    disparity_px = disparity_transform.to_disparity(np.array([code, 0], np.uint16), scale)
+    expected = sensor.fx_px / side * sensor.baseline_m / (code * unit_m)
+    assert disparity_px[0] == pytest.approx(expected, rel=1e-6) and np.isnan(disparity_px[1])
+    assert disparity_transform.to_code(disparity_px, scale).tolist() == [code, 0]
+
+
+def test_code_threshold_keeps_both_ends():
+    code = np.array([[0, 299, 300, 1234, 4000, 4001]], np.uint16)
+    result = threshold.limit_codes(code, unit_m=1e-3, near_m=0.3, far_m=4.0)
+    assert result.tolist() == [[0, 0, 300, 1234, 4000, 0]]
 
 
 class RingTwin:
@@ -206,18 +242,14 @@ def test_threshold_removes_disparities_beyond_infinity():
             threshold.limit(image, **GEOMETRY | {name: 0.0}, near_m=0.0, far_m=1.0)
 
 
-@given(maps(), st.floats(0.25, 0.99), st.sampled_from(MODES), st.integers(1, 8))
-def test_no_filter_leaves_the_range_of_its_input(image, alpha, mode, side):
-    """Filters are means, medians or copies, so values stay in the input's range up to rounding."""
-    filtered = [
-        decimation.decimate(image, side),
-        spatial.smooth(image, alpha=alpha, delta_px=9.0, iterations=2),
-        hole_filling.fill(image, mode),
-    ]
+@given(maps(), st.floats(0.25, 0.99))
+def test_no_smoothing_leaves_the_range_of_its_input(image, alpha):
+    """Filtered values are means or copies, so they stay in the input's range up to rounding."""
+    smoothed = spatial.smooth(image, alpha=alpha, delta_px=9.0, iterations=2)
     _, past = temporal.smooth(image, None, alpha=alpha, delta_px=9.0, persistence=3)
     out, _ = temporal.smooth(image[::-1], past, alpha=alpha, delta_px=9.0, persistence=3)
     known = image[np.isfinite(image)]
-    for result in (*filtered, out):
+    for result in (smoothed, out):
         valid_pixels = result[np.isfinite(result)]
         assert known.size or not valid_pixels.size
         if valid_pixels.size:
@@ -229,12 +261,14 @@ def test_no_filter_leaves_the_range_of_its_input(image, alpha, mode, side):
 
 @given(maps())
 def test_neutral_filters_return_the_input_itself(image):
-    assert decimation.decimate(image, 1) is image
-    assert decimation.enlarge(image, 1, image.shape) is image
+    code = np.arange(6, dtype=np.uint16).reshape(2, 3)
+    assert decimation.decimate(code, 1) is code
+    assert decimation.enlarge(code, 1, code.shape) is code
+    assert hole_filling.fill(code, "off") is code
+    assert hole_filling.fill(code + np.uint16(1), "left").all()
     assert spatial.smooth(image, alpha=1.0, delta_px=0.625, iterations=2) is image
     result, history = temporal.smooth(image, None, alpha=1.0, delta_px=0.625, persistence=3)
     assert result is image and history is None
-    assert hole_filling.fill(image, "off") is image
     assert threshold.limit(image, **GEOMETRY, near_m=0.0, far_m=65.535) is image
 
 
