@@ -69,7 +69,8 @@ def disparity_from_depth(
 def to_code(depth_m: NDArray[np.floating], depth_unit_m: float) -> NDArray[np.uint16]:
     """Convert depth to its 16-bit code: depth / depth_unit_m, rounded; 0 means no depth."""
     errors.positive("depth_unit_m", depth_unit_m)
-    code = np.asarray(np.rint(np.asarray(depth_m, np.float64) / depth_unit_m))
+    code = np.asarray(np.divide(depth_m, depth_unit_m, dtype=np.float64))
+    np.rint(code, out=code)  # In place, as in `depth_from_disparity`.
     np.putmask(code, ~((code >= 0) & (code <= LARGEST_CODE)), 0)
     return code.astype(np.uint16)
 

@@ -37,12 +37,12 @@ def process(
 ) -> DepthMap:
     """Apply the post-processing filters to the matcher's depth.
 
-    The order is: range of the 16-bit code and of the device, decimation, threshold, spatial filter,
-    temporal filter, hole filling. A filter acts on 16-bit codes as librealsense's does, so its depth
-    is in whole depth units. Without filters, depth stays unrounded. z = f b / d holds in either case.
+    The order is: range of the 16-bit code, decimation, threshold, spatial filter, temporal filter,
+    hole filling. Filters act on 16-bit codes, as in librealsense, so filtered depth is in whole
+    depth units. Without filters, depth stays unrounded. z = f b / d holds in either case.
 
-    With decimation the later filters run on the smaller image, whose pixels are wider. The result
-    has the left imager's size: all pixels of a block share its value.
+    With decimation the later filters run on the smaller image, and deltas are in its pixels. The
+    result has the left imager's size: all pixels of a block share its value.
 
     Args:
         raw: depth from the matcher, (h, w).

@@ -1,0 +1,1 @@
+"""Readings served as a device of librealsense. Needs the package `pyrealsense2`."""

@@ -1,0 +1,29 @@
+"""librealsense's own filters give the pixels of ours, on depth of a real D415."""
+
+from __future__ import annotations
+
+import platform
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pyrealsense2", exc_type=ImportError)
+
+from tests import script
+
+filters = script.load("benchmarks/simulation/vendor_filters.py")
+ROOMS = 2
+LARGEST_SHARE = 0.0 if platform.machine() == "x86_64" else 1e-4  # As for simulated depth.
+
+
+@pytest.mark.slow
+def test_filters_give_the_vendors_pixels_on_real_depth(captures: Path) -> None:
+    folder = captures / "d415-faro"
+    if not folder.is_dir():
+        pytest.skip(f"no captures at {folder}")
+    rooms = [room for room, _ in zip(filters.captured(str(folder)), range(ROOMS), strict=False)]
+    assert len(rooms) == ROOMS
+    for name, settings in filters.SETTINGS.items():
+        for _, codes, sensor in rooms:
+            unequal, pixels, _ = filters.compare(codes, filters.with_post(sensor, settings))
+            assert unequal <= LARGEST_SHARE * pixels, name
