@@ -43,11 +43,12 @@ PER_PX = 32  # librealsense's disparities per pixel.
 _MODES = ("left", "farthest", "nearest")
 
 
-def _spatial(alpha: float, delta: int, iterations: int) -> dict[str, Any]:
+def _spatial(alpha: float, delta: int, iterations: int, holes: int = 0) -> dict[str, Any]:
     return {
         "spatial_alpha": alpha,
         "spatial_delta_px": delta / PER_PX,
         "spatial_iterations": iterations,
+        "spatial_holes": holes,
     }
 
 
@@ -65,6 +66,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
         f"spatial {alpha}, {delta}, {iterations}": _spatial(alpha, delta, iterations)
         for alpha, delta, iterations in ((0.5, 20, 2), (0.25, 50, 5), (0.7, 8, 1), (0.9, 1, 3))
     },
+    **{f"spatial, holes {mode}": _spatial(0.5, 20, 2, mode) for mode in range(1, 6)},
     **{
         f"temporal {alpha}, {delta}, {mode}": _temporal(alpha, delta, mode)
         for alpha, delta, mode in (
@@ -86,7 +88,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "chain 3": {
         "decimation": 3,
         **{"near_m": 0.3, "far_m": 4.0, "hole_filling": "nearest"},
-        **_spatial(0.6, 10, 1),
+        **_spatial(0.6, 10, 1, 2),
         **_temporal(0.2, 20, 7),
     },
 }
@@ -146,7 +148,11 @@ def _blocks(post: Post) -> list[Any]:
     smoothing: list[Any] = []
     if post.spatial_alpha < 1:
         delta = post.spatial_delta_px * PER_PX
-        smoothing.append(rs.spatial_filter(post.spatial_alpha, delta, post.spatial_iterations, 0))
+        smoothing.append(
+            rs.spatial_filter(
+                post.spatial_alpha, delta, post.spatial_iterations, post.spatial_holes
+            )
+        )
     if post.temporal_alpha < 1:
         delta = post.temporal_delta_px * PER_PX
         smoothing.append(rs.temporal_filter(post.temporal_alpha, delta, post.temporal_persistence))

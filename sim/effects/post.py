@@ -45,7 +45,7 @@ _DECIMATION = Effect(
     imitates="The decimation filter: a block of pixels becomes one value.",
     law=(
         "2, 3: median depth of the block, of an even count the nearer one; 4 to 8: mean "
-        "depth; a block has depth where any pixel has"
+        "depth, rounded down to the depth unit; a block has depth where any pixel has"
     ),
     shows=(
         "Square blocks of equal depth from pixel (0, 0). Narrow holes close: on one real room "
@@ -85,6 +85,15 @@ _SPATIAL = Effect(
             high=5.0,
             choices=tuple(float(count) for count in range(1, 6)),
         ),
+        Parameter(
+            name="holes",
+            paths=("post.spatial_holes",),
+            unit="1",
+            neutral=None,
+            low=0.0,
+            high=5.0,
+            choices=tuple(float(mode) for mode in range(6)),
+        ),
     ),
     imitates=(
         "The edge-preserving filter: recursive passes along rows and columns that restart at jumps."
@@ -92,7 +101,8 @@ _SPATIAL = Effect(
     law=(
         "out[i] = alpha in[i] + (1 - alpha) out[i-1] where |in[i] - in[i-1]| < delta_px, four "
         "ways an iteration; white noise keeps mean_w((alpha^2 / (1 + b^2 - 2 b cos w))^(2 "
-        "n))^2 of its variance, b = 1 - alpha"
+        "n))^2 of its variance, b = 1 - alpha; then holes are filled along rows, by 2^holes - 1 "
+        "pixels (5: 254) from the left and from the right"
     ),
     shows=(
         "Holes and jumps stay, noise falls: in a real room the second difference of disparity "
@@ -101,7 +111,8 @@ _SPATIAL = Effect(
     ),
     confused_with=("decimation", "temporal_filter", "smoothing_mean"),
     source=(
-        f"{_PAGE}: alpha 0.25 to 1, 0.5; delta 1 to 50, 20; iterations 1 to 5, 2; {_DELTA}; "
+        f"{_PAGE}: alpha 0.25 to 1, 0.5; delta 1 to 50, 20; iterations 1 to 5, 2; holes 0 to 5, 0; "
+        f"{_DELTA}; "
         "Gastal and Oliveira 2011, Domain transform, sec. 5"
     ),
 )

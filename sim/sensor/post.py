@@ -21,10 +21,13 @@ class Post:
     # Side of the blocks that share one depth [px]; 1 is off, 2 and 3 take the median, 4 to 8 the
     # mean. The depth map keeps its size.
     decimation: int = 1
-    spatial_alpha: float = 1.0  # Weight of a pixel in its smoothed value; 1 is off.
+    spatial_alpha: float = 1.0  # Weight of a pixel in its smoothed value; 1: no spatial filter.
     # librealsense gives both deltas in 1/32 px of the decimated image: its 20 is 0.625 px.
     spatial_delta_px: float = 0.625  # A larger disparity difference is an edge [px].
     spatial_iterations: int = 2  # Passes along rows and columns.
+    # Mode of librealsense by which the spatial filter fills holes along rows: 0 none; 1 to 4:
+    # 2^mode - 1 pixels from either side; 5: 254 pixels.
+    spatial_holes: int = 0
     temporal_alpha: float = 1.0  # Weight of the new frame; 1 switches filter and persistence off.
     temporal_delta_px: float = 0.625  # A larger disparity change is not filtered [px].
     temporal_persistence: int = (
@@ -48,6 +51,7 @@ class Post:
         )
         errors.in_interval("post.spatial_delta_px", self.spatial_delta_px, 0.0, 64.0)
         whole("post.spatial_iterations", self.spatial_iterations, 1, 5)
+        whole("post.spatial_holes", self.spatial_holes, 0, 5, "0 fills none.")
         errors.in_interval(
             "post.temporal_alpha", self.temporal_alpha, 0.0, 1.0, "1 switches it off."
         )

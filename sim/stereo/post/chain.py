@@ -97,6 +97,7 @@ def _filtered(
         alpha=post.spatial_alpha,
         delta_px=post.spatial_delta_px,
         iterations=post.spatial_iterations,
+        holes=post.spatial_holes,
     )
     disparity_px, history = temporal.smooth(
         disparity_px,

@@ -225,6 +225,7 @@ def test_temporal_filter_on_one_frame_is_refused():
         ("spatial_alpha", 0.2, r"must be in \[0.25, 1\]"),
         ("spatial_delta_px", 20 * 32, r"must be in \[0, 64\]"),
         ("spatial_iterations", 1.5, "must be a whole number"),
+        ("spatial_holes", 6, r"must be in \[0, 5\]"),
         ("temporal_alpha", 40, r"must be in \[0, 1\]"),
         ("temporal_delta_px", -1.0, r"must be in \[0, 64\]"),
         ("temporal_persistence", 9, r"must be in \[0, 8\]"),

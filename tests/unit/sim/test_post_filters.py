@@ -71,6 +71,30 @@ def test_spatial_filter_matches_the_slow_reference(image, alpha, delta, iteratio
     np.testing.assert_array_equal(result, spatial_twin(image, alpha, delta, iterations))
 
 
+def holes_twin(image, most):
+    """Hole filling of the spatial filter: two passes; the last pixel looks at the next row."""
+    out = image.copy().ravel()
+    width = image.shape[1]
+    for row in range(image.shape[0]):
+        for order, step in ((range(1, width), -1), (range(width - 1, 0, -1), 1)):
+            missing = 0
+            for x in order:
+                i = row * width + x
+                missing = missing + 1 if np.isnan(out[i]) else 0
+                if 0 < missing <= most and i + step < out.size:
+                    out[i] = out[i + step]
+    return out.reshape(image.shape)
+
+
+@given(maps(), st.sampled_from([(1, 1), (2, 3), (3, 7), (4, 15), (5, 254)]))
+def test_spatial_filter_fills_holes_along_rows(image, holes):
+    mode, most = holes
+    settings = {"alpha": 0.5, "delta_px": 0.625, "iterations": 1}
+    smoothed = spatial.smooth(image, **settings)
+    result = spatial.smooth(image, **settings, holes=mode)
+    np.testing.assert_array_equal(result, holes_twin(smoothed, most))
+
+
 def test_a_difference_of_exactly_delta_is_an_edge():
     image = np.array([[20.0, 20.5, 20.25]], np.float32)
     result = spatial.smooth(image[:, :2], alpha=0.5, delta_px=0.5, iterations=1)

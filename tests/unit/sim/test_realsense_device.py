@@ -254,9 +254,7 @@ def test_missing_packages_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     message = r"starling\.realsense needs pyrealsense2; got none\. .*'\.\[realsense\]'"
     with pytest.raises(InputError, match=message):
         imported_without(ModuleNotFoundError("pyrealsense2"), monkeypatch)
-    message = (
-        r"pyrealsense2 must load; got libusb-1\.0\.so\.0: .*apt-get install libusb"
-    )
+    message = r"pyrealsense2 must load; got libusb-1\.0\.so\.0: .*apt-get install libusb"
     with pytest.raises(InputError, match=message):
         imported_without(ImportError("libusb-1.0.so.0: no such file"), monkeypatch)
 
