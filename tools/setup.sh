@@ -2,7 +2,8 @@
 # Set up what a command of the Makefile needs: tools/setup.sh [run|test|docs]
 #   run   .venv with the program itself (no torch), and an LLVM library for the fast variants
 #   test  the same with the extras `learning` (torch first, so that pip keeps the build the
-#         machine offers), `completion`, `data`, `ros`, `ray`, `batch`, `mujoco`, `gymnasium` and `dev`
+#         machine offers), `completion`, `data`, `ros`, `ray`, `batch`, `mujoco`, `gymnasium`,
+#         `realsense` and `dev`
 #   docs  .venv with the program and what builds the documentation
 # A second call finds everything done and returns at once. PYTHON chooses the interpreter.
 set -eu
@@ -113,6 +114,13 @@ get_egl() {
     debian_install libegl1 libgl1-mesa-dri || : >.venv/.egl-refused
 }
 
+# pyrealsense2 is linked against libusb. Tests that need it skip without.
+get_libusb() {
+    [ "$kind" = test ] && [ ! -e .venv/.libusb-refused ] || return 0
+    .venv/bin/python -c 'import ctypes; ctypes.CDLL("libusb-1.0.so.0")' 2>/dev/null && return
+    debian_install libusb-1.0-0 || : >.venv/.libusb-refused
+}
+
 pip_install() {
     say "installing $* (minutes the first time)"
     .venv/bin/python -m pip install --quiet --disable-pip-version-check "$@"
@@ -130,7 +138,7 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
     run) pip_install -e . ;;
     test)
         pip_install "torch==2.13.0"
-        pip_install -e '.[learning,completion,data,ros,ray,batch,mujoco,gymnasium,scenes,dev]'
+        pip_install -e '.[learning,completion,data,ros,ray,batch,mujoco,gymnasium,scenes,realsense,dev]'
         echo "$wanted" >.venv/.ready-run # It includes what `run` has.
         ;;
     docs) pip_install -e '.[docs]' ;;
@@ -144,3 +152,4 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
 fi
 [ "$kind" = docs ] || get_llvm
 get_egl
+get_libusb

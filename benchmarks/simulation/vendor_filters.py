@@ -2,8 +2,8 @@
 
     python benchmarks/simulation/vendor_filters.py [$STARLING_CAPTURES/d415-faro]
 
-Both get the depth codes of simulated scenes, and of the rooms of a capture set. librealsense runs
-on frames of a virtual device, in the order of its documentation: decimation, threshold, to
+Both get the depth codes of simulated scenes, and of the rooms of a capture set. The library filters
+frames of a virtual device, in the order of its documentation. That is decimation, threshold, to
 disparity, spatial, temporal, to depth, hole filling. The table lists the share of equal pixels over
 all frames, and the largest difference in depth units. A room has one frame. Later frames get noise
 of up to two depth units and random holes in 5 % of the pixels.
@@ -180,7 +180,7 @@ def simulated(scene: str, sensor: Sensor, *, seed: int = 0, frames: int = FRAMES
 
 
 def varied(code: Codes, frames: int = FRAMES) -> list[Codes]:
-    """Frames with noise and random holes, of which the first is `code` itself."""
+    """Frames with noise and random holes; the first is `code`."""
     rng = np.random.default_rng(0)
     result = [code]
     for _ in range(1, frames):

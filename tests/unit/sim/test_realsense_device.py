@@ -81,12 +81,12 @@ def test_a_program_with_a_pipeline_runs() -> None:
 
 
 def test_every_image_arrives_unchanged() -> None:
-    given = images(colour=colour_image())
-    frames = synced(virtual_device(SENSOR, [given] * 3), streams=4)
-    np.testing.assert_array_equal(pixels(frames.get_depth_frame()), given.depth_u16)
-    np.testing.assert_array_equal(pixels(frames.get_infrared_frame(1)), given.ir_left)
-    np.testing.assert_array_equal(pixels(frames.get_infrared_frame(2)), given.ir_right)
-    np.testing.assert_array_equal(pixels(frames.get_color_frame()), given.colour)
+    served = images(colour=colour_image())
+    frames = synced(virtual_device(SENSOR, [served] * 3), streams=4)
+    np.testing.assert_array_equal(pixels(frames.get_depth_frame()), served.depth_u16)
+    np.testing.assert_array_equal(pixels(frames.get_infrared_frame(1)), served.ir_left)
+    np.testing.assert_array_equal(pixels(frames.get_infrared_frame(2)), served.ir_right)
+    np.testing.assert_array_equal(pixels(frames.get_color_frame()), served.colour)
 
 
 def test_streams_have_the_cameras_geometry() -> None:
@@ -178,10 +178,10 @@ def test_points_lie_where_the_depth_says() -> None:
 
 def test_align_covers_the_pixels_of_our_registration() -> None:
     """librealsense keeps z of the depth camera; ours is z of the colour camera, 0.2 mm away."""
-    given = images(colour=colour_image())
-    frames = synced(virtual_device(SENSOR, [given] * 3), streams=4)
+    served = images(colour=colour_image())
+    frames = synced(virtual_device(SENSOR, [served] * 3), streams=4)
     aligned = pixels(rs.align(rs.stream.color).process(frames).get_depth_frame())
-    ours = register(from_code(given.depth_u16, 1e-3), SENSOR)
+    ours = register(from_code(served.depth_u16, 1e-3), SENSOR)
     seen = np.isfinite(ours)
     assert np.mean(seen == (aligned > 0)) >= 0.9999
     both = seen & (aligned > 0)
@@ -191,8 +191,8 @@ def test_align_covers_the_pixels_of_our_registration() -> None:
 def test_a_sensor_of_structured_light_has_one_infrared_stream() -> None:
     sensor = starling.load_sensor("kinect-v1")
     size = (sensor.height, sensor.width)
-    given = DeviceImages(depth_u16=np.ones(size, np.uint16), ir_left=np.ones(size, np.uint16))
-    device = virtual_device(sensor, [given])
+    served = DeviceImages(depth_u16=np.ones(size, np.uint16), ir_left=np.ones(size, np.uint16))
+    device = virtual_device(sensor, [served])
     assert set(device.profiles) == {"depth_u16", "ir_left"}
     assert device.profiles["ir_left"].format() == rs.format.y16
 
