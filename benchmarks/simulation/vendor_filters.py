@@ -190,14 +190,13 @@ def varied(code: Codes, frames: int = FRAMES) -> list[Codes]:
     return result
 
 
-def captured(folder: str) -> Iterator[tuple[str, list[Codes], Sensor]]:
-    """Depth codes of the scenes of a capture set, with their sensor."""
-    opened = open_set(folder)
-    for scene in opened.scenes:
+def captured(folder: str, scenes: int) -> Iterator[tuple[list[Codes], Sensor]]:
+    """Depth codes of the first scenes of a capture set, with their sensor."""
+    for scene in open_set(folder).scenes[:scenes]:
         depth_m = scene.frame(scene.frames[0]).depth_m
         if depth_m is not None:
             sensor = scene.info.geometry_into(starling.load_sensor(scene.info.sensor))
-            yield scene.name, varied(to_code(depth_m, scene.info.depth_unit_m)), sensor
+            yield varied(to_code(depth_m, scene.info.depth_unit_m)), sensor
 
 
 def compare(codes: Sequence[Codes], sensor: Sensor) -> tuple[int, int, int]:
@@ -212,6 +211,7 @@ def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("captures", nargs="?", help="folder of a capture set")
+    parser.add_argument("--scenes", type=int, default=5, help="number of its scenes, the first")
     arguments = parser.parse_args()
     d435 = starling.load_sensor("d435")
     groups = {
@@ -220,7 +220,7 @@ def main() -> None:
         ]
     }
     if arguments.captures:
-        groups["real"] = [(codes, sensor) for _, codes, sensor in captured(arguments.captures)]
+        groups["real"] = list(captured(arguments.captures, arguments.scenes))
     heads = (f"equal, {name} | largest difference" for name in groups)
     print(f"| filter | {' | '.join(heads)} |\n|---{'|---' * 2 * len(groups)}|")
     for name, settings in SETTINGS.items():

@@ -56,11 +56,7 @@ class VirtualDevice:
         # Depth, left and right are matched by their numbers, colour by its time.
         self.device.create_matcher(rs.matchers.dlr if images.colour is None else rs.matchers.dlr_c)
         self.context = rs.context()
-        self._listed = []  # The context forgets a software device whose list is not kept.
-        self.context.set_devices_changed_callback(
-            lambda event: self._listed.append(event.get_new_devices())
-        )
-        self.device.add_to(self.context)
+        self._listed = _list_in(self.context, self.device)
         self._stop = threading.Event()
         self._failure: BaseException | None = None
         self._thread: threading.Thread | None = None
@@ -189,6 +185,15 @@ class VirtualDevice:
 
     def _streams(self) -> bool:
         return any(module.get_active_streams() for module, _ in self._modules())
+
+
+def _list_in(context: Any, device: Any) -> list[Any]:
+    """Add a device to a context, which lists it only as long as the returned lists live."""
+    listed: list[Any] = []
+    context.set_devices_changed_callback(lambda event: listed.append(event.get_new_devices()))
+    device.add_to(context)
+    context.set_devices_changed_callback(lambda _: None)
+    return listed
 
 
 def _register_names(device: Any, sensor: Sensor) -> None:
