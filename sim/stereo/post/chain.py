@@ -9,15 +9,9 @@ from numpy.typing import NDArray
 
 from starling.sim.reason import Reason, first_cause
 from starling.sim.sensor.sensor import Sensor
-from starling.sim.stereo.depth import (
-    LARGEST_CODE,
-    DepthMap,
-    depth_from_disparity,
-    disparity_from_depth,
-    from_code,
-    to_code,
-)
+from starling.sim.stereo.depth import LARGEST_CODE, DepthMap, depth_from_disparity
 from starling.sim.stereo.post import (
+    codes,
     decimation,
     disparity_transform,
     hole_filling,
@@ -57,10 +51,8 @@ def process(
     post = sensor.post
     geometry = {"focal_px": sensor.fx_px, "baseline_m": sensor.baseline_m}
     if post.filters:
-        code, history = _filtered(to_code(raw.depth_m, post.depth_unit_m), sensor, past)
-        depth_m = from_code(code, post.depth_unit_m)
-        disparity_px = disparity_from_depth(depth_m, **geometry)
-        depth_m = depth_from_disparity(disparity_px, **geometry)
+        code, history = _filtered(codes.encode(raw.depth_m, post.depth_unit_m), sensor, past)
+        disparity_px, depth_m = codes.decode(code, sensor)
     else:
         history, unit_m = None, post.depth_unit_m
         disparity_px = threshold.limit(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,14 +32,28 @@ def product(sensor: Sensor, side: int) -> np.float32:
 
 def to_disparity(code: NDArray[np.uint16], product: np.float32) -> NDArray[np.float32]:
     """Convert depth codes to disparity [px of the decimated image], NaN for code 0."""
-    with np.errstate(divide="ignore"):
-        disparity_px = product / code.astype(np.float32)
-    np.putmask(disparity_px, code == 0, np.nan)
+    disparity_px = np.empty(code.shape, np.float32)
+    _to_disparity(np.ascontiguousarray(code).ravel(), product, disparity_px.ravel())
     return disparity_px
 
 
 def to_code(disparity_px: NDArray[np.float32], product: np.float32) -> NDArray[np.uint16]:
     """Convert disparity to depth codes: rounded, halves upwards; 0 for NaN."""
-    code = product / disparity_px + np.float32(0.5)
-    np.putmask(code, np.isnan(code), 0)
-    return np.minimum(code, LARGEST_CODE).astype(np.uint16)
+    code = np.empty(disparity_px.shape, np.uint16)
+    _to_code(np.ascontiguousarray(disparity_px).ravel(), product, code.ravel())
+    return code
+
+
+@nb.njit(nogil=True, cache=True)
+def _to_disparity(code, product, disparity_px):  # pragma: no cover - compiled
+    for i in range(code.size):
+        value = np.float32(max(code[i], 1))
+        disparity_px[i] = product / value if code[i] else np.float32(np.nan)
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _to_code(disparity_px, product, code):  # pragma: no cover - compiled
+    largest = np.float32(LARGEST_CODE)
+    for i in range(code.size):
+        value = product / disparity_px[i] + np.float32(0.5)
+        code[i] = np.uint16(min(value, largest)) if value == value else np.uint16(0)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim.stereo.depth import LARGEST_CODE
 
 
 def limit(
@@ -59,9 +60,10 @@ def limit_codes(
 
     Source: librealsense, threshold filter, with its rounding to float32.
     """
-    depth_m = np.float32(unit_m) * code.astype(np.float32)
-    stays = (depth_m >= np.float32(near_m)) & (depth_m <= np.float32(far_m))
-    return np.where(stays, code, np.uint16(0))
+    every_m = np.float32(unit_m) * np.arange(LARGEST_CODE + 1, dtype=np.float32)
+    stays = (every_m >= np.float32(near_m)) & (every_m <= np.float32(far_m))
+    every = np.arange(LARGEST_CODE + 1, dtype=np.uint16) * stays
+    return np.take(every, code)
 
 
 @nb.njit(nogil=True, cache=True)

@@ -14,7 +14,9 @@ from hypothesis.extra import numpy as arrays
 from starling.patterns import InputError
 from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
+from starling.sim.stereo.depth import to_code
 from starling.sim.stereo.post import (
+    codes,
     decimation,
     disparity_transform,
     hole_filling,
@@ -191,6 +193,21 @@ def test_disparity_of_a_code_becomes_the_code_again(code, unit_m, side):
     expected = sensor.fx_px / side * sensor.baseline_m / (code * unit_m)
     assert disparity_px[0] == pytest.approx(expected, rel=1e-6) and np.isnan(disparity_px[1])
     assert disparity_transform.to_code(disparity_px, scale).tolist() == [code, 0]
+
+
+@given(
+    arrays.arrays(np.float32, (3, 5), elements=st.floats(-1, 80, width=32) | st.just(np.nan)),
+    st.sampled_from([1e-4, 1e-3, 0.0123]),
+)
+def test_codes_are_those_of_written_depth(depth_m, unit_m):
+    sensor = with_values(presets.load("d435"), [("post.depth_unit_m", unit_m)])
+    code = codes.encode(depth_m, unit_m)
+    np.testing.assert_array_equal(code, to_code(depth_m, unit_m))
+    disparity_px, decoded_m = codes.decode(code, sensor)
+    np.testing.assert_array_equal(to_code(decoded_m, unit_m), code)
+    expected = sensor.focal_baseline_px_m / disparity_px
+    np.testing.assert_allclose(decoded_m, expected, rtol=1e-6)
+    np.testing.assert_array_equal(np.isnan(disparity_px), code == 0)
 
 
 def test_code_threshold_keeps_both_ends():
