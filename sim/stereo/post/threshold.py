@@ -62,8 +62,8 @@ def limit_codes(
     """
     every_m = np.float32(unit_m) * np.arange(LARGEST_CODE + 1, dtype=np.float32)
     stays = (every_m >= np.float32(near_m)) & (every_m <= np.float32(far_m))
-    every = np.arange(LARGEST_CODE + 1, dtype=np.uint16) * stays
-    return np.take(every, code)
+    admitted = np.arange(LARGEST_CODE + 1, dtype=np.uint16) * stays
+    return np.take(admitted, code)
 
 
 @nb.njit(nogil=True, cache=True)
