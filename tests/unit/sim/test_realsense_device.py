@@ -176,6 +176,7 @@ def test_points_lie_where_the_depth_says() -> None:
     np.testing.assert_allclose(vertices[..., 0], x, atol=1e-5)
 
 
+@pytest.mark.skipif(not hasattr(rs, "__version__"), reason="rs.align differs before version 2.58")
 def test_align_covers_the_pixels_of_our_registration() -> None:
     """librealsense keeps z of the depth camera; ours is z of the colour camera, 0.2 mm away."""
     served = images(colour=colour_image())
