@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
-from starling.sim.corrupt import Reading
+from starling.sim.reading import Reading
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import Shot
 

@@ -9,7 +9,7 @@ import pytest
 
 import starling
 
-# Version 2.55 fills holes of the spatial filter in another way. Versions are told from 2.58 on.
+# Version 2.55 fills other holes in the spatial filter. The module has a version from 2.58 on.
 pytest.importorskip("pyrealsense2", minversion="2.58", exc_type=ImportError)
 
 from tests import script
