@@ -7,6 +7,8 @@ Usage:
     python examples/record_realsense.py OUT SCENE ROOM
 """
 
+# pyright: reportAttributeAccessIssue=false
+# The types of pyrealsense2 are in its compiled module.
 import json
 import sys
 from pathlib import Path
