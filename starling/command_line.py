@@ -7,6 +7,7 @@ a signal. Imports that take time stand in functions, as an interrupt of them is 
 from __future__ import annotations
 
 import difflib
+import keyword
 import os
 import sys
 import typing
@@ -29,6 +30,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "match": "starling.sim.commands.verbs",
         "compare": "starling.learning.commands.verbs",
         "fuse": "starling.sim.commands.data_verbs",
+        "import": "starling.sim.commands.recording_verbs",
         "export": "starling.sim.commands.data_verbs",
     },
     "Calibrate": {
@@ -164,7 +166,10 @@ def _refuse_lost_folder() -> None:
 
 
 def _function(name: str) -> Callable[..., None]:
-    return getattr(import_module(VERBS[name]), name.replace(" ", "_"))
+    function = name.replace(" ", "_")
+    if keyword.iskeyword(function):  # As `import`.
+        function += "_"
+    return getattr(import_module(VERBS[name]), function)
 
 
 def _unknown(name: str) -> str:

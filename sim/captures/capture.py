@@ -105,6 +105,29 @@ class CapturedScene:
         """
         return self._image(self.path / str(number), "ir_left")
 
+    def colour(self, number: int) -> NDArray[np.uint8] | None:
+        """Read `rgb.png` of one frame, (h, w, 3) red, green, blue; None without the file.
+
+        Raises:
+            InputError: if the file is no colour PNG of 8 bits.
+        """
+        path = self.path / str(number) / "rgb.png"
+        if not _exists(path):
+            return None
+        return png.decode_colour(files.read_bytes(path), path, "rgb")
+
+    def depth_in_colour_m(self, number: int) -> NDArray[np.float32] | None:
+        """Read `depth_colour.png` of one frame: z [m] in the colour image; None without the file.
+
+        Raises:
+            InputError: as `frame`.
+        """
+        path = self.path / str(number) / "depth_colour.png"
+        if not _exists(path):
+            return None
+        code = png.read(path, "depth_colour")
+        return depth.from_code(code.astype(np.uint16), self.info.depth_unit_m)
+
     def record(self, number: int) -> dict[str, Any]:
         """Read `frame.json` of one frame without its images; {} without the file.
 

@@ -88,7 +88,7 @@ def read_picture(path: Path, name: str, *, colour: bool = False) -> NDArray[Any]
     except (OSError, ValueError) as error:
         defect = " ".join(str(error).split())
         raise errors.refuse(name, "must be a readable image", path, f"{defect}.") from error
-    image = _picture(plain, colour=colour)
+    image = decode_picture(plain, colour=colour)
     if image is None:
         got = path if data else f"{path}, an empty file"
         raise errors.refuse(name, "must be a readable image", got, "Copy it again.")
@@ -98,8 +98,8 @@ def read_picture(path: Path, name: str, *, colour: bool = False) -> NDArray[Any]
     return np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image
 
 
-def _picture(data: bytes, *, colour: bool) -> NDArray[Any] | None:
-    """Decode a picture without messages on the standard streams; None if damaged."""
+def decode_picture(data: bytes, *, colour: bool = False) -> NDArray[Any] | None:
+    """Decode a picture to blue, green, red or grey, without messages; None if damaged."""
     buffer = np.frombuffer(data, np.uint8)
     flags = cv2.IMREAD_COLOR if colour else cv2.IMREAD_ANYCOLOR
     level = cv2.utils.logging.getLogLevel()

@@ -79,6 +79,7 @@ def export(
     layout: Literal["tum", "bop", "ros2"],
     out: Path,
     meshes: Path = Path("."),
+    storage: Literal["sqlite3", "mcap"] = "sqlite3",
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
@@ -90,14 +91,16 @@ def export(
         captures: Capture set, or one scene of it.
         layout: `tum` writes time-stamped depth, infrared and a trajectory.
             `bop` writes images, masks and poses of the dropped objects.
-            `ros2` writes a bag in OUT/bag, with the topics of a RealSense node.
+            `ros2` writes a bag in OUT/bag, with the topics of realsense-ros.
         out: Folder to create.
         meshes: Folder with the meshes of the objects (`bop` only).
+        storage: Kind of file in the bag (`ros2` only).
         force: Replace a folder that starling wrote earlier.
     """
     from starling.sim.captures.exchange import export as exporting
 
-    shell.say(exporting.export(captures, layout, out, meshes=meshes, force=force), json=common.json)
+    result = exporting.export(captures, layout, out, meshes=meshes, storage=storage, force=force)
+    shell.say(result, json=common.json)
 
 
 def fuse(

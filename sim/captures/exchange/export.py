@@ -17,17 +17,25 @@ Layout = Literal["tum", "bop", "ros2"]
 
 
 def export(
-    captures: str, layout: Layout, out: Path, *, meshes: Path, force: bool = False
+    captures: str,
+    layout: Layout,
+    out: Path,
+    *,
+    meshes: Path,
+    storage: ros2_bag.Storage = "sqlite3",
+    force: bool = False,
 ) -> dict[str, Any]:
     """Write a capture set in another layout.
 
-    `rgb.png` has no place: its view differs from that of the depth. A warning says so.
+    Only ROS 2 bags take `rgb.png`; in other layouts, images have the view of the depth. A warning
+    says so.
 
     Args:
         captures: capture set, or one scene in it.
         layout: name of the layout.
         out: folder to create.
         meshes: folder with the objects' meshes (BOP only).
+        storage: kind of file (ROS 2 only).
         force: replace an earlier export.
 
     Returns:
@@ -40,16 +48,22 @@ def export(
     started = time.perf_counter()
     opened = capture.open_set(captures)
     refuse_own_input(out, opened.path)
-    _warn_of_colour(opened)
+    if layout != "ros2":
+        _warn_of_colour(opened)
     with OutputFolder(out, force=force) as folder:
         if layout == "tum":
             count = tum.export(opened.scenes, folder)
         elif layout == "ros2":
             with refused(folder.path):
-                count = ros2_bag.export(opened.scenes, folder.partial / "bag")
+                count = ros2_bag.export(opened.scenes, folder.partial / "bag", storage=storage)
         else:
             count = bop.export(opened, meshes, folder)
-        arguments = {"captures": captures, "layout": layout, "meshes": str(meshes)}
+        arguments = {
+            "captures": captures,
+            "layout": layout,
+            "meshes": str(meshes),
+            "storage": storage,
+        }
         folder.write(RECORD, record.of_run("export", arguments, {"frames": count}))
     return {
         "out": str(folder.path),
@@ -61,8 +75,8 @@ def export(
 
 
 def _warn_of_colour(captures: CaptureSet) -> None:
-    """Warn of colour pictures, which no layout takes."""
+    """Warn of colour pictures, which the layout does not take."""
     frames = [scene.path / str(number) for scene in captures.scenes for number in scene.frames]
     if any((frame / "rgb.png").is_file() for frame in frames):
-        message = f"{captures.path}: rgb.png is not exported; the layouts take ir_left.png."
+        message = f"{captures.path}: rgb.png is not exported; the layout takes ir_left.png."
         warnings.warn(message, stacklevel=2)

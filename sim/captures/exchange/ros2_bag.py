@@ -1,33 +1,43 @@
-"""Export to a ROS 2 bag with the topics of a RealSense node.
+"""Export to a ROS 2 bag with the topics of realsense-ros 4.x.
 
     /camera/camera/infra1/image_rect_raw, infra2/image_rect_raw     mono8 or mono16
-    /camera/camera/depth/image_rect_raw     16UC1 [mm], 0 = none
-    .../camera_info for each image topic; /tf (world -> camera_link), /tf_static
+    /camera/camera/depth/image_rect_raw     16UC1 [mm], 0 = none; 32FC1 [m] of finer depth
+    /camera/camera/color/image_raw, aligned_depth_to_color/image_raw
+    .../camera_info for each image topic; infra1/metadata, depth/metadata
+    /camera/camera/extrinsics/depth_to_infra1, depth_to_infra2, depth_to_color
+    /tf (world -> camera_link), /tf_static
 
 Both infrared images are in the left imager's frame. P of the right image holds the baseline
 (P[0, 3] = -fx b). Stereo programs expect this, and realsense-ros does it since pull request 1242.
-The frame `world` has the axes of the capture set's world.
+The frame `world` has the axes of the capture set's world. Images with the projector off follow
+half a period after the lit ones, with `frame_laser_power_mode` 0.
 
 Source: sensor_msgs/CameraInfo. REP 103: body axes x forward, y left, z up; optical axes z forward,
-x right, y down. realsense2_camera: README (topics), `ros_utils` (frames).
+x right, y down. REP 118: depth images. realsense2_camera 4.x: README (topics), `ros_utils`
+(frames), `base_realsense_node` (metadata, extrinsics).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.patterns.errors import needs, refuse
-from starling.sim.captures.capture import CapturedScene
-from starling.sim.captures.exchange.stream import in_time_order, pose_of_left
+from starling.patterns.errors import refuse
+from starling.sim.arrays import Image
+from starling.sim.captures.capture import CapturedScene, Frame
+from starling.sim.captures.exchange.ros2_messages import Messages
+from starling.sim.captures.exchange.ros_types import EXTRINSICS, METADATA, typestore
+from starling.sim.captures.exchange.stream import TimedFrame, in_time_order, pose_of_left
 from starling.sim.captures.info import CaptureInfo
-from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.stereo.depth import to_code
 
 if TYPE_CHECKING:
     from rosbags.rosbag2 import Writer
@@ -38,19 +48,25 @@ _FIRST_S = 1.0  # First time stamp [s]; 0 has the special meaning "latest" in tf
 _MM = 1e-3
 _UNSAFE = frozenset("%?#")  # SQLite reads them in the name of a database.
 _VERSION = 8  # Version of the bag format; from 9 on (Jazzy), QoS is stored in another form.
+_PERIOD_S = 1 / 30  # Least period that is assumed of frames [s].
 # Axes of the optical frame (x right, y down, z forward) in the body frame.
 _BODY_FROM_OPTICAL = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
 _STREAMS = {"ir_left": "infra1", "ir_right": "infra2"}
+_FACTS = {"gain": "gain_level", "laser_power": "frame_laser_power"}
+_IMAGE, _INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 Publish = Callable[[str, str, Any, float], None]  # Topic, type, message, time [s].
+Storage = Literal["sqlite3", "mcap"]
 
 
-def export(scenes: Sequence[CapturedScene], path: Path) -> int:
+def export(scenes: Sequence[CapturedScene], path: Path, *, storage: Storage = "sqlite3") -> int:
     """Write scenes in order of time.
 
     Args:
         scenes: the poses are those in `frame.json`, or else `scene.toml`.
         path: folder of the bag; must not exist.
+        storage: kind of file in the bag.
 
     Returns:
         Number of written frames.
@@ -59,48 +75,127 @@ def export(scenes: Sequence[CapturedScene], path: Path) -> int:
         InputError: if cameras differ, a frame has no depth, `rosbags` is not installed, or the
             disk is full.
     """
-    rosbag2, typesys = _rosbags()
+    types = typestore(is_ros1=False)
+    from rosbags import rosbag2
+
     if _UNSAFE & set(str(path)):
         rule = f"must hold none of {' '.join(sorted(_UNSAFE))} for a bag"
         raise refuse("out", rule, path, "Choose another folder; the database reads them.")
-    types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     info, ordered = scenes[0].info, in_time_order(scenes)
     first_s = ordered[0].time_s
     shift_s = 0.0 if first_s > 0 else _FIRST_S - first_s
-    with _refused(path), rosbag2.Writer(path, version=_VERSION) as bag:
+    plugin = rosbag2.StoragePlugin[storage.upper()]
+    with _refused(path), rosbag2.Writer(path, version=_VERSION, storage_plugin=plugin) as bag:
         publish = _publisher(bag, types)
         messages = Messages(types.types)
-        static = messages.transforms(_fixed(info), shift_s + first_s)
-        publish("/tf_static", "tf2_msgs/msg/TFMessage", static, shift_s + first_s)
+        _publish_places(publish, messages, info, shift_s + first_s)
+        half_s = _half_period_s([timed.time_s for timed in ordered])
         for timed in ordered:
-            frame, code = timed.read(_MM)
-            time_s = shift_s + timed.time_s
-            world_from_left = pose_of_left(timed.scene, frame.record)
-            if world_from_left is not None:
-                link = world_from_left @ np.linalg.inv(_BODY_FROM_OPTICAL)
-                moved = messages.transforms([(_WORLD, _LINK, link)], time_s)
-                publish("/tf", "tf2_msgs/msg/TFMessage", moved, time_s)
-            images: dict[str, NDArray[Any]] = {"depth": code}
-            for name, stream in _STREAMS.items():
-                image = getattr(frame, name)
-                if image is not None:
-                    images[stream] = image
-            for stream, image in images.items():
-                topic = f"{_CAMERA}/{stream}"
-                picture = messages.image(stream, image, time_s)
-                publish(f"{topic}/image_rect_raw", "sensor_msgs/msg/Image", picture, time_s)
-                message = messages.camera_info(stream, info, time_s)
-                publish(f"{topic}/camera_info", "sensor_msgs/msg/CameraInfo", message, time_s)
+            _publish_frame(publish, messages, timed, shift_s, half_s)
     return len(ordered)
 
 
-def _rosbags() -> tuple[Any, Any]:
-    """Import the modules that write bags and define ROS types."""
-    try:
-        from rosbags import rosbag2, typesys
-    except ImportError as error:
-        raise needs("bag", "rosbags", "ros") from error
-    return rosbag2, typesys
+def _half_period_s(times_s: Sequence[float]) -> float:
+    """Return half of the shortest time between frames [s]."""
+    steps = [after - before for before, after in itertools.pairwise(times_s)]
+    return min([_PERIOD_S, *steps]) / 2
+
+
+def _publish_places(publish: Publish, messages: Messages, info: CaptureInfo, time_s: float) -> None:
+    """Publish the static frames, and the extrinsics from the depth image."""
+    publish("/tf_static", _TRANSFORMS, messages.transforms(_fixed(info), time_s), time_s)
+    right_from_depth = np.eye(4)
+    right_from_depth[0, 3] = -info.baseline_m
+    places = {"infra1": np.eye(4), "infra2": right_from_depth}
+    if info.colour_from_left is not None:
+        places["color"] = np.array(info.colour_from_left)
+    for stream, pose in places.items():
+        topic = f"{_CAMERA}/extrinsics/depth_to_{stream}"
+        publish(topic, EXTRINSICS, messages.extrinsics(pose, time_s), time_s)
+
+
+def _publish_frame(
+    publish: Publish, messages: Messages, timed: TimedFrame, shift_s: float, half_s: float
+) -> None:
+    frame, depth = _read(timed)
+    time_s, scene, info = shift_s + timed.time_s, timed.scene, timed.scene.info
+    world_from_left = pose_of_left(scene, frame.record)
+    if world_from_left is not None:
+        link = world_from_left @ np.linalg.inv(_BODY_FROM_OPTICAL)
+        moved = messages.transforms([(_WORLD, _LINK, link)], time_s)
+        publish("/tf", _TRANSFORMS, moved, time_s)
+    images: dict[str, NDArray[Any]] = {"depth": depth}
+    images |= _pair(frame, "")
+    facts = _metadata(frame, info, is_lit=info.projector != "off")
+    colour = scene.colour(frame.number)
+    if colour is not None:
+        images["color"] = colour
+    aligned = scene.depth_in_colour_m(frame.number)
+    if aligned is not None:
+        images["aligned_depth_to_color"] = _as_published(aligned, info.depth_unit_m)
+    _publish_images(publish, messages, info, images, facts, time_s)
+    unlit = _pair(frame, "_off")
+    if unlit:
+        facts = _metadata(frame, info, is_lit=False)
+        _publish_images(publish, messages, info, unlit, facts, time_s + half_s)
+
+
+def _read(timed: TimedFrame) -> tuple[Frame, NDArray[Any]]:
+    """Return a frame and its depth as it is published."""
+    frame, code = timed.read(_MM)
+    if frame.depth_m is None or timed.scene.info.depth_unit_m == _MM:
+        return frame, code
+    return frame, _as_published(frame.depth_m, timed.scene.info.depth_unit_m)
+
+
+def _as_published(depth_m: Image, unit_m: float) -> NDArray[Any]:
+    """Return depth as codes of a millimetre, or [m] where its steps are others."""
+    return to_code(depth_m, _MM) if unit_m == _MM else depth_m.astype(np.float32)
+
+
+def _pair(frame: Frame, suffix: str) -> dict[str, NDArray[Any]]:
+    """Return the infrared images of a frame by stream."""
+    images = {stream: getattr(frame, name + suffix) for name, stream in _STREAMS.items()}
+    return {stream: image for stream, image in images.items() if image is not None}
+
+
+def _metadata(frame: Frame, info: CaptureInfo, *, is_lit: bool) -> dict[str, Any]:
+    """Return the known facts under the names of realsense-ros, exposure in microseconds.
+
+    `depth_units`, `device` and `black_level_dn` are additions, so that an import has them.
+    """
+    facts: dict[str, Any] = {"frame_number": frame.number, "depth_units": info.depth_unit_m}
+    facts |= {"device": info.sensor}
+    if info.black_level_dn is not None:
+        facts["black_level_dn"] = info.black_level_dn
+    if info.projector is not None:
+        facts["frame_laser_power_mode"] = int(is_lit)
+    if "exposure_s" in frame.record:
+        facts["actual_exposure"] = float(f"{frame.record['exposure_s'] * 1e6:.12g}")
+    return facts | {name: frame.record[key] for key, name in _FACTS.items() if key in frame.record}
+
+
+def _publish_images(
+    publish: Publish,
+    messages: Messages,
+    info: CaptureInfo,
+    images: dict[str, NDArray[Any]],
+    facts: dict[str, Any],
+    time_s: float,
+) -> None:
+    for stream, image in images.items():
+        topic, name = f"{_CAMERA}/{stream}", "image_rect_raw"
+        camera: Pinhole | None = Pinhole.from_camera(info)
+        if "color" in stream:
+            name, camera = "image_raw", info.colour
+        publish(f"{topic}/{name}", _IMAGE, messages.image(stream, image, time_s), time_s)
+        if camera is not None:
+            baseline_m = info.baseline_m if stream == "infra2" else 0.0
+            message = messages.camera_info(stream, camera, time_s, baseline_m=baseline_m)
+            publish(f"{topic}/camera_info", _INFO, message, time_s)
+        if stream in ("infra1", "depth"):
+            message = messages.metadata(stream, facts, time_s)
+            publish(f"{topic}/metadata", METADATA, message, time_s)
 
 
 @contextmanager
@@ -140,7 +235,8 @@ def _publisher(bag: Writer, types: Any) -> Publish:
 
     def publish(topic: str, kind: str, message: Any, time_s: float) -> None:
         if topic not in topics:
-            qos = [latched] if topic == "/tf_static" else []
+            is_fixed = topic == "/tf_static" or "/extrinsics/" in topic
+            qos = [latched] if is_fixed else []
             topics[topic] = bag.add_connection(
                 topic, kind, typestore=types, offered_qos_profiles=qos
             )
@@ -154,83 +250,12 @@ def _fixed(info: CaptureInfo) -> list[tuple[str, str, Pose]]:
     right = np.eye(4)
     right[1, 3] = -info.baseline_m  # y points left.
     places = {"depth": np.eye(4), "infra1": np.eye(4), "infra2": right}
+    if info.colour_from_left is not None:
+        left_from_colour = np.linalg.inv(np.array(info.colour_from_left))
+        places["color"] = _BODY_FROM_OPTICAL @ left_from_colour @ _BODY_FROM_OPTICAL.T
     transforms = []
     for name, pose in places.items():
         transforms.append((_LINK, f"camera_{name}_frame", pose))
         optical = f"camera_{name}_optical_frame"
         transforms.append((f"camera_{name}_frame", optical, _BODY_FROM_OPTICAL))
     return transforms
-
-
-class Messages:
-    """Builds ROS messages from captures."""
-
-    def __init__(self, types: dict[str, Any]) -> None:
-        """Store the message classes by type name, as `rosbags` provides them."""
-        self._types = types
-
-    def image(self, stream: str, image: NDArray[Any], time_s: float) -> Any:
-        """Return an image message with one channel."""
-        height, width = image.shape
-        little = np.ascontiguousarray(image, image.dtype.newbyteorder("<"))
-        return self._types["sensor_msgs/msg/Image"](
-            header=self._header(stream, time_s),
-            height=height,
-            width=width,
-            encoding="16UC1" if stream == "depth" else f"mono{8 * image.itemsize}",
-            is_bigendian=0,
-            step=width * image.itemsize,
-            data=little.view(np.uint8).ravel(),
-        )
-
-    def camera_info(self, stream: str, info: CaptureInfo, time_s: float) -> Any:
-        """Return the intrinsics of rectified images, without distortion."""
-        shift = -info.fx_px * info.baseline_m if stream == "infra2" else 0.0
-        k = [info.fx_px, 0, info.cx_px, 0, info.fy_px, info.cy_px, 0, 0, 1]
-        p = [info.fx_px, 0, info.cx_px, shift, 0, info.fy_px, info.cy_px, 0, 0, 0, 1, 0]
-        roi = self._types["sensor_msgs/msg/RegionOfInterest"](
-            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
-        )
-        return self._types["sensor_msgs/msg/CameraInfo"](
-            header=self._header(stream, time_s),
-            height=info.height,
-            width=info.width,
-            distortion_model="plumb_bob",
-            d=np.zeros(5),
-            k=np.array(k, float),
-            r=np.eye(3).ravel(),
-            p=np.array(p, float),
-            binning_x=0,
-            binning_y=0,
-            roi=roi,
-        )
-
-    def transforms(self, poses: Sequence[tuple[str, str, Pose]], time_s: float) -> Any:
-        """Return the transforms of (parent, child, `parent_from_child`)."""
-        kind = self._types
-        transforms = []
-        for parent, child, pose in poses:
-            x, y, z, w = frames.to_quaternion(pose)
-            place = [float(component) for component in pose[:3, 3]]
-            transform = kind["geometry_msgs/msg/Transform"](
-                translation=kind["geometry_msgs/msg/Vector3"](*place),
-                rotation=kind["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w),
-            )
-            header = kind["std_msgs/msg/Header"](stamp=_stamp(kind, time_s), frame_id=parent)
-            transforms.append(
-                kind["geometry_msgs/msg/TransformStamped"](
-                    header=header, child_frame_id=child, transform=transform
-                )
-            )
-        return kind["tf2_msgs/msg/TFMessage"](transforms=transforms)
-
-    def _header(self, stream: str, time_s: float) -> Any:
-        frame = "depth" if stream == "depth" else "infra1"
-        return self._types["std_msgs/msg/Header"](
-            stamp=_stamp(self._types, time_s), frame_id=f"camera_{frame}_optical_frame"
-        )
-
-
-def _stamp(types: dict[str, Any], time_s: float) -> Any:
-    seconds, rest = divmod(round(time_s * 1e9), 10**9)
-    return types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest)

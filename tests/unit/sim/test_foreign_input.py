@@ -261,7 +261,7 @@ def test_a_pose_that_is_not_finite_costs_its_frame_only(tmp_path: Path, small_se
 
 def test_colour_is_not_exported_and_said_so(small_set: Path, tmp_path: Path) -> None:
     cv2.imwrite(str(small_set / "a" / "0" / "rgb.png"), np.zeros((48, 160, 3), np.uint8))
-    with pytest.warns(UserWarning, match="rgb.png is not exported; the layouts take ir_left.png"):
+    with pytest.warns(UserWarning, match="rgb.png is not exported; the layout takes ir_left.png"):
         export(str(small_set), "tum", tmp_path / "tum", meshes=tmp_path)
 
 

@@ -11,12 +11,11 @@ import pytest
 
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture
-from starling.sim.captures.exchange import ros2_bag
+from starling.sim.captures.exchange import ros2_bag, ros_types
 from starling.sim.captures.exchange.stream import in_time_order
 from starling.sim.geometry import frames
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="the extra ros is not installed")
-typesys = pytest.importorskip("rosbags.typesys")
 
 CAMERA = "/camera/camera"
 
@@ -36,7 +35,7 @@ def edit_records(folder: Path, **more: Any) -> None:
 
 def played(bag: Path) -> dict[str, list[Any]]:
     """Messages of each topic, in order."""
-    types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    types = ros_types.typestore(is_ros1=False)
     result: dict[str, list[Any]] = {}
     with rosbag2.Reader(bag) as reader:
         for connection, time_ns, data in reader.messages():
@@ -153,6 +152,7 @@ def test_missing_package_message_names_the_extra(
     small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setitem(__import__("sys").modules, "rosbags", None)
+    ros_types.typestore.cache_clear()
     with pytest.raises(InputError, match=r"bag needs rosbags; got none\. .*'\.\[ros\]'"):
         ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
 

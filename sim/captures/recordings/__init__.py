@@ -1,0 +1,1 @@
+"""Import of recordings: bags, folders of images, and their checks."""
