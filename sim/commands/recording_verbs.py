@@ -80,7 +80,7 @@ def import_(
         **{"left": left, "right": right, "depth": depth, "truth": truth, "colour": colour},
         **{"left_off": left_off, "right_off": right_off},
     }
-    given = GivenFacts(
+    flags = GivenFacts(
         calibration=calibration,
         baseline_m=baseline,
         depth_unit=depth_unit,
@@ -97,7 +97,7 @@ def import_(
             source,
             out,
             streams={name: value for name, value in streams.items() if value},
-            given=given,
+            flags=flags,
             camera=camera,
             choice=choice,
             force=force,

@@ -1,7 +1,7 @@
 """Checks of an imported pair: are its rows aligned, does it show dots, is depth in its unit?
 
-Windows of the left image are found in the right one, in a band of rows around their own. Their
-vertical offset tells whether the pair is rectified. Their disparity d gives the depth f b / d,
+Windows of the left image are searched in the right one, in a band of rows around their own. The
+vertical offset is 0 in a rectified pair. The disparity d gives the depth f b / d,
 with which the device's depth is compared.
 """
 
@@ -54,10 +54,10 @@ def pair_figures(
         depth_m: depth of the left view [m], NaN where unknown.
         focal_baseline_px_m: f b [px m].
     """
-    found = _matches(left.astype(np.float32), right.astype(np.float32))
-    if len(found) < _FEWEST:
-        return PairFigures(windows=len(found))
-    y, x, disparity, offset = found.T
+    matches = _matches(left.astype(np.float32), right.astype(np.float32))
+    if len(matches) < _FEWEST:
+        return PairFigures(windows=len(matches))
+    y, x, disparity, offset = matches.T
     height, width = left.shape
     quarters = (y > height / 2).astype(int) * 2 + (x > width / 2)
     medians = [
@@ -72,7 +72,7 @@ def pair_figures(
         if known.sum() >= _FEWEST:
             ratio = float(np.median(seen[known] * disparity[known] / focal_baseline_px_m))
     return PairFigures(
-        windows=len(found),
+        windows=len(matches),
         row_offset_px=float(np.median(offset)),
         row_spread_px=max(map(abs, medians), default=None),
         disparity_px=float(np.median(disparity)),

@@ -24,6 +24,8 @@ _UNRECTIFIED_PX = 1.0  # A D415 has 0.3 px.
 _SKEWED_PX = 0.6
 _FAR_DEPTH = 1.25  # Ratio of depth to f b / d beyond which its unit is wrong; devices: 1.02.
 _OFF_DEPTH = 1.05
+_COARSE_PX = 8  # Images are compared at this step, above their noise.
+_EVEN = 0.02  # An image with a smaller relative spread has no structure.
 _STILL = 0.1  # Loss of correlation from the first to the last frame of a static scene.
 
 
@@ -80,14 +82,17 @@ def _dots(share: float | None, windows: int, *, has_right: bool) -> str:
 
 
 def _is_still(images: Sequence[NDArray[Any]]) -> bool | None:
-    """Whether first and last frame show the same; None for fewer than two frames."""
+    """Whether first and last image show the same; None if there is one, or no structure."""
     if len(images) < 2:
         return None
-    small = [cv2.resize(image.astype(np.float32), None, fx=0.25, fy=0.25) for image in images]
-    small = [cv2.resize(each, small[0].shape[::-1], interpolation=cv2.INTER_AREA) for each in small]
-    if any(each.std() < 1e-6 for each in small):
+    scale, mean = 1 / _COARSE_PX, cv2.INTER_AREA
+    first, last = (
+        cv2.resize(images[place].astype(np.float32), None, fx=scale, fy=scale, interpolation=mean)
+        for place in (0, -1)
+    )
+    if min(image.std() / max(float(image.mean()), 1.0) for image in (first, last)) < _EVEN:
         return None
-    return bool(np.corrcoef(small[0].ravel(), small[-1].ravel())[0, 1] > 1 - _STILL)
+    return bool(np.corrcoef(first.ravel(), last.ravel())[0, 1] > 1 - _STILL)
 
 
 def refuse_or_warn(

@@ -76,7 +76,7 @@ def read(path: Path, patterns: Mapping[str, str]) -> Recording:
 
 
 def _matches(path: Path, name: str, pattern: str) -> list[tuple[str, Path]]:
-    """Return the files of a pattern with the text that its wildcards stand for."""
+    """Return the files of a pattern with the text of its wildcards."""
     flag = f"--{name.replace('_', '-')}"
     if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
         raise errors.refuse(flag, "must be a pattern inside the folder", pattern, "As 'ir1_*.png'.")

@@ -52,7 +52,7 @@ def import_recording(
     out: Path,
     *,
     streams: Mapping[str, str] | None = None,
-    given: GivenFacts | None = None,
+    flags: GivenFacts | None = None,
     camera: str = "",
     choice: Choice | None = None,
     force: bool = False,
@@ -64,7 +64,7 @@ def import_recording(
         source: bag, MCAP file, or a folder: ROS 2 bag, TUM sequence, or images.
         out: folder to create.
         streams: topics or file patterns by stream (see `recording.STREAMS`); {} finds usual ones.
-        given: facts that the source does not state, or that replace its own.
+        flags: facts that the source does not state, or that replace its own.
         camera: `fx fy cx cy width height` [px] of a TUM sequence; empty uses its own.
         choice: frames to import.
         force: replace an earlier folder.
@@ -80,34 +80,34 @@ def import_recording(
             names the flag. Also if the folder cannot be written; no partial output remains.
     """
     started = time.perf_counter()
-    given, choice = given or GivenFacts(), choice or Choice()
+    flags, choice = flags or GivenFacts(), choice or Choice()
     refuse_own_input(out, source)
     pinhole = parse_camera(camera, "--camera") if camera else None
     recording = sources.open_source(source, streams or {}, pinhole)
-    if not given.calibration and recording.camera is None and source.is_dir():
+    if not flags.calibration and recording.camera is None and source.is_dir():
         oak = oak_calibration.find(source)
         if oak is not None:
-            given = dataclasses.replace(given, calibration=(oak,))
+            flags = dataclasses.replace(flags, calibration=(oak,))
     recording = _chosen(recording, choice)
     first = _first(recording)
     base = "left" if "left" in first else "depth"
     height, width = first[base].shape[:2]
     shape = (height, width)
-    known = statement.geometry(recording, given, (width, height))
+    known = statement.geometry(recording, flags, (width, height))
     streams_seen = {name for frame in recording.frames for name in frame.images}
     depths = [name for name in ("depth", "truth") if name in streams_seen]
     if known.rectification is not None and "depth" in depths:
         note = "device depth is left out: its view is not that of --rectify"
         recording = dataclasses.replace(recording, notes=(*recording.notes, note))
         depths.remove("depth")
-    unit_m = statement.depth_unit_m(recording, given, has_depth=bool(depths))
+    unit_m = statement.depth_unit_m(recording, flags, has_depth=bool(depths))
     step_m = _step_m(recording, depths, unit_m)
     sampled = [
         frame_images.read(frame, shape, f"frame {number}", known.rectification)
         for number, frame in _samples(recording)
     ]
     seen = findings.findings(sampled, known, unit_m, step_m)
-    emitter = statement.emitter(recording, given, seen["dots"])
+    emitter = statement.emitter(recording, flags, seen["dots"])
     findings.refuse_or_warn(
         seen,
         emitter,
@@ -115,7 +115,7 @@ def import_recording(
         is_moving=choice.moving,
     )
     info = CaptureInfo(
-        sensor=statement.sensor_name(recording, given),
+        sensor=statement.sensor_name(recording, flags),
         **dataclasses.asdict(known.camera),
         baseline_m=known.baseline_m,
         depth_unit_m=step_m,
@@ -124,8 +124,8 @@ def import_recording(
         notes="imported by starling import",
         projector=emitter,
         black_level_dn=recording.black_level_dn
-        if given.black_level_dn is None
-        else given.black_level_dn,
+        if flags.black_level_dn is None
+        else flags.black_level_dn,
         colour=recording.colour,
         colour_from_left=_rows(recording.colour_from_left),
     )
@@ -165,7 +165,7 @@ def import_recording(
             "source": str(source),
             "streams": dict(streams or {}),
             "camera": camera,
-            **{key: _plain(value) for key, value in dataclasses.asdict(given).items()},
+            **{key: _plain(value) for key, value in dataclasses.asdict(flags).items()},
             **dataclasses.asdict(choice),
         }
         folder.write(RECORD, record.of_run("import", arguments, figures))
@@ -260,7 +260,7 @@ def _write(
     written: _Written,
     track: progress.Progress,
 ) -> None:
-    """Write the frames; those without dots go beside the lit frame before them."""
+    """Write the frames; unlit images belong to the lit frame before them."""
     alternates = info.projector == "on and off"
     place, pending = "", True  # Folder of the last lit frame, and whether it lacks unlit images.
     for number, frame in enumerate(track(recording.frames, "frame")):

@@ -35,12 +35,15 @@ from starling.sim.geometry.pinhole import Pinhole
 _IMAGES = (messages.IMAGE, messages.COMPRESSED)
 # Usual ends of topics, the best first. `aligned_depth_to_color` is not in the left view.
 _ENDS = {
-    "left": r"/infra1/image_rect_raw|/infra1/image_raw|/left/image_rect(_raw)?|/left/image_raw",
-    "right": r"/infra2/image_rect_raw|/infra2/image_raw|/right/image_rect(_raw)?|/right/image_raw",
-    "depth": r"(?<!/aligned)/depth/image_rect_raw|(?<!/aligned)/depth/image_raw|/stereo/depth",
-    "colour": r"/color/image_raw|/color/image_rect(_raw)?|/rgb/image_(raw|rect)",
+    "left": ("/infra1/image_rect_raw", "/infra1/image_raw", "/left/image_rect", "/left/image_raw"),
+    "right": (
+        *("/infra2/image_rect_raw", "/infra2/image_raw"),
+        *("/right/image_rect", "/right/image_raw"),
+    ),
+    "depth": ("/depth/image_rect_raw", "/depth/image_raw", "/stereo/depth"),
+    "colour": ("/color/image_raw", "/color/image_rect_raw", "/color/image_rect", "/rgb/image_raw"),
 }
-_TRANSPORT = r"(/(compressed|compressedDepth))?"
+_TRANSPORT = r"/(compressed|compressedDepth)"
 _MILLIMETRE = 1e-3  # Unit of 16-bit depth by REP 118 [m].
 _FLOAT = "32FC1"
 
@@ -69,14 +72,14 @@ def read(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> Recording:
         name: [message.time_s or entry.time_ns / 1e9 for entry, message in stream]
         for name, stream in heads.items()
     }
-    found = timing.partners({name: times[name] for name in topics if name != "colour"})
+    rows = timing.partners({name: times[name] for name in topics if name != "colour"})
     infos = {name: _lens(by_topic[_info_topic(topic)], log) for name, topic in topics.items()}
     tree = transforms.read(by_topic["/tf_static"], by_topic["/tf"], is_ros1=log.is_ros1)
     stated = _metadata(by_topic, topics, log)
     frame_names = {name: stream[0][1].frame for name, stream in heads.items() if stream}
     coloured = timing.nearest_numbers(times.get("colour", []), times["left"])
-    kept = []
-    for place, numbers in enumerate(found):
+    imported = []
+    for place, numbers in enumerate(rows):
         if numbers is None:
             continue
         if coloured[place] is not None:
@@ -87,7 +90,7 @@ def read(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> Recording:
         }
         facts = stated.get(round(times["left"][place] * 1e6), {})
         pose = _left_from_world(tree, frame_names["left"], times["left"][place])
-        kept.append(
+        imported.append(
             RecordedFrame(
                 time_s=times["left"][place],
                 images=reads,
@@ -102,7 +105,7 @@ def read(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> Recording:
     return Recording(
         path=path,
         kind=f"ROS {1 if log.is_ros1 else 2} topics",
-        frames=tuple(kept),
+        frames=tuple(imported),
         device=_first_stated(stated, "device", str),
         black_level_dn=_first_stated(stated, "black_level_dn", (int, float)),
         camera=_pinhole(left),
@@ -117,7 +120,7 @@ def read(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> Recording:
         right_from_left=tree.between(frame_names["left"], frame_names["right"])
         if "right" in frame_names
         else None,
-        unpaired=len(found) - len(kept),
+        unpaired=len(rows) - len(imported),
         damage=log.damage,
         notes=_notes(heads),
     )
@@ -142,9 +145,9 @@ def _usual(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> dict[str, 
     for name, ends in _ENDS.items():
         if name in chosen:
             continue
-        for end in ends.split("|"):
-            fits = [topic for topic in images if re.fullmatch(f".*(?:{end}){_TRANSPORT}", topic)]
-            plain = [topic for topic in fits if not re.search(f"{_TRANSPORT[:-1]}$", topic)] or fits
+        for end in ends:
+            fits = [topic for topic in images if re.fullmatch(f".*{end}({_TRANSPORT})?", topic)]
+            plain = [topic for topic in fits if not re.search(f"{_TRANSPORT}$", topic)] or fits
             if len(plain) > 1:
                 rule, got = f"must have one {name} topic", ", ".join(plain)
                 raise errors.refuse(path.name, rule, got, f"Name it: --{name} TOPIC.")
@@ -175,8 +178,8 @@ def _pixels(entry: Entry, topic: str, *, is_ros1: bool) -> Any:
 
 
 def _info_topic(topic: str) -> str:
-    """Return the topic of an image's intrinsics, which stands beside it."""
-    plain = re.sub(f"{_TRANSPORT[:-1]}$", "", topic)
+    """Return the topic of an image's intrinsics, in the same namespace."""
+    plain = re.sub(f"{_TRANSPORT}$", "", topic)
     return plain.rsplit("/", 1)[0] + "/camera_info"
 
 
@@ -277,10 +280,10 @@ def _lit(stated: Mapping[str, Any]) -> bool | None:
 
 def _left_from_world(tree: FrameTree, name: str, time_s: float) -> dict[str, Any]:
     """Return `left_from_world` where a frame above the camera moves."""
-    found = tree.root_from(name, time_s)
-    if found is None or not found[2]:
+    root = tree.root_from(name, time_s)
+    if root is None or not root[2]:
         return {}
-    return {"left_from_world": np.linalg.inv(found[1]).tolist()}
+    return {"left_from_world": np.linalg.inv(root[1]).tolist()}
 
 
 def _depth_unit_m(

@@ -1,4 +1,4 @@
-"""Opens a recording, whatever its format."""
+"""Opens a recording of any known format."""
 
 from __future__ import annotations
 

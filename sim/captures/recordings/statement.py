@@ -49,27 +49,27 @@ class _Calibration:
     right_from_left: Pose | None = None
 
 
-def geometry(recording: Recording, given: GivenFacts, size: tuple[int, int]) -> Geometry:
+def geometry(recording: Recording, flags: GivenFacts, size: tuple[int, int]) -> Geometry:
     """Return intrinsics and baseline.
 
     Args:
         recording: the recording.
-        given: facts by flags, which win.
+        flags: facts by flags, which win.
         size: width and height of the images [px].
 
     Raises:
         InputError: if intrinsics or baseline are unknown, of another image size, or the pair is
             distorted and shall not be rectified.
     """
-    read = _calibration(recording, given, size)
-    if given.rectify:
+    read = _calibration(recording, flags, size)
+    if flags.rectify:
         if read.lenses is None:
             rule, advice = "must come with distortion of both imagers", "Give --calibration FILE."
             raise errors.refuse("--rectify", rule, "none", advice)
         rectified = rectification(read.lenses, read.right_from_left, size)
-        baseline_m = given.baseline_m or rectified.baseline_m
+        baseline_m = flags.baseline_m or rectified.baseline_m
         return Geometry(camera=rectified.camera, baseline_m=baseline_m, rectification=rectified)
-    if recording.lenses is not None and not given.calibration:
+    if recording.lenses is not None and not flags.calibration:
         shown = ", ".join(f"{value:.4g}" for value in recording.lenses[0].distortion)
         rule, advice = "must be rectified", "Add --rectify, or record the rectified images."
         raise errors.refuse("images", rule, f"distortion {shown}", advice)
@@ -80,23 +80,23 @@ def geometry(recording: Recording, given: GivenFacts, size: tuple[int, int]) -> 
         rule = f"must be of images of {size[0]}x{size[1]}"
         got = f"{read.camera.width}x{read.camera.height}"
         raise errors.refuse("intrinsics", rule, got, "Give those of this size: --calibration FILE.")
-    baseline_m = given.baseline_m or read.baseline_m
+    baseline_m = flags.baseline_m or read.baseline_m
     if baseline_m is None:
-        rule, advice = "must be given", f"Give --baseline METRES{_usual(given, recording)}."
+        rule, advice = "must be given", f"Give --baseline METRES{_usual(flags, recording)}."
         raise errors.refuse("baseline", rule, f"none in {recording.path}", advice)
     quantities.check("--baseline", baseline_m, "baseline_m")
     return Geometry(camera=read.camera, baseline_m=baseline_m)
 
 
-def _usual(given: GivenFacts, recording: Recording) -> str:
+def _usual(flags: GivenFacts, recording: Recording) -> str:
     """Return the baseline of the sensor's preset as an example."""
-    name = given.sensor or recording.device or ""
+    name = flags.sensor or recording.device or ""
     return f", {presets.load(name).baseline_m:g} as in {name}" if name in presets.names() else ""
 
 
-def _calibration(recording: Recording, given: GivenFacts, size: tuple[int, int]) -> _Calibration:
+def _calibration(recording: Recording, flags: GivenFacts, size: tuple[int, int]) -> _Calibration:
     """Return what calibration files state, or else the recording."""
-    paths = list(given.calibration)
+    paths = list(flags.calibration)
     stated = _Calibration(
         camera=recording.camera,
         baseline_m=recording.baseline_m,
@@ -110,7 +110,7 @@ def _calibration(recording: Recording, given: GivenFacts, size: tuple[int, int])
         raise errors.refuse("--calibration", rule, f"{len(paths)} files", "Leave some out.")
     if len(paths) == 2:
         left, right = (lens_file.read(path) for path in paths)
-        cameras = [intrinsics.read(path) for path in paths] if not given.rectify else []
+        cameras = [intrinsics.read(path) for path in paths] if not flags.rectify else []
         camera = cameras[0].camera(*size) if cameras else None
         baseline_m = cameras[1].baseline_m if cameras else None
         pose = recording.right_from_left
@@ -144,18 +144,18 @@ def _scaled(lens: Lens, size: tuple[int, int]) -> Pinhole:
     )
 
 
-def depth_unit_m(recording: Recording, given: GivenFacts, *, has_depth: bool) -> float:
+def depth_unit_m(recording: Recording, flags: GivenFacts, *, has_depth: bool) -> float:
     """Return the unit of depth values [m].
 
     Raises:
         InputError: if there is depth of unknown unit, or the given one is implausible.
     """
-    if given.depth_unit:
-        unit = depth_file.UNITS.get(given.depth_unit)
+    if flags.depth_unit:
+        unit = depth_file.UNITS.get(flags.depth_unit)
         if unit is not None:
             return unit
         try:
-            step = float(given.depth_unit)
+            step = float(flags.depth_unit)
         except ValueError:
             step = float("nan")
         quantities.check("--depth-unit", step, "depth_unit_m")
@@ -169,20 +169,20 @@ def depth_unit_m(recording: Recording, given: GivenFacts, *, has_depth: bool) ->
     return 1e-3
 
 
-def emitter(recording: Recording, given: GivenFacts, dots: str) -> str:
+def emitter(recording: Recording, flags: GivenFacts, dots: str) -> str:
     """Return whether the projector was on: `on`, `off` or `on and off`.
 
     Args:
         recording: the recording.
-        given: facts by flags.
+        flags: facts by flags.
         dots: whether the images show dots: `yes`, `no`, `unclear`.
 
     Raises:
         InputError: if neither the source nor a flag states it.
     """
     states = {frame.is_lit for frame in recording.frames} - {None}
-    if given.emitter is not None:
-        return given.emitter
+    if flags.emitter is not None:
+        return flags.emitter
     if not states:
         seen = {"yes": "dots in the images", "no": "no dots in the images"}.get(dots, "none")
         rule = "must be given, as the source does not state it"
@@ -192,13 +192,13 @@ def emitter(recording: Recording, given: GivenFacts, dots: str) -> str:
     return "on" if True in states else "off"
 
 
-def sensor_name(recording: Recording, given: GivenFacts) -> str:
+def sensor_name(recording: Recording, flags: GivenFacts) -> str:
     """Return the name of the camera.
 
     Raises:
         InputError: if it is unknown.
     """
-    name = given.sensor or recording.device
+    name = flags.sensor or recording.device
     if not name:
         listed = ", ".join(presets.names())
         rule = "must be given, as the source does not name it"

@@ -61,11 +61,11 @@ def partners(times_s: Mapping[str, Sequence[float]]) -> list[dict[str, int] | No
     """
     base = times_s["left"]
     limit_s = min(_LONGEST_S, _APART * _period(base))
-    found: dict[str, list[int | None]] = {}
+    nearest: dict[str, list[int | None]] = {}
     for name, stream in times_s.items():
         ordered = sorted((time_s, number) for number, time_s in enumerate(stream))
-        found[name] = [_nearest(ordered, time_s, limit_s) for time_s in base]
-        share = sum(number is not None for number in found[name]) / max(len(base), 1)
+        nearest[name] = [_nearest(ordered, time_s, limit_s) for time_s in base]
+        share = sum(number is not None for number in nearest[name]) / max(len(base), 1)
         if base and stream and share < _FEWEST:
             apart_s = min(abs(time_s - base[0]) for time_s in stream)
             rule = f"must have the times of the left images, within {limit_s:.3g} s"
@@ -74,7 +74,7 @@ def partners(times_s: Mapping[str, Sequence[float]]) -> list[dict[str, int] | No
             raise errors.refuse(f"{name} images", rule, got, advice)
     rows: list[dict[str, int] | None] = []
     for place in range(len(base)):
-        numbers = {name: column[place] for name, column in found.items()}
+        numbers = {name: column[place] for name, column in nearest.items()}
         known = {name: number for name, number in numbers.items() if number is not None}
         rows.append(known if "right" in known or "right" not in times_s else None)
     return rows

@@ -50,10 +50,10 @@ class FrameTree:
         """Return the fixed `second_from_first`; None if they are not connected by fixed links."""
         roots = []
         for name in (first, second):
-            found = FrameTree(fixed=self.fixed).root_from(name, 0.0)
-            if found is None:
+            root = FrameTree(fixed=self.fixed).root_from(name, 0.0)
+            if root is None:
                 return None
-            roots.append(found)
+            roots.append(root)
         if roots[0][0] != roots[1][0]:
             return None
         return np.linalg.inv(roots[1][1]) @ roots[0][1]

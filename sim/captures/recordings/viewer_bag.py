@@ -70,11 +70,11 @@ def read(log: MessageLog, path: Path) -> Recording:
     if left is None:
         rule = "must have /info/camera_info"
         raise errors.refuse(topics["left"], rule, path, "Give --calibration FILE.")
-    found = timing.partners({name: times[name] for name in topics if name != "colour"})
+    rows = timing.partners({name: times[name] for name in topics if name != "colour"})
     coloured = timing.nearest_numbers(times.get("colour", []), times["left"])
-    kept = []
+    imported = []
     metadata = _metadata(by_topic, topics["left"]), _metadata(by_topic, topics.get("depth", ""))
-    for place, numbers in enumerate(found):
+    for place, numbers in enumerate(rows):
         if numbers is None:
             continue
         entry = images["left"][place]
@@ -89,7 +89,7 @@ def read(log: MessageLog, path: Path) -> Recording:
         number = coloured[place]
         if number is not None:
             reads["colour"] = partial(_pixels, images["colour"][number], topics["colour"])
-        kept.append(
+        imported.append(
             RecordedFrame(
                 time_s=times["left"][place],
                 images=reads,
@@ -102,7 +102,7 @@ def read(log: MessageLog, path: Path) -> Recording:
     return Recording(
         path=path,
         kind="RealSense Viewer bag",
-        frames=tuple(kept),
+        frames=tuple(imported),
         device=_device(by_topic, topics["left"]),
         camera=_pinhole(left),
         baseline_m=_baseline_m(places, options),
@@ -111,7 +111,7 @@ def read(log: MessageLog, path: Path) -> Recording:
         colour_from_left=_between(places.get("left"), places.get("colour")),
         lenses=pair if any(lens.is_distorted for lens in pair) else None,
         right_from_left=_between(places.get("left"), places.get("right")),
-        unpaired=len(found) - len(kept),
+        unpaired=len(rows) - len(imported),
         damage=log.damage,
     )
 

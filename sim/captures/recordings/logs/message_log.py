@@ -35,10 +35,6 @@ class MessageLog:
         """Topics with the type of their messages."""
         return {entry.topic: entry.kind for entry in self.entries}
 
-    def of(self, topic: str) -> list[Entry]:
-        """Return the messages of one topic."""
-        return [entry for entry in self.entries if entry.topic == topic]
-
 
 class ChunkCache:
     """Keeps the last decompressed chunks."""
