@@ -48,7 +48,7 @@ def import_(
         source: RealSense Viewer .bag, ROS 1 or 2 bag, MCAP file, TUM sequence, or folder of images.
         out: Folder to create: a capture set for `match`, `calibrate`, `diagnose` and `show`.
         left: Left infrared images: pattern of files in a folder, or topic of a bag.
-            By default usual names are looked for, here and below.
+            Without it, usual names are looked for, here and below.
         right: Right infrared images.
         depth: Depth images of the device, in the left view.
         truth: Reference depth, in the left view: one image, or one for each frame.

@@ -39,8 +39,9 @@ def read(path: Path, patterns: Mapping[str, str]) -> Recording:
     """
     files = {name: _matches(path, name, pattern) for name, pattern in patterns.items()}
     for name, usual in _USUAL.items():
-        fits = (_usual_matches(path, pattern) for pattern in usual if name not in files)
-        first = next(filter(None, fits), None)
+        if "left" in patterns or name in patterns:  # Then the others are named too.
+            continue
+        first = next(filter(None, (_usual_matches(path, pattern) for pattern in usual)), None)
         if first:
             files[name] = first
     if "left" not in files:

@@ -120,7 +120,7 @@ def _computed(
         right.distortion,
         size,
         right_from_left[:3, :3],
-        right_from_left[:3, 3],
+        right_from_left[:3, 3:],  # A column: OpenCV 5 refuses a plain vector.
         flags=cv2.CALIB_ZERO_DISPARITY,
         alpha=0,
     )

@@ -68,6 +68,9 @@ def read(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> Recording:
         rule, got = "must have a left infrared topic", ", ".join(images) or "no image topic"
         raise errors.refuse(path.name, rule, got, "Name it: --left TOPIC.")
     heads = _heads(log, topics)
+    if not heads["left"]:
+        advice = "Record it again."
+        raise errors.refuse(topics["left"], "must have whole images", "damaged ones", advice)
     times = {
         name: [message.time_s or entry.time_ns / 1e9 for entry, message in stream]
         for name, stream in heads.items()
@@ -143,7 +146,7 @@ def _usual(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> dict[str, 
     topics: dict[str, str] = {}
     images = [topic for topic, kind in sorted(log.topics.items()) if kind in _IMAGES]
     for name, ends in _ENDS.items():
-        if name in chosen:
+        if "left" in chosen or name in chosen:  # Then the others are named too.
             continue
         for end in ends:
             fits = [topic for topic in images if re.fullmatch(f".*{end}({_TRANSPORT})?", topic)]

@@ -63,6 +63,9 @@ def partners(times_s: Mapping[str, Sequence[float]]) -> list[dict[str, int] | No
     limit_s = min(_LONGEST_S, _APART * _period(base))
     nearest: dict[str, list[int | None]] = {}
     for name, stream in times_s.items():
+        if _agree(stream, base, limit_s):  # Also where the clock repeats times.
+            nearest[name] = list(range(len(base)))
+            continue
         ordered = sorted((time_s, number) for number, time_s in enumerate(stream))
         nearest[name] = [_nearest(ordered, time_s, limit_s) for time_s in base]
         share = sum(number is not None for number in nearest[name]) / max(len(base), 1)
@@ -78,6 +81,13 @@ def partners(times_s: Mapping[str, Sequence[float]]) -> list[dict[str, int] | No
         known = {name: number for name, number in numbers.items() if number is not None}
         rows.append(known if "right" in known or "right" not in times_s else None)
     return rows
+
+
+def _agree(stream: Sequence[float], base: Sequence[float], limit_s: float) -> bool:
+    """Whether two streams have the same times, one by one."""
+    return len(stream) == len(base) and all(
+        abs(time_s - other_s) <= limit_s for time_s, other_s in zip(stream, base, strict=True)
+    )
 
 
 def _nearest(ordered: Sequence[tuple[float, int]], time_s: float, limit_s: float) -> int | None:
