@@ -89,7 +89,7 @@ def import_(
         black_level_dn=black_level,
         rectify=rectify,
     )
-    choice = importing.Choice(
+    choice = importing.FrameChoice(
         moving=moving, every=every, most=most_frames, scene=scene, licence=licence
     )
     with progress.on_stderr() as track:

@@ -37,7 +37,7 @@ _FILES |= {"left_off": "ir_left_off", "right_off": "ir_right_off", "truth": "tru
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Choice:
+class FrameChoice:
     """Which frames are imported, and what they show."""
 
     moving: bool = False  # Each frame is a scene; otherwise all are repeats of one.
@@ -54,7 +54,7 @@ def import_recording(
     streams: Mapping[str, str] | None = None,
     flags: GivenFacts | None = None,
     camera: str = "",
-    choice: Choice | None = None,
+    choice: FrameChoice | None = None,
     force: bool = False,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
@@ -80,7 +80,7 @@ def import_recording(
             names the flag. Also if the folder cannot be written; no partial output remains.
     """
     started = time.perf_counter()
-    flags, choice = flags or GivenFacts(), choice or Choice()
+    flags, choice = flags or GivenFacts(), choice or FrameChoice()
     refuse_own_input(out, source)
     pinhole = parse_camera(camera, "--camera") if camera else None
     recording = sources.open_source(source, streams or {}, pinhole)
@@ -178,7 +178,7 @@ def _plain(value: Any) -> Any:
     return [str(path) for path in value] if isinstance(value, tuple) else value
 
 
-def _chosen(recording: Recording, choice: Choice) -> Recording:
+def _chosen(recording: Recording, choice: FrameChoice) -> Recording:
     """Return the frames that are imported."""
     errors.in_interval("--every", choice.every, 1, 10**6)
     errors.in_interval("--most-frames", choice.most, 0, 10**6)
@@ -253,7 +253,7 @@ def _write(
     recording: Recording,
     info: CaptureInfo,
     room: str,
-    choice: Choice,
+    choice: FrameChoice,
     known: Geometry,
     unit_m: float,
     folder: Folder,

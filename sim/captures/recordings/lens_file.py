@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from starling.patterns import errors
 from starling.sim import files
-from starling.sim.captures.recordings.recording import Lens
+from starling.sim.captures.recordings.recording import ImagerCalibration
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _KEY = re.compile(r"^([A-Za-z_]\w*)\s*:", re.MULTILINE)
@@ -25,7 +25,7 @@ _NAMES = {
 }
 
 
-def read(path: Path) -> Lens:
+def read(path: Path) -> ImagerCalibration:
     """Read a camera_info with all its matrices.
 
     Raises:
@@ -46,7 +46,7 @@ def read(path: Path) -> Lens:
     if counts[:3] != [9, 1, 1] or counts[3] not in (0, 9) or counts[4] not in (0, 12):
         rule = "must be a camera_info with width, height, K, D, R and P"
         raise errors.refuse(path.name, rule, path, "Write it by ROS' camera_calibration.")
-    return Lens(
+    return ImagerCalibration(
         width=int(sizes[0][0]),
         height=int(sizes[1][0]),
         matrix=matrix.reshape(3, 3),

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from starling.patterns import errors
 from starling.sim.captures import png
 from starling.sim.captures.exchange.ros_types import typestore
-from starling.sim.captures.recordings.logs.message_log import Entry, LostMessageError
+from starling.sim.captures.recordings.logs.message_log import LoggedMessage, LostMessageError
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _GREY = {
@@ -56,7 +56,7 @@ class ImageMessage:
     depth_unit_m: float | None = None
 
 
-def parse(entry: Entry, *, is_ros1: bool) -> Any:
+def parse(entry: LoggedMessage, *, is_ros1: bool) -> Any:
     """Return a message as `rosbags` decodes it.
 
     Raises:
@@ -72,7 +72,7 @@ def parse(entry: Entry, *, is_ros1: bool) -> Any:
         raise LostMessageError(f"{entry.topic}: {error}") from error
 
 
-def image(entry: Entry, *, is_ros1: bool) -> ImageMessage:
+def image(entry: LoggedMessage, *, is_ros1: bool) -> ImageMessage:
     """Return an image message, plain or compressed.
 
     Raises:
@@ -102,7 +102,7 @@ def image(entry: Entry, *, is_ros1: bool) -> ImageMessage:
     )
 
 
-def _ros1_image(entry: Entry) -> ImageMessage:
+def _ros1_image(entry: LoggedMessage) -> ImageMessage:
     """Parse an image of ROS 1, also with the depth unit that librealsense appends."""
     data = entry.read()
     try:
@@ -138,7 +138,7 @@ def _text(data: bytes, place: int) -> tuple[str, int]:
     return data[place + 4 : place + 4 + length].decode(), place + 4 + length
 
 
-def key_value(entry: Entry) -> tuple[str, str]:
+def key_value(entry: LoggedMessage) -> tuple[str, str]:
     """Return key and value of a diagnostic_msgs/KeyValue of ROS 1.
 
     Raises:

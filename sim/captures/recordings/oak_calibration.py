@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from starling.patterns import errors
 from starling.sim import files
-from starling.sim.captures.recordings.recording import Lens
+from starling.sim.captures.recordings.recording import ImagerCalibration
 from starling.sim.geometry.frames import Pose
 
 _CM = 0.01  # [m]
@@ -42,7 +42,7 @@ def is_calibration(path: Path) -> bool:
     return path.suffix.lower() == ".json" and b"cameraData" in files.read_bytes(path)
 
 
-def read(path: Path) -> tuple[tuple[Lens, Lens], Pose]:
+def read(path: Path) -> tuple[tuple[ImagerCalibration, ImagerCalibration], Pose]:
     """Read both cameras of the stereo pair, and `right_from_left` [m].
 
     Raises:
@@ -62,11 +62,11 @@ def read(path: Path) -> tuple[tuple[Lens, Lens], Pose]:
         raise errors.refuse(path.name, rule, got, "Write it by eepromToJsonFile.") from error
 
 
-def _lens(camera: Mapping[str, Any]) -> Lens:
+def _lens(camera: Mapping[str, Any]) -> ImagerCalibration:
     coefficients = np.array(camera["distortionCoeff"], np.float64)
     if coefficients.size not in _COEFFICIENTS or int(camera.get("cameraType", 0)) != 0:
         raise ValueError("a distortion that is not OpenCV's")
-    return Lens(
+    return ImagerCalibration(
         width=int(camera["width"]),
         height=int(camera["height"]),
         matrix=np.array(camera["intrinsicMatrix"], np.float64).reshape(3, 3),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
-from starling.sim.captures.recordings.recording import Lens
+from starling.sim.captures.recordings.recording import ImagerCalibration
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
 
@@ -38,7 +38,9 @@ class Rectification:
 
 
 def rectification(
-    lenses: tuple[Lens, Lens], right_from_left: Pose | None, size: tuple[int, int]
+    lenses: tuple[ImagerCalibration, ImagerCalibration],
+    right_from_left: Pose | None,
+    size: tuple[int, int],
 ) -> Rectification:
     """Find the maps that rectify a pair.
 
@@ -95,7 +97,9 @@ def rectification(
     )
 
 
-def _stated(left: Lens, right: Lens, size: tuple[int, int]) -> tuple[Any, Any]:
+def _stated(
+    left: ImagerCalibration, right: ImagerCalibration, size: tuple[int, int]
+) -> tuple[Any, Any]:
     """Return R and P of both lenses; None without them."""
     both = (left, right)
     whole = all(
@@ -109,7 +113,7 @@ def _stated(left: Lens, right: Lens, size: tuple[int, int]) -> tuple[Any, Any]:
 
 
 def _computed(
-    left: Lens, right: Lens, right_from_left: Pose, size: tuple[int, int]
+    left: ImagerCalibration, right: ImagerCalibration, right_from_left: Pose, size: tuple[int, int]
 ) -> tuple[Any, Any]:
     """Return R and P by OpenCV; both images have one principal point."""
     matrices = [_scaled(lens.matrix, lens, size) for lens in (left, right)]
@@ -127,7 +131,7 @@ def _computed(
     return (first, second), (p_left, p_right)
 
 
-def _scaled(matrix: Any, lens: Lens, size: tuple[int, int]) -> NDArray[np.float64]:
+def _scaled(matrix: Any, lens: ImagerCalibration, size: tuple[int, int]) -> NDArray[np.float64]:
     """Return K or P [px] for another image size; integer coordinates are pixel centres."""
     scale = size[0] / lens.width
     result = np.array(matrix, np.float64)

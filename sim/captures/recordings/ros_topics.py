@@ -26,9 +26,13 @@ import numpy as np
 from starling.patterns import errors
 from starling.sim.captures.exchange.ros_types import METADATA
 from starling.sim.captures.recordings import messages, timing, transforms
-from starling.sim.captures.recordings.logs.message_log import Entry, LostMessageError, MessageLog
+from starling.sim.captures.recordings.logs.message_log import (
+    LoggedMessage,
+    LostMessageError,
+    MessageLog,
+)
 from starling.sim.captures.recordings.messages import ImageMessage
-from starling.sim.captures.recordings.recording import Lens, RecordedFrame, Recording
+from starling.sim.captures.recordings.recording import ImagerCalibration, RecordedFrame, Recording
 from starling.sim.captures.recordings.transforms import FrameTree
 from starling.sim.geometry.pinhole import Pinhole
 
@@ -59,7 +63,7 @@ def read(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> Recording:
     Raises:
         InputError: if a topic is missing or several fit, or the intrinsics or times are missing.
     """
-    by_topic: dict[str, list[Entry]] = defaultdict(list)
+    by_topic: dict[str, list[LoggedMessage]] = defaultdict(list)
     for entry in log.entries:
         by_topic[entry.topic].append(entry)
     topics = {**_usual(log, path, chosen), **_named(log, path, chosen)}
@@ -162,10 +166,10 @@ def _usual(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> dict[str, 
 
 def _heads(
     log: MessageLog, topics: Mapping[str, str]
-) -> dict[str, list[tuple[Entry, ImageMessage]]]:
+) -> dict[str, list[tuple[LoggedMessage, ImageMessage]]]:
     """Return the images of each stream without their pixels; damaged ones are left out."""
     names = {topic: name for name, topic in topics.items()}
-    heads: dict[str, list[tuple[Entry, ImageMessage]]] = {name: [] for name in topics}
+    heads: dict[str, list[tuple[LoggedMessage, ImageMessage]]] = {name: [] for name in topics}
     for entry in log.entries:
         if entry.topic in names:
             try:
@@ -176,7 +180,7 @@ def _heads(
     return heads
 
 
-def _pixels(entry: Entry, topic: str, *, is_ros1: bool) -> Any:
+def _pixels(entry: LoggedMessage, topic: str, *, is_ros1: bool) -> Any:
     return messages.pixels(messages.image(entry, is_ros1=is_ros1), topic)
 
 
@@ -186,7 +190,7 @@ def _info_topic(topic: str) -> str:
     return plain.rsplit("/", 1)[0] + "/camera_info"
 
 
-def _lens(entries: list[Entry], log: MessageLog) -> Lens | None:
+def _lens(entries: list[LoggedMessage], log: MessageLog) -> ImagerCalibration | None:
     """Return the calibration in the first whole message."""
     for entry in entries:
         try:
@@ -194,7 +198,7 @@ def _lens(entries: list[Entry], log: MessageLog) -> Lens | None:
         except LostMessageError:
             continue
         d, k, r, p = (getattr(info, c.upper() if log.is_ros1 else c) for c in "dkrp")
-        return Lens(
+        return ImagerCalibration(
             width=info.width,
             height=info.height,
             matrix=np.array(k, np.float64).reshape(3, 3),
@@ -206,7 +210,7 @@ def _lens(entries: list[Entry], log: MessageLog) -> Lens | None:
     return None
 
 
-def _pinhole(lens: Lens | None) -> Pinhole | None:
+def _pinhole(lens: ImagerCalibration | None) -> Pinhole | None:
     """Return the rectified camera: P, or K where P is empty."""
     if lens is None:
         return None
@@ -217,11 +221,11 @@ def _pinhole(lens: Lens | None) -> Pinhole | None:
 
 
 def _baseline_m(
-    right: Lens | None,
+    right: ImagerCalibration | None,
     tree: FrameTree,
     frame_names: Mapping[str, str],
     topics: Mapping[str, str],
-    by_topic: Mapping[str, list[Entry]],
+    by_topic: Mapping[str, list[LoggedMessage]],
     log: MessageLog,
 ) -> float | None:
     """Return the baseline by P of the right image, by the frames, or by the extrinsics topic."""
@@ -243,7 +247,7 @@ def _baseline_m(
 
 
 def _metadata(
-    by_topic: Mapping[str, list[Entry]], topics: Mapping[str, str], log: MessageLog
+    by_topic: Mapping[str, list[LoggedMessage]], topics: Mapping[str, str], log: MessageLog
 ) -> dict[int, dict[str, Any]]:
     """Return the metadata by time [us]; those of the infrared image win."""
     result: dict[int, dict[str, Any]] = defaultdict(dict)
@@ -290,7 +294,7 @@ def _left_from_world(tree: FrameTree, name: str, time_s: float) -> dict[str, Any
 
 
 def _depth_unit_m(
-    heads: list[tuple[Entry, ImageMessage]], stated: Mapping[int, Mapping[str, Any]]
+    heads: list[tuple[LoggedMessage, ImageMessage]], stated: Mapping[int, Mapping[str, Any]]
 ) -> tuple[float | None, float | None]:
     """Return the unit of depth values and, for floating-point ones, the step they had."""
     if not heads:
@@ -306,7 +310,7 @@ def _first_stated(stated: Mapping[int, Mapping[str, Any]], key: str, kind: Any) 
     return next((value for value in values if isinstance(value, kind)), None)
 
 
-def _notes(heads: Mapping[str, list[tuple[Entry, ImageMessage]]]) -> tuple[str, ...]:
+def _notes(heads: Mapping[str, list[tuple[LoggedMessage, ImageMessage]]]) -> tuple[str, ...]:
     """Return notes on lossy images."""
     return tuple(
         f"{name} images are compressed by jpeg: their noise is not the camera's"

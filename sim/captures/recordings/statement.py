@@ -12,7 +12,7 @@ from starling.patterns import errors
 from starling.sim import quantities
 from starling.sim.captures import depth_file
 from starling.sim.captures.recordings import lens_file, oak_calibration
-from starling.sim.captures.recordings.recording import Lens, Recording
+from starling.sim.captures.recordings.recording import ImagerCalibration, Recording
 from starling.sim.captures.recordings.rectification import Rectification, rectification
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
@@ -45,7 +45,7 @@ class Geometry:
 class _Calibration:
     camera: Pinhole | None = None
     baseline_m: float | None = None
-    lenses: tuple[Lens, Lens] | None = None
+    lenses: tuple[ImagerCalibration, ImagerCalibration] | None = None
     right_from_left: Pose | None = None
 
 
@@ -130,7 +130,7 @@ def _calibration(recording: Recording, flags: GivenFacts, size: tuple[int, int])
     return dataclasses.replace(stated, camera=device.camera(*size), baseline_m=baseline_m)
 
 
-def _scaled(lens: Lens, size: tuple[int, int]) -> Pinhole:
+def _scaled(lens: ImagerCalibration, size: tuple[int, int]) -> Pinhole:
     """Return the intrinsics of rectified images, at another size of the same view."""
     scale = size[0] / lens.width
     k = lens.matrix

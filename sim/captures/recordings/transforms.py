@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from starling.sim.captures.recordings import messages
-from starling.sim.captures.recordings.logs.message_log import Entry, LostMessageError
+from starling.sim.captures.recordings.logs.message_log import LoggedMessage, LostMessageError
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 
@@ -59,7 +59,9 @@ class FrameTree:
         return np.linalg.inv(roots[1][1]) @ roots[0][1]
 
 
-def read(fixed: Sequence[Entry], moving: Sequence[Entry], *, is_ros1: bool) -> FrameTree:
+def read(
+    fixed: Sequence[LoggedMessage], moving: Sequence[LoggedMessage], *, is_ros1: bool
+) -> FrameTree:
     """Read the transforms of a recording; damaged messages are left out.
 
     Args:
@@ -79,7 +81,7 @@ def read(fixed: Sequence[Entry], moving: Sequence[Entry], *, is_ros1: bool) -> F
     return tree
 
 
-def _transforms(entry: Entry, *, is_ros1: bool) -> list[tuple[float, str, str, Pose]]:
+def _transforms(entry: LoggedMessage, *, is_ros1: bool) -> list[tuple[float, str, str, Pose]]:
     """Return time, parent, child and `parent_from_child` of a message's transforms."""
     try:
         message = messages.parse(entry, is_ros1=is_ros1)

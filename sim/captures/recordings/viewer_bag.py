@@ -25,8 +25,12 @@ import numpy as np
 
 from starling.patterns import errors
 from starling.sim.captures.recordings import messages, timing
-from starling.sim.captures.recordings.logs.message_log import Entry, LostMessageError, MessageLog
-from starling.sim.captures.recordings.recording import Lens, RecordedFrame, Recording
+from starling.sim.captures.recordings.logs.message_log import (
+    LoggedMessage,
+    LostMessageError,
+    MessageLog,
+)
+from starling.sim.captures.recordings.recording import ImagerCalibration, RecordedFrame, Recording
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
@@ -52,7 +56,7 @@ def read(log: MessageLog, path: Path) -> Recording:
     Raises:
         InputError: if it lacks the left infrared stream or its intrinsics, or clocks differ.
     """
-    by_topic: dict[str, list[Entry]] = defaultdict(list)
+    by_topic: dict[str, list[LoggedMessage]] = defaultdict(list)
     for entry in log.entries:
         by_topic[entry.topic].append(entry)
     topics = _topics(log, path)
@@ -134,7 +138,7 @@ def _topics(log: MessageLog, path: Path) -> dict[str, str]:
     return topics
 
 
-def _head(entry: Entry) -> tuple[float, float | None]:
+def _head(entry: LoggedMessage) -> tuple[float, float | None]:
     """Return time and depth unit of an image; a damaged one gets the time of its record."""
     try:
         message = messages.image(entry, is_ros1=True)
@@ -143,11 +147,11 @@ def _head(entry: Entry) -> tuple[float, float | None]:
     return message.time_s, message.depth_unit_m
 
 
-def _pixels(entry: Entry, topic: str) -> Any:
+def _pixels(entry: LoggedMessage, topic: str) -> Any:
     return messages.pixels(messages.image(entry, is_ros1=True), topic)
 
 
-def _options(by_topic: dict[str, list[Entry]], sensor: str) -> dict[str, str]:
+def _options(by_topic: dict[str, list[LoggedMessage]], sensor: str) -> dict[str, str]:
     """Return the first values of a sensor's options, under the names of the metadata."""
     names = {
         "Exposure": "Actual Exposure",
@@ -166,7 +170,7 @@ def _options(by_topic: dict[str, list[Entry]], sensor: str) -> dict[str, str]:
     return options
 
 
-def _metadata(by_topic: dict[str, list[Entry]], topic: str) -> dict[int, dict[str, str]]:
+def _metadata(by_topic: dict[str, list[LoggedMessage]], topic: str) -> dict[int, dict[str, str]]:
     """Return keys and values of each frame by the time of their record."""
     result: dict[int, dict[str, str]] = defaultdict(dict)
     for entry in by_topic.get(topic.removesuffix("data") + "metadata", []):
@@ -199,13 +203,13 @@ def _lit(stated: dict[str, str]) -> bool | None:
     return None
 
 
-def _lens(by_topic: dict[str, list[Entry]], topic: str) -> Lens | None:
+def _lens(by_topic: dict[str, list[LoggedMessage]], topic: str) -> ImagerCalibration | None:
     """Return the intrinsics of a stream."""
     entries = by_topic.get(topic.removesuffix("/image/data") + "/info/camera_info", [])
     if not entries:
         return None
     info = messages.parse(entries[0], is_ros1=True)
-    return Lens(
+    return ImagerCalibration(
         width=info.width,
         height=info.height,
         matrix=np.array(info.K, np.float64).reshape(3, 3),
@@ -213,7 +217,7 @@ def _lens(by_topic: dict[str, list[Entry]], topic: str) -> Lens | None:
     )
 
 
-def _pinhole(lens: Lens | None) -> Pinhole | None:
+def _pinhole(lens: ImagerCalibration | None) -> Pinhole | None:
     if lens is None:
         return None
     k = lens.matrix
@@ -222,7 +226,7 @@ def _pinhole(lens: Lens | None) -> Pinhole | None:
     return Pinhole(width=lens.width, height=lens.height, **focal, **centre)
 
 
-def _pose(by_topic: dict[str, list[Entry]], topic: str) -> tuple[str, Pose] | None:
+def _pose(by_topic: dict[str, list[LoggedMessage]], topic: str) -> tuple[str, Pose] | None:
     """Return the group of a stream and the stream's pose from the group's first stream."""
     prefix = topic.removesuffix("/image/data") + "/tf/"
     for name, entries in by_topic.items():
@@ -258,7 +262,7 @@ def _depth_unit_m(heads: dict[str, Any], options: dict[str, str]) -> float | Non
     return None if stated is None else float(stated)
 
 
-def _device(by_topic: dict[str, list[Entry]], topic: str) -> str | None:
+def _device(by_topic: dict[str, list[LoggedMessage]], topic: str) -> str | None:
     """Return the name of the camera: `Intel RealSense D435I` is `d435i`."""
     info = "/" + topic.split("/")[1] + "/info"
     for entry in by_topic.get(info, []):

@@ -16,7 +16,7 @@ from typing import Any
 from starling.patterns import errors
 from starling.sim.captures.recordings.logs.message_log import (
     ChunkCache,
-    Entry,
+    LoggedMessage,
     MessageLog,
     message_kind,
 )
@@ -34,7 +34,7 @@ class _Index:
     schemas: dict[int, str] = field(default_factory=dict)
     channels: dict[int, tuple[str, str]] = field(default_factory=dict)
     encodings: set[str] = field(default_factory=set)
-    entries: list[Entry] = field(default_factory=list)
+    entries: list[LoggedMessage] = field(default_factory=list)
 
 
 def open_log(path: Path) -> MessageLog:
@@ -101,7 +101,7 @@ def _note(content: Any, code: int, start: int, stop: int, read: Any, index: _Ind
     elif code == _MESSAGE:
         topic, kind = index.channels[_number("<H", content, start)]
         time_ns = _number("<Q", content, start + 6)
-        index.entries.append(Entry(topic, kind, time_ns, partial(_data, read)))
+        index.entries.append(LoggedMessage(topic, kind, time_ns, partial(_data, read)))
 
 
 def _data(read: Any) -> bytes:

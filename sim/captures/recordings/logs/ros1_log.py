@@ -19,7 +19,7 @@ from pathlib import Path
 from starling.patterns import errors
 from starling.sim.captures.recordings.logs.message_log import (
     ChunkCache,
-    Entry,
+    LoggedMessage,
     MessageLog,
     message_kind,
 )
@@ -54,7 +54,7 @@ def open_log(path: Path) -> MessageLog:
     chunks: list[tuple[int, int, bytes]] = []
     cache = ChunkCache(lambda number: _unpacked(data, *chunks[number]))
     kinds: dict[int, tuple[str, str]] = {}
-    entries: list[Entry] = []
+    entries: list[LoggedMessage] = []
     damage = ""
     try:
         for record in _records(data, len(MAGIC)):
@@ -72,7 +72,7 @@ def open_log(path: Path) -> MessageLog:
 
 
 def _index(
-    number: int, cache: ChunkCache, kinds: dict[int, tuple[str, str]], entries: list[Entry]
+    number: int, cache: ChunkCache, kinds: dict[int, tuple[str, str]], entries: list[LoggedMessage]
 ) -> None:
     """Add the messages of one chunk."""
     content = cache(number)
@@ -84,7 +84,7 @@ def _index(
             topic, kind = kinds[_LENGTH.unpack(record.fields[b"conn"])[0]]
             seconds, rest = _TIME.unpack(record.fields[b"time"])
             read = partial(_message, cache, number, record.start, record.stop)
-            entries.append(Entry(topic, kind, seconds * 10**9 + rest, read))
+            entries.append(LoggedMessage(topic, kind, seconds * 10**9 + rest, read))
 
 
 def _message(cache: ChunkCache, number: int, start: int, stop: int) -> bytes:

@@ -12,7 +12,11 @@ from pathlib import Path
 
 from starling.patterns import errors
 from starling.sim.captures.recordings.logs.mcap_log import unzstd
-from starling.sim.captures.recordings.logs.message_log import Entry, LostMessageError, MessageLog
+from starling.sim.captures.recordings.logs.message_log import (
+    LoggedMessage,
+    LostMessageError,
+    MessageLog,
+)
 
 _ZSTD = b"\x28\xb5\x2f\xfd"  # First bytes of compressed messages.
 
@@ -23,7 +27,7 @@ def open_log(path: Path) -> MessageLog:
     Raises:
         InputError: if the file is no database of a bag.
     """
-    entries: list[Entry] = []
+    entries: list[LoggedMessage] = []
     damage = ""
     connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
     # A cut file is shorter than its header says; without this, SQLite reads nothing of it.
@@ -40,7 +44,9 @@ def open_log(path: Path) -> MessageLog:
         for number, topic, time_ns in connection.execute(
             "SELECT id, topic_id, timestamp FROM messages ORDER BY id"
         ):
-            entries.append(Entry(*topics[topic], time_ns, partial(_data, connection, number)))
+            entries.append(
+                LoggedMessage(*topics[topic], time_ns, partial(_data, connection, number))
+            )
     except (sqlite3.Error, KeyError) as error:
         damage = f"it is damaged after {len(entries)} messages: {error}"
     entries.sort(key=lambda entry: entry.time_ns)

@@ -15,13 +15,13 @@ from starling import command_line
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, png
 from starling.sim.captures.exchange import tum
-from starling.sim.captures.recordings.import_recording import Choice, import_recording
+from starling.sim.captures.recordings.import_recording import FrameChoice, import_recording
 from starling.sim.captures.recordings.statement import GivenFacts
 from starling.sim.console.output import OutputFolder
 from starling.sim.geometry import frames
 from tests.unit.sim.recordings import scene
 
-MOVING = Choice(moving=True)
+MOVING = FrameChoice(moving=True)
 STREAMS = {"left": "ir1_*.png", "right": "ir2_*.png", "depth": "d_*.png"}
 
 

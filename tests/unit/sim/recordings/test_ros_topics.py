@@ -16,7 +16,7 @@ pytest.importorskip("rosbags", reason="the extra ros is not installed")
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, png
 from starling.sim.captures.exchange import ros2_bag
-from starling.sim.captures.recordings.import_recording import Choice, import_recording
+from starling.sim.captures.recordings.import_recording import FrameChoice, import_recording
 from starling.sim.captures.recordings.statement import GivenFacts
 from starling.sim.geometry import frames
 from tests.unit.sim.recordings import scene
@@ -368,6 +368,6 @@ def test_messages_of_other_programs_are_refused(tmp_path: Path):
 def test_numbers_of_frames_must_be_possible(tmp_path: Path):
     path = Topics().pair(LEFT, RIGHT, count=1).write(tmp_path / "bag")
     with pytest.raises(InputError, match="--every must be in"):
-        imported(path, tmp_path / "set", choice=Choice(every=0))
+        imported(path, tmp_path / "set", choice=FrameChoice(every=0))
     with pytest.raises(InputError, match="--most-frames must be in"):
-        imported(path, tmp_path / "set", choice=Choice(most=-1))
+        imported(path, tmp_path / "set", choice=FrameChoice(most=-1))

@@ -16,7 +16,7 @@ from rosbags import rosbag1
 
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture
-from starling.sim.captures.recordings.import_recording import Choice, import_recording
+from starling.sim.captures.recordings.import_recording import FrameChoice, import_recording
 from starling.sim.captures.recordings.statement import GivenFacts
 from tests.unit.sim.recordings import scene
 from tests.unit.sim.recordings.viewer import ViewerBag
@@ -137,7 +137,7 @@ def test_unlit_frames_become_images_with_the_projector_off(tmp_path: Path):
     np.testing.assert_array_equal(only.frame(0).ir_left_off, scene.pair(1, dots=0.0001)[0])
     np.testing.assert_array_equal(only.frame(1).ir_right_off, scene.pair(3, dots=0.0001)[1])
     assert report["left_out"]["emitter_off"] == 1
-    report, captures = imported(bag, tmp_path, choice=Choice(moving=True), force=True)
+    report, captures = imported(bag, tmp_path, choice=FrameChoice(moving=True), force=True)
     assert len(captures.scenes) == 2 and report["left_out"]["emitter_off"] == 3
 
 
@@ -196,11 +196,11 @@ def test_a_moving_camera_is_noticed(tmp_path: Path):
     bag = ViewerBag(moves=True)
     with pytest.warns(UserWarning, match=r"first and last frame differ.*give --moving"):
         imported(bag, tmp_path)
-    moving = Choice(moving=True)
+    moving = FrameChoice(moving=True)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         _, captures = imported(bag, tmp_path, choice=moving, force=True)
     assert [each.room for each in captures.scenes] == ["desk"] * 3
-    few = Choice(moving=True, every=2, most=1)
+    few = FrameChoice(moving=True, every=2, most=1)
     report, _ = imported(bag, tmp_path, choice=few, force=True)
     assert report["frames"] == 1
