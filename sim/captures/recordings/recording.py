@@ -20,7 +20,7 @@ ReadImage = Callable[[], NDArray[Any]]  # (h, w), or (h, w, 3) red, green, blue.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Lens:
+class ImagerCalibration:
     """Calibration of one imager before rectification, as sensor_msgs/CameraInfo has it."""
 
     width: int  # [px]
@@ -62,7 +62,9 @@ class Recording:
     black_level_dn: float | None = None  # Pedestal of the infrared images [DN].
     colour: Pinhole | None = None
     colour_from_left: Pose | None = None
-    lenses: tuple[Lens, Lens] | None = None  # Left and right, where images may be distorted.
+    lenses: tuple[ImagerCalibration, ImagerCalibration] | None = (
+        None  # Left and right, where images may be distorted.
+    )
     right_from_left: Pose | None = None  # Of the unrectified imagers [m].
     unpaired: int = 0  # Left images without a partner in another stream.
     damage: str = ""  # What is wrong with the file behind the last frame.

@@ -13,7 +13,7 @@ class LostMessageError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class LoggedMessage:
     """Place of one message."""
 
     topic: str
@@ -26,7 +26,7 @@ class Entry:
 class MessageLog:
     """Index of a recording's messages, in the order of the file."""
 
-    entries: Sequence[Entry]
+    entries: Sequence[LoggedMessage]
     is_ros1: bool  # Messages are serialised as in ROS 1, else in CDR.
     damage: str = ""  # What is wrong with the file behind the last entry; empty if it is whole.
 
