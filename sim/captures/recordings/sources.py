@@ -73,7 +73,7 @@ def _of_log(log: MessageLog, path: Path, streams: Mapping[str, str]) -> Recordin
     if not log.entries:
         advice = "Is it a recording that was never closed?"
         raise errors.refuse("source", "must hold messages", path, advice)
-    if log.is_ros1 and viewer_bag.is_viewer(log) and not streams:
+    if viewer_bag.is_viewer(log) and not streams:
         return viewer_bag.read(log, path)
     recording = ros_topics.read(log, path, streams)
     if path.is_dir() and not (path / "metadata.yaml").is_file():

@@ -1,4 +1,4 @@
-"""Recordings of the RealSense Viewer: ROS 1 bags with the topics of librealsense.
+"""Recordings of the RealSense Viewer: bags with the topics of librealsense.
 
     /device_0/info                                          name, serial number, firmware
     /device_0/sensor_0/option/Depth_Units/value             and other options
@@ -6,7 +6,9 @@
     /device_0/sensor_0/Infrared_1/info/camera_info          K and D of the image
     /device_0/sensor_0/Infrared_1/tf/0                      stream from the group's first stream
 
-Times of messages count from the start of the recording; image headers have the device's clock.
+librealsense 2.58 and later writes a ROS 2 database instead, with compressed images below
+`image/data`, and texts in place of the other messages. Times of messages count from the start of
+the recording; image headers, or their metadata, have the device's clock.
 
 Source: librealsense at v2.57, `src/media/ros`: `ros_file_format.h` (topics), `ros_writer.cpp`
 (messages); `to-string.cpp` (names of options and metadata).
@@ -15,8 +17,7 @@ Source: librealsense at v2.57, `src/media/ros`: `ros_file_format.h` (topics), `r
 from __future__ import annotations
 
 import re
-import struct
-from collections import defaultdict
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,11 +32,13 @@ from starling.sim.captures.recordings.logs.message_log import (
     MessageLog,
 )
 from starling.sim.captures.recordings.recording import ImagerCalibration, RecordedFrame, Recording
-from starling.sim.geometry import frames
+from starling.sim.captures.recordings.viewer_messages import ViewerMessages
 from starling.sim.geometry.frames import Pose
 from starling.sim.geometry.pinhole import Pinhole
 
-_DATA = re.compile(r"(/device_\d+/sensor_\d+)/(Depth|Infrared|Color)_(\d+)/image/data")
+_DATA = re.compile(
+    r"(/device_\d+/sensor_\d+)/(Depth|Infrared|Color)_(\d+)/image/data(/compressed|/compressedDepth)?"
+)
 _STREAMS = {
     ("Infrared", 1): "left",
     ("Infrared", 2): "right",
@@ -54,66 +57,56 @@ def read(log: MessageLog, path: Path) -> Recording:
     """Read a recording of the viewer.
 
     Raises:
-        InputError: if it lacks the left infrared stream or its intrinsics, or clocks differ.
+        InputError: if it lacks the left infrared stream, or the streams' clocks differ.
     """
-    by_topic: dict[str, list[LoggedMessage]] = defaultdict(list)
-    for entry in log.entries:
-        by_topic[entry.topic].append(entry)
+    source = ViewerMessages.of_log(log)
     topics = _topics(log, path)
-    options = _options(by_topic, topics["left"].rsplit("/", 3)[0])
-    images = {name: by_topic[topic] for name, topic in topics.items()}
-    # In the order of the file, as neighbours share a compressed chunk.
-    names = {topic: name for name, topic in topics.items()}
-    heads: dict[str, list[tuple[float, float | None]]] = {name: [] for name in topics}
-    for entry in log.entries:
-        if entry.topic in names:
-            heads[names[entry.topic]].append(_head(entry))
+    options = source.options(topics["left"])
+    stated = {name: source.metadata(topic) for name, topic in topics.items()}
+    images = {name: source.by_topic[topic] for name, topic in topics.items()}
+    heads = _heads(log, topics, stated)
     times = {name: [head[0] for head in stream] for name, stream in heads.items()}
-    lenses = {name: _lens(by_topic, topic) for name, topic in topics.items()}
-    left = lenses["left"]
-    if left is None:
-        rule = "must have /info/camera_info"
-        raise errors.refuse(topics["left"], rule, path, "Give --calibration FILE.")
     rows = timing.partners({name: times[name] for name in topics if name != "colour"})
     coloured = timing.nearest_numbers(times.get("colour", []), times["left"])
     imported = []
-    metadata = _metadata(by_topic, topics["left"]), _metadata(by_topic, topics.get("depth", ""))
     for place, numbers in enumerate(rows):
         if numbers is None:
             continue
-        entry = images["left"][place]
-        stated = {**options, **metadata[1].get(entry.time_ns, {})}
-        if "depth" in numbers:
-            stated |= metadata[1].get(images["depth"][numbers["depth"]].time_ns, {})
-        stated |= metadata[0].get(entry.time_ns, {})
-        reads = {
-            name: partial(_pixels, images[name][number], topics[name])
-            for name, number in numbers.items()
-        }
+        facts = dict(options)
+        for name in ("depth", "left"):  # Those of the infrared image win.
+            if name in numbers:
+                facts |= stated[name].get(images[name][numbers[name]].time_ns, {})
         number = coloured[place]
         if number is not None:
-            reads["colour"] = partial(_pixels, images["colour"][number], topics["colour"])
+            numbers = {**numbers, "colour": number}
+        reads = {
+            name: partial(_pixels, images[name][number], topics[name], is_ros1=log.is_ros1)
+            for name, number in numbers.items()
+        }
         imported.append(
             RecordedFrame(
                 time_s=times["left"][place],
                 images=reads,
-                facts=_facts(stated),
-                is_lit=_lit(stated),
+                facts=_facts(facts),
+                is_lit=_lit(facts),
             )
         )
-    places = {name: _pose(by_topic, topic) for name, topic in topics.items()}
-    pair = (left, lenses.get("right") or left)
+    lenses = {name: source.lens(topic) for name, topic in topics.items()}
+    places = {name: source.pose(topic) for name, topic in topics.items()}
+    left, right = lenses["left"], lenses.get("right")
+    distorted = left is not None and right is not None and (left.is_distorted or right.is_distorted)
+    name = source.table("/" + topics["left"].split("/")[1] + "/info").get("Name", "")
     return Recording(
         path=path,
         kind="RealSense Viewer bag",
         frames=tuple(imported),
-        device=_device(by_topic, topics["left"]),
+        device=name.split()[-1].lower() if name.split() else None,
         camera=_pinhole(left),
         baseline_m=_baseline_m(places, options),
         depth_unit_m=_depth_unit_m(heads, options),
         colour=_pinhole(lenses.get("colour")),
         colour_from_left=_between(places.get("left"), places.get("colour")),
-        lenses=pair if any(lens.is_distorted for lens in pair) else None,
+        lenses=(left, right) if distorted and left is not None and right is not None else None,
         right_from_left=_between(places.get("left"), places.get("right")),
         unpaired=len(rows) - len(imported),
         damage=log.damage,
@@ -138,8 +131,24 @@ def _topics(log: MessageLog, path: Path) -> dict[str, str]:
     return topics
 
 
-def _head(entry: LoggedMessage) -> tuple[float, float | None]:
-    """Return time and depth unit of an image; a damaged one gets the time of its record."""
+def _heads(
+    log: MessageLog, topics: Mapping[str, str], stated: Mapping[str, Mapping[int, dict[str, str]]]
+) -> dict[str, list[tuple[float, float | None]]]:
+    """Return time and depth unit of each image, read in the order of the file.
+
+    Neighbours share a compressed chunk. A damaged image gets the time of its record.
+    """
+    names = {topic: name for name, topic in topics.items()}
+    heads: dict[str, list[tuple[float, float | None]]] = {name: [] for name in topics}
+    for entry in log.entries:
+        if entry.topic in names:
+            name = names[entry.topic]
+            table = stated[name].get(entry.time_ns, {})
+            heads[name].append(_ros1_head(entry) if log.is_ros1 else _text_head(entry, table))
+    return heads
+
+
+def _ros1_head(entry: LoggedMessage) -> tuple[float, float | None]:
     try:
         message = messages.image(entry, is_ros1=True)
     except LostMessageError:
@@ -147,52 +156,33 @@ def _head(entry: LoggedMessage) -> tuple[float, float | None]:
     return message.time_s, message.depth_unit_m
 
 
-def _pixels(entry: LoggedMessage, topic: str) -> Any:
-    return messages.pixels(messages.image(entry, is_ros1=True), topic)
+def _text_head(entry: LoggedMessage, table: Mapping[str, str]) -> tuple[float, float | None]:
+    """Return time [ms in the metadata] and depth unit."""
+    values = [_float(table, key) for key in ("timestamp", "depth_units")]
+    return entry.time_ns / 1e9 if values[0] is None else values[0] / 1e3, values[1] or None
 
 
-def _options(by_topic: dict[str, list[LoggedMessage]], sensor: str) -> dict[str, str]:
-    """Return the first values of a sensor's options, under the names of the metadata."""
-    names = {
-        "Exposure": "Actual Exposure",
-        "Gain": "Gain Level",
-        "Laser_Power": "Frame Laser Power",
-        "Emitter_Enabled": "Frame Emitter Mode",
-        "Depth_Units": "Depth Units",
-        "Stereo_Baseline": "Stereo Baseline",
-    }
-    options = {}
-    for option, name in names.items():
-        entries = by_topic.get(f"{sensor}/option/{option}/value", [])
-        data = entries[0].read() if entries else b""
-        if len(data) == 4:
-            options[name] = f"{struct.unpack('<f', data)[0]:.7g}"
-    return options
+def _float(table: Mapping[str, str], key: str) -> float | None:
+    try:
+        return float(table[key])
+    except (KeyError, ValueError):
+        return None
 
 
-def _metadata(by_topic: dict[str, list[LoggedMessage]], topic: str) -> dict[int, dict[str, str]]:
-    """Return keys and values of each frame by the time of their record."""
-    result: dict[int, dict[str, str]] = defaultdict(dict)
-    for entry in by_topic.get(topic.removesuffix("data") + "metadata", []):
-        try:
-            key, value = messages.key_value(entry)
-        except LostMessageError:
-            continue
-        result[entry.time_ns][key] = value
-    return result
+def _pixels(entry: LoggedMessage, topic: str, *, is_ros1: bool) -> Any:
+    return messages.pixels(messages.image(entry, is_ros1=is_ros1), topic)
 
 
 def _facts(stated: dict[str, str]) -> dict[str, Any]:
     """Return the keys of `frame.json`; exposure comes in microseconds."""
-    facts: dict[str, Any] = {}
     scales = {"exposure_s": ("Actual Exposure", 1e-6), "gain": ("Gain Level", 1.0)}
     scales["laser_power"] = ("Frame Laser Power", 1.0)
-    for key, (name, scale) in scales.items():
-        try:
-            facts[key] = float(f"{float(stated[name]) * scale:.9g}")
-        except (KeyError, ValueError):
-            continue
-    return facts
+    values = {key: (_float(stated, name), scale) for key, (name, scale) in scales.items()}
+    return {
+        key: float(f"{value * scale:.9g}")
+        for key, (value, scale) in values.items()
+        if value is not None
+    }
 
 
 def _lit(stated: dict[str, str]) -> bool | None:
@@ -203,20 +193,6 @@ def _lit(stated: dict[str, str]) -> bool | None:
     return None
 
 
-def _lens(by_topic: dict[str, list[LoggedMessage]], topic: str) -> ImagerCalibration | None:
-    """Return the intrinsics of a stream."""
-    entries = by_topic.get(topic.removesuffix("/image/data") + "/info/camera_info", [])
-    if not entries:
-        return None
-    info = messages.parse(entries[0], is_ros1=True)
-    return ImagerCalibration(
-        width=info.width,
-        height=info.height,
-        matrix=np.array(info.K, np.float64).reshape(3, 3),
-        distortion=np.array(info.D, np.float64),
-    )
-
-
 def _pinhole(lens: ImagerCalibration | None) -> Pinhole | None:
     if lens is None:
         return None
@@ -224,18 +200,6 @@ def _pinhole(lens: ImagerCalibration | None) -> Pinhole | None:
     focal = {"fx_px": float(k[0, 0]), "fy_px": float(k[1, 1])}
     centre = {"cx_px": float(k[0, 2]), "cy_px": float(k[1, 2])}
     return Pinhole(width=lens.width, height=lens.height, **focal, **centre)
-
-
-def _pose(by_topic: dict[str, list[LoggedMessage]], topic: str) -> tuple[str, Pose] | None:
-    """Return the group of a stream and the stream's pose from the group's first stream."""
-    prefix = topic.removesuffix("/image/data") + "/tf/"
-    for name, entries in by_topic.items():
-        data = entries[0].read() if name.startswith(prefix) else b""
-        if len(data) == 56:
-            x, y, z, *quaternion = struct.unpack("<7d", data)
-            place = np.array([x, y, z])
-            return name.removeprefix(prefix), frames.from_quaternion(place, np.array(quaternion))
-    return None
 
 
 def _between(first: tuple[str, Pose] | None, second: tuple[str, Pose] | None) -> Pose | None:
@@ -258,15 +222,5 @@ def _depth_unit_m(heads: dict[str, Any], options: dict[str, str]) -> float | Non
     units = [unit for _, unit in heads.get("depth", []) if unit]
     if units:
         return units[0]
-    stated = options.get("Depth Units")
+    stated = options.get("depth_units")
     return None if stated is None else float(stated)
-
-
-def _device(by_topic: dict[str, list[LoggedMessage]], topic: str) -> str | None:
-    """Return the name of the camera: `Intel RealSense D435I` is `d435i`."""
-    info = "/" + topic.split("/")[1] + "/info"
-    for entry in by_topic.get(info, []):
-        key, value = messages.key_value(entry)
-        if key == "Name" and value.split():
-            return value.split()[-1].lower()
-    return None

@@ -18,7 +18,7 @@ from starling.patterns.errors import InputError
 from starling.sim.captures import capture
 from starling.sim.captures.recordings.import_recording import FrameChoice, import_recording
 from starling.sim.captures.recordings.statement import GivenFacts
-from tests.unit.sim.recordings import scene
+from tests.unit.sim.recordings import scene, viewer_database
 from tests.unit.sim.recordings.viewer import ViewerBag
 
 
@@ -100,7 +100,7 @@ def test_an_unknown_baseline_is_refused_with_the_usual_one(tmp_path: Path):
 def test_infrared_and_intrinsics_must_be_in_the_bag(tmp_path: Path):
     with pytest.raises(InputError, match=r"desk\.bag must have infrared images, Infrared_1"):
         imported(ViewerBag(streams=("Depth_0",)), tmp_path)
-    with pytest.raises(InputError, match=r"Infrared_1/image/data must have /info/camera_info"):
+    with pytest.raises(InputError, match=r"intrinsics must be given; got none in .*--calibration"):
         imported(ViewerBag(with_info=False), tmp_path)
 
 
@@ -204,3 +204,25 @@ def test_a_moving_camera_is_noticed(tmp_path: Path):
     few = FrameChoice(moving=True, every=2, most=1)
     report, _ = imported(bag, tmp_path, choice=few, force=True)
     assert report["frames"] == 1
+
+
+def test_databases_of_newer_viewers_are_read(tmp_path: Path):
+    path = viewer_database.write(tmp_path / "desk.db3", unit_m=1e-4)
+    report = import_recording(path, tmp_path / "set")
+    captures = capture.open_set(tmp_path / "set")
+    info, (only,) = captures.info, captures.scenes
+    assert (info.sensor, info.baseline_m, info.depth_unit_m) == ("d405", 0.05, 1e-4)
+    assert (info.fx_px, info.cx_px, info.projector) == (scene.FX, scene.CX, "on")
+    assert only.record(2)["timestamp"] == pytest.approx(100.066666)
+    assert only.record(2)["exposure_s"] == 0.0085 and report["frames"] == 3
+    np.testing.assert_array_equal(only.frame(2).ir_right, scene.pair(2)[1])
+
+
+def test_damaged_texts_of_a_database_count_as_absent(tmp_path: Path):
+    info = viewer_database.INFO.replace("fx=", "f=")
+    path = viewer_database.write(tmp_path / "desk.db3", info=info, pose="rotation=1,0")
+    with pytest.raises(InputError, match="intrinsics must be given"):
+        import_recording(path, tmp_path / "set")
+    path = viewer_database.write(tmp_path / "other.db3", pose="rotation=1,0")
+    with pytest.raises(InputError, match="baseline must be given"):
+        import_recording(path, tmp_path / "set")
