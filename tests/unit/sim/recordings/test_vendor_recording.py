@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags", reason="the extra ros is not installed")
-rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed")
+pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed")
+
+import pyrealsense2 as rs
 
 from starling.sim.captures import capture
 from starling.sim.captures.recordings.import_recording import import_recording
