@@ -76,14 +76,14 @@ def verify(captures: Positional[Path], *, sample: int = 8, common: Shared = Comm
 def export(
     captures: Positional[str],
     *,
-    layout: Literal["tum", "bop", "ros2"],
+    layout: Literal["tum", "bop", "ros2", "ply", "pcd"],
     out: Path,
     meshes: Path = Path("."),
     storage: Literal["sqlite3", "mcap"] = "sqlite3",
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Convert captures to the layout of the TUM RGB-D benchmark, of BOP, or to a ROS 2 bag.
+    """Convert captures to the layout of TUM RGB-D or BOP, a ROS 2 bag, or point clouds.
 
     Example: starling export out/set --layout bop --meshes meshes --out out/bop
 
@@ -92,6 +92,7 @@ def export(
         layout: `tum` writes time-stamped depth, infrared and a trajectory.
             `bop` writes images, masks and poses of the dropped objects.
             `ros2` writes a bag in OUT/bag, with the topics of realsense-ros.
+            `ply` and `pcd` write the points of every frame, with colours.
         out: Folder to create.
         meshes: Folder with the meshes of the objects (`bop` only).
         storage: Kind of file in the bag (`ros2` only).

@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 from starling.sim.captures import capture
 from starling.sim.captures.capture import CaptureSet
-from starling.sim.captures.exchange import bop, ros2_bag, tum
+from starling.sim.captures.exchange import bop, point_cloud, ros2_bag, tum
 from starling.sim.console import record
 from starling.sim.console.output import RECORD, OutputFolder, refuse_own_input, refused
 
-Layout = Literal["tum", "bop", "ros2"]
+Layout = Literal["tum", "bop", "ros2", "ply", "pcd"]
 
 
 def export(
@@ -27,8 +27,8 @@ def export(
 ) -> dict[str, Any]:
     """Write a capture set in another layout.
 
-    Only ROS 2 bags take `rgb.png`; in other layouts, images have the view of the depth. A warning
-    says so.
+    TUM and BOP do not take `rgb.png`, as their images have the view of the depth. A warning says
+    so.
 
     Args:
         captures: capture set, or one scene in it.
@@ -48,7 +48,7 @@ def export(
     started = time.perf_counter()
     opened = capture.open_set(captures)
     refuse_own_input(out, opened.path)
-    if layout != "ros2":
+    if layout in ("tum", "bop"):
         _warn_of_colour(opened)
     with OutputFolder(out, force=force) as folder:
         if layout == "tum":
@@ -56,6 +56,8 @@ def export(
         elif layout == "ros2":
             with refused(folder.path):
                 count = ros2_bag.export(opened.scenes, folder.partial / "bag", storage=storage)
+        elif layout in ("ply", "pcd"):
+            count = point_cloud.export(opened.scenes, folder, layout)
         else:
             count = bop.export(opened, meshes, folder)
         arguments = {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from starling.patterns.errors import InputError
-from starling.sim.captures import capture
+from starling.sim.captures import capture, png
 from starling.sim.captures.exchange import ros2_bag, ros_types
 from starling.sim.captures.exchange.stream import in_time_order
 from starling.sim.geometry import frames
@@ -176,3 +176,88 @@ def test_full_disk_is_refused(small_set: Path, tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(rosbag2.Writer, "write", full)
     with pytest.raises(InputError, match=r"out must be writable; got .*database or disk is full"):
         ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
+
+
+# Source: realsense-ros 4.56, README (topics), `ros_utils` (frames). Its node publishes more, such
+# as `imu`, of which a capture set has nothing.
+DRIVER_TOPICS = {
+    "infra1/image_rect_raw": "sensor_msgs/msg/Image",
+    "infra1/camera_info": "sensor_msgs/msg/CameraInfo",
+    "infra1/metadata": "realsense2_camera_msgs/msg/Metadata",
+    "infra2/image_rect_raw": "sensor_msgs/msg/Image",
+    "infra2/camera_info": "sensor_msgs/msg/CameraInfo",
+    "depth/image_rect_raw": "sensor_msgs/msg/Image",
+    "depth/camera_info": "sensor_msgs/msg/CameraInfo",
+    "depth/metadata": "realsense2_camera_msgs/msg/Metadata",
+    "color/image_raw": "sensor_msgs/msg/Image",
+    "color/camera_info": "sensor_msgs/msg/CameraInfo",
+    "aligned_depth_to_color/image_raw": "sensor_msgs/msg/Image",
+    "aligned_depth_to_color/camera_info": "sensor_msgs/msg/CameraInfo",
+    "extrinsics/depth_to_infra1": "realsense2_camera_msgs/msg/Extrinsics",
+    "extrinsics/depth_to_infra2": "realsense2_camera_msgs/msg/Extrinsics",
+    "extrinsics/depth_to_color": "realsense2_camera_msgs/msg/Extrinsics",
+}
+DRIVER_FRAMES = {
+    f"camera_{name}_{kind}"
+    for name in ("depth", "infra1", "infra2", "color")
+    for kind in ("frame", "optical_frame")
+}
+
+
+def add_colour(folder: Path) -> np.ndarray:
+    """Add colour images, depth in their view, and the colour camera; return its pose."""
+    pose = frames.pose((0.015, 1e-3, 2e-3), (1.0, -2.0, 0.5))
+    with (folder / "capture.toml").open("a") as file:
+        file.write(f"colour_from_left = {np.linalg.inv(pose).tolist()}\n")
+        file.write("[colour]\nwidth = 8\nheight = 6\nfx_px = 9.0\nfy_px = 9.5\n")
+        file.write("cx_px = 3.5\ncy_px = 2.5\n")
+    for scene in capture.open_set(folder).scenes:
+        for number in scene.frames:
+            rgb = np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3)
+            (scene.path / str(number) / "rgb.png").write_bytes(png.encode_colour(rgb))
+            code = np.full((6, 8), 700, np.uint16)
+            (scene.path / str(number) / "depth_colour.png").write_bytes(png.encode(code))
+    return np.linalg.inv(pose)
+
+
+def test_topics_types_and_frames_are_those_of_the_driver(small_set: Path, tmp_path: Path):
+    colour_from_left = add_colour(small_set)
+    ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
+    with rosbag2.Reader(tmp_path / "bag") as reader:
+        topics = {connection.topic: connection.msgtype for connection in reader.connections}
+    expected = {f"{CAMERA}/{topic}": kind for topic, kind in DRIVER_TOPICS.items()}
+    assert expected.items() <= topics.items()
+    assert topics.keys() - expected.keys() <= {"/tf", "/tf_static"}
+    result = played(tmp_path / "bag")
+    fixed = {frame.child_frame_id: frame for frame in result["/tf_static"][0].transforms}
+    assert fixed.keys() == DRIVER_FRAMES
+    optical = {
+        name: pose(fixed[f"camera_{name}_frame"]) @ pose(fixed[f"camera_{name}_optical_frame"])
+        for name in ("color", "depth")
+    }
+    chain = np.linalg.inv(optical["color"]) @ optical["depth"]
+    np.testing.assert_allclose(chain, colour_from_left, atol=1e-9)
+    message = result[f"{CAMERA}/extrinsics/depth_to_color"][0]
+    np.testing.assert_allclose(message.rotation.reshape(3, 3).T, colour_from_left[:3, :3])
+    np.testing.assert_allclose(message.translation, colour_from_left[:3, 3])
+    colour = result[f"{CAMERA}/color/image_raw"][0]
+    assert (colour.encoding, colour.step, colour.header.frame_id) == (
+        *("rgb8", 24),
+        "camera_color_optical_frame",
+    )
+    np.testing.assert_array_equal(colour.data, np.arange(144))
+    aligned = result[f"{CAMERA}/aligned_depth_to_color/image_raw"][0]
+    assert (image(aligned) == 700).all() and aligned.header.frame_id == colour.header.frame_id
+    assert result[f"{CAMERA}/color/camera_info"][0].k[0] == 9.0
+    facts = json.loads(result[f"{CAMERA}/infra1/metadata"][0].json_data)
+    assert facts["depth_units"] == capture.open_set(small_set).info.depth_unit_m
+
+
+def test_bags_of_mcap_are_read_by_the_ecosystem(small_set: Path, tmp_path: Path):
+    ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "a", storage="mcap")
+    ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "b")
+    assert list((tmp_path / "a").glob("*.mcap"))
+    first, second = played(tmp_path / "a"), played(tmp_path / "b")
+    assert {topic: len(rows) for topic, rows in first.items()} == {
+        topic: len(rows) for topic, rows in second.items()
+    }
