@@ -6,8 +6,6 @@ import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from starling.patterns import errors
 from starling.sim import quantities
 from starling.sim.captures import depth_file
@@ -117,31 +115,12 @@ def _calibration(recording: Recording, flags: GivenFacts, size: tuple[int, int])
         return _Calibration(
             camera=camera, baseline_m=baseline_m, lenses=(left, right), right_from_left=pose
         )
-    if oak_calibration.is_calibration(paths[0]):
+    if flags.rectify and oak_calibration.is_calibration(paths[0]):
         lenses, pose = oak_calibration.read(paths[0])
-        return _Calibration(
-            camera=_scaled(lenses[1], size),
-            baseline_m=float(f"{np.linalg.norm(pose[:3, 3]):.9g}"),
-            lenses=lenses,
-            right_from_left=pose,
-        )
+        return _Calibration(lenses=lenses, right_from_left=pose)
     device = intrinsics.read(paths[0])
     baseline_m = device.baseline_m if device.baseline_m is not None else stated.baseline_m
     return dataclasses.replace(stated, camera=device.camera(*size), baseline_m=baseline_m)
-
-
-def _scaled(lens: ImagerCalibration, size: tuple[int, int]) -> Pinhole:
-    """Return the intrinsics of rectified images, at another size of the same view."""
-    scale = size[0] / lens.width
-    k = lens.matrix
-    return Pinhole(
-        width=size[0],
-        height=size[1],
-        fx_px=float(k[0, 0] * scale),
-        fy_px=float(k[1, 1] * scale),
-        cx_px=float((k[0, 2] + 0.5) * scale - 0.5),
-        cy_px=float((k[1, 2] + 0.5) * scale - 0.5),
-    )
 
 
 def depth_unit_m(recording: Recording, flags: GivenFacts, *, has_depth: bool) -> float:

@@ -315,11 +315,11 @@ def test_a_damaged_oak_calibration_is_refused(tmp_path: Path):
         broken = {**table, key: {"cameraData": 0}}
         (folder / "calib.json").write_text(json.dumps(broken))
         with pytest.raises(InputError, match=r"calib\.json must have cameraData, stereoRect"):
-            imported(folder, GivenFacts(depth_unit="mm"), streams={})
+            imported(folder, GivenFacts(depth_unit="mm", rectify=True), streams={})
     table["cameraData"][0][1]["cameraType"] = 1
     (folder / "calib.json").write_text(json.dumps(table))
     with pytest.raises(InputError, match="a distortion that is not OpenCV's"):
-        imported(folder, GivenFacts(depth_unit="mm"), streams={})
+        imported(folder, GivenFacts(depth_unit="mm", rectify=True), streams={})
 
 
 def test_tum_sequences_keep_depth_colour_and_poses(small_set: Path, tmp_path: Path):
