@@ -25,6 +25,8 @@ _NEGATIVE_PX = 24  # Search range of negative disparities, which swapped images 
 _FEWEST = 8  # Windows below which nothing is concluded.
 _CORRELATION = 0.7  # Least correlation of a window that was found.
 _DISTINCT = 0.06  # Least lead over the second peak, in correlation.
+_AROUND_PX = 16.0  # Sigma of the neighbourhood of the dots' share, a few dots wide [px].
+_LEAST_DN = 0.1  # Least light that is divided by [DN].
 _APART_PX = 5  # A second peak is farther from the first than this.
 
 
@@ -134,4 +136,6 @@ def dot_share(image: GreyImage, black_level_dn: float = 0.0) -> float:
         black_level_dn: pedestal of the image [DN].
     """
     level = np.maximum(image.astype(np.float32) - np.float32(black_level_dn), 0)
-    return float(np.median(room_light.dot_share(level)))
+    spots = np.maximum(level - room_light.remove_dots(level), 0)
+    around = [cv2.GaussianBlur(light, (0, 0), _AROUND_PX) for light in (spots, level)]
+    return float(np.median(around[0] / np.maximum(around[1], _LEAST_DN)))

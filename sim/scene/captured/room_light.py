@@ -58,13 +58,13 @@ def ambient_w_m2(dotted: Image, light: Signals, imager: Imager) -> float:
     """
     if not light.laser.any():
         return LIT_ROOM_W_M2
-    contrast, level = dot_share(dotted), _smooth(dotted)
+    contrast, level = _dot_share(dotted), _smooth(dotted)
     low, high = np.log(_DIMMEST), np.log(_BRIGHTEST)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         lit = _sum(light, float(np.exp(middle)))
         model = _read_out(lit * _ratio(level, _smooth(lit)), imager)
-        if np.median(dot_share(model) - contrast) > 0:
+        if np.median(_dot_share(model) - contrast) > 0:
             low = middle
         else:
             high = middle
@@ -91,7 +91,7 @@ def plausible_reflectance(brightness: Image) -> Image:
     return np.clip(brightness * np.float32(scale), 0.01, 0.95).astype(np.float32)
 
 
-def dot_share(image: Image) -> Image:
+def _dot_share(image: Image) -> Image:
     """Share of round spots in the light around each pixel."""
     image = np.asarray(np.maximum(image, 0), np.float32)
     spots = np.asarray(np.maximum(image - remove_dots(image), 0), np.float32)
