@@ -62,6 +62,7 @@ RUNS = (
     Run(name="compare methods", words="compare {folder}/scenes --methods perfect", out=""),
     Run(name="export tum", words="export {folder}/repeats --layout tum"),
     Run(name="export ros2", words="export {folder}/repeats --layout ros2"),
+    Run(name="import ros2", words="import {folder}/export-ros2/bag"),
     Run(name="export bop", words="export {folder}/objects --layout bop --meshes {sources}/meshes"),
     Run(name="fuse", words="fuse {folder}/export-tum --layout tum --sensor d435 --voxel 0.02"),
     Run(name="complete scenes", words="complete {folder}/scenes --method small"),

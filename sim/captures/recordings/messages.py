@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.patterns.image import PNG_SIGNATURE, plain_png, png_chunks
 from starling.sim.captures import png
 from starling.sim.captures.exchange.ros_types import typestore
 from starling.sim.captures.recordings.logs.message_log import LoggedMessage, LostMessageError
@@ -209,7 +210,11 @@ def _unknown_codec(codec: str, topic: str) -> errors.InputError:
 
 
 def _decoded(data: bytes, topic: str) -> NDArray[Any]:
-    image = png.decode_picture(data)
+    try:
+        plain = plain_png(png_chunks(data)) if data.startswith(PNG_SIGNATURE) else data
+    except ValueError as error:
+        raise LostMessageError(f"{topic}: {error}") from error
+    image = png.decode_picture(plain) if plain else None
     if image is None:
         raise LostMessageError(f"{topic}: an image is damaged")
     return np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image

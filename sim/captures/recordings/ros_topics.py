@@ -231,7 +231,7 @@ def _baseline_m(
     """Return the baseline by P of the right image, by the frames, or by the extrinsics topic."""
     if right is not None and right.projection is not None and right.projection[0, 3]:
         return float(f"{-right.projection[0, 3] / right.projection[0, 0]:.12g}")
-    if "right" not in topics:
+    if "right" not in frame_names:  # No whole image.
         return None
     between = tree.between(frame_names["left"], frame_names["right"])
     if between is None or not between[0, 3]:

@@ -77,15 +77,8 @@ class ViewerMessages:
         """Return the intrinsics of a stream."""
         stream = _stream(data_topic)
         if self.is_ros1:
-            for entry in self.by_topic.get(f"{stream}/info/camera_info", [])[:1]:
-                info = messages.parse(entry, is_ros1=True)
-                return ImagerCalibration(
-                    width=info.width,
-                    height=info.height,
-                    matrix=np.array(info.K, np.float64).reshape(3, 3),
-                    distortion=np.array(info.D, np.float64),
-                )
-            return None
+            entries = self.by_topic.get(f"{stream}/info/camera_info", [])
+            return next(filter(None, map(_ros1_lens, entries)), None)
         table = self.table(f"{stream}/camera_info")
         try:
             fx, fy, cx, cy = (float(table[key]) for key in ("fx", "fy", "ppx", "ppy"))
@@ -130,6 +123,19 @@ class ViewerMessages:
 def _stream(data_topic: str) -> str:
     """Return the prefix of a stream's topics."""
     return _DATA.sub("", data_topic)
+
+
+def _ros1_lens(entry: LoggedMessage) -> ImagerCalibration | None:
+    try:
+        info = messages.parse(entry, is_ros1=True)
+    except LostMessageError:
+        return None
+    return ImagerCalibration(
+        width=info.width,
+        height=info.height,
+        matrix=np.array(info.K, np.float64).reshape(3, 3),
+        distortion=np.array(info.D, np.float64),
+    )
 
 
 def _ros1_pose(entry: LoggedMessage) -> Pose | None:

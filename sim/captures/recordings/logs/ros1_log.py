@@ -66,7 +66,16 @@ def open_log(path: Path) -> MessageLog:
                 _connect(record, data, kinds)
             if record.stop > len(data):
                 raise _CutError
-    except (_CutError, OSError, EOFError, RuntimeError, ValueError, KeyError, IndexError):
+    except (
+        _CutError,
+        struct.error,
+        OSError,
+        EOFError,
+        RuntimeError,
+        ValueError,
+        KeyError,
+        IndexError,
+    ):
         damage = f"it breaks off after {len(entries)} messages"
     return MessageLog(entries=entries, is_ros1=True, damage=damage)
 

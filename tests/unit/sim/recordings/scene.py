@@ -6,10 +6,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.sim.geometry.pinhole import Pinhole
+
 WIDTH, HEIGHT = 320, 240
 FX, CX, CY = 240.5, 158.25, 119.5
 BASELINE_M, DISPARITY_PX = 0.05, 12
 DEPTH_M = FX * BASELINE_M / DISPARITY_PX
+CAMERA = Pinhole(width=WIDTH, height=HEIGHT, fx_px=FX, fy_px=FX, cx_px=CX, cy_px=CY)
 K = [[FX, 0, CX], [0, FX, CY], [0, 0, 1.0]]
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import random
 import sqlite3
 import struct
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +19,13 @@ from rosbags import rosbag1
 
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture
+from starling.sim.captures.recordings import findings, statement
 from starling.sim.captures.recordings.import_recording import import_recording
 from starling.sim.captures.recordings.logs import sqlite_log
 from starling.sim.captures.recordings.logs.message_log import ChunkCache, LostMessageError
 from starling.sim.captures.recordings.statement import GivenFacts
 from starling.sim.captures.recordings.timing import clock
-from tests.unit.sim.recordings import scene, viewer
+from tests.unit.sim.recordings import scene, viewer, viewer_database
 from tests.unit.sim.recordings.ros import Topics
 
 LEFT, RIGHT = "/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw"
@@ -157,3 +161,31 @@ def test_clock_figures():
     assert clock([0.0, 0.0, 0.0]).rate_hz == pytest.approx(30)
     figures = clock([0, 0.1, 0.2, 0.5, 0.6, 100.0, 99.0])
     assert (figures.rate_hz, figures.dropped, figures.jumps) == (10, 2, 2)
+
+
+@pytest.mark.parametrize("kind", ["viewer.bag", "ros.bag", "ros.db3", "ros.mcap", "viewer.db3"])
+def test_damaged_bytes_are_imported_or_refused(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """No damage of a file ends in another error than a refusal."""
+    seen = findings.findings([], statement.Geometry(camera=scene.CAMERA, baseline_m=0.05), 1, 1)
+    monkeypatch.setattr(findings, "findings", lambda *_: seen)
+    source = {
+        "viewer.bag": lambda: viewer.ViewerBag().write(tmp_path / "a.bag"),
+        "ros.bag": lambda: Topics(is_ros1=True).pair(LEFT, RIGHT).write(tmp_path / "a.bag"),
+        "ros.db3": lambda: Topics().pair(LEFT, RIGHT).write(tmp_path / "a") / "a.db3",
+        "ros.mcap": lambda: Topics().pair(LEFT, RIGHT).write(tmp_path / "a", "MCAP") / "a.mcap",
+        "viewer.db3": lambda: viewer_database.write(tmp_path / "a.db3"),
+    }[kind]()
+    whole, rng = source.read_bytes(), random.Random(kind)
+    path = tmp_path / f"damaged{source.suffix}"
+    for number in range(12):
+        data = bytearray(whole)
+        if number % 3 == 0:
+            data = data[: rng.randrange(1, len(data))]
+        for _ in range((0, 3, 300)[number % 3]):
+            data[rng.randrange(len(data))] = rng.randrange(256)
+        path.write_bytes(data)
+        with warnings.catch_warnings(), contextlib.suppress(InputError):
+            warnings.simplefilter("ignore")
+            report(path)
