@@ -6,8 +6,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from starling.patterns import errors
+from starling.patterns import errors, regular_file
 from starling.sim.captures import depth_file
+from starling.sim.captures import info as capture_info
 from starling.sim.captures.recordings import image_folder, ros_topics, tum_folder, viewer_bag
 from starling.sim.captures.recordings.logs import mcap_log, ros1_log, sqlite_log
 from starling.sim.captures.recordings.logs.message_log import MessageLog
@@ -35,6 +36,12 @@ def open_source(path: Path, streams: Mapping[str, str], camera: Pinhole | None) 
     """
     if not path.exists():
         raise errors.refuse("source", "must exist", path, "Give a recording or a folder of images.")
+    if regular_file.is_pipe_or_device(path):
+        advice = "Copy it into a file."
+        raise errors.refuse("source", "must be no pipe or device", path, advice)
+    if (path / capture_info.FILE).is_file():
+        rule, advice = "must be no capture set", "It needs no import: give it to the verbs."
+        raise errors.refuse("source", rule, path, advice)
     if path.is_dir():
         files = _bag_files(path)
         if files:

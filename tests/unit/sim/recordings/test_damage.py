@@ -33,7 +33,7 @@ GIVEN = GivenFacts(emitter="on", sensor="d435", baseline_m=0.05)
 
 
 def report(path: Path, **more: Any) -> dict[str, Any]:
-    """Import a recording beside itself."""
+    """Import a recording into the folder that holds it."""
     return import_recording(path, path.parent / "set", force=True, **{"flags": GIVEN, **more})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ STREAMS = {"left": "ir1_*.png", "right": "ir2_*.png", "depth": "d_*.png"}
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder of three pairs with depth, and calibrations beside it."""
+    """Return a folder of three pairs with depth, and its calibrations."""
     path = tmp_path / "shots"
     path.mkdir()
     for number in range(3):
@@ -75,6 +76,17 @@ def test_one_command_imports_a_folder(folder: Path, capsys: pytest.CaptureFixtur
         )
     assert command_line.main(["match", str(out), "--sensor", "d435", "--setting", "fast"]) == 0
     assert "pair" in capsys.readouterr().out
+
+
+def test_pipes_and_capture_sets_are_refused(folder: Path):
+    os.mkfifo(folder.parent / "pipe.bag")
+    with pytest.raises(InputError, match="source must be no pipe or device; got"):
+        imported(folder.parent / "pipe.bag")
+    (folder / "capture.toml").write_text("")
+    with pytest.raises(
+        InputError, match=r"source must be no capture set; got .*It needs no import"
+    ):
+        imported(folder)
 
 
 def test_every_missing_fact_is_asked_for_by_its_flag(folder: Path):
