@@ -353,3 +353,29 @@ def test_tum_sequences_keep_depth_colour_and_poses(small_set: Path, tmp_path: Pa
     other = " ".join([*camera.split()[:4], "100", "100"])
     with pytest.raises(InputError, match=r"intrinsics must be of images of .*; got 100x100"):
         import_recording(tmp_path / "tum", tmp_path / "other", flags=flags, camera=other)
+
+
+def test_colour_of_any_kind_and_depth_of_exr_are_read(folder: Path):
+    import OpenEXR
+
+    for number in range(3):
+        depth_m = scene.depth_code().astype(np.float32) * np.float32(1e-3)
+        channels = {"Z": np.where(depth_m > 0, depth_m, np.float32(np.nan))}
+        OpenEXR.File({}, channels).write(str(folder / f"z{number}.exr"))
+        deep = np.full((10, 12, 3), 513 * (number + 1), np.uint16)
+        cv2.imwrite(str(folder / f"c{number}.png"), deep if number else deep[..., 0])
+    streams = {**STREAMS, "depth": "z*.exr", "colour": "c*.png"}
+    captures = imported(folder, given(folder, depth_unit="m"), streams=streams)
+    (only,) = captures.scenes
+    assert [int(only.colour(number)[0, 0, 1]) for number in range(3)] == [2, 4, 6]
+    assert np.nanmedian(only.frame(1).depth_m) == pytest.approx(scene.DEPTH_M, abs=1e-3)
+
+
+def test_a_slight_skew_of_rows_is_warned_of(folder: Path):
+    turn = cv2.getRotationMatrix2D((scene.WIDTH / 2, scene.HEIGHT / 2), 0.45, 1.0)
+    for number in range(3):
+        right = scene.pair(number)[1]
+        turned = cv2.warpAffine(right, turn, right.shape[::-1], borderValue=40)
+        (folder / f"ir2_{number + 8}.png").write_bytes(png.encode(turned))
+    with pytest.warns(UserWarning, match=r"rows of left and right differ by up to 0\.\d+ px"):
+        imported(folder)
