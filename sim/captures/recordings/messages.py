@@ -1,7 +1,7 @@
 """Messages of ROS 1 and 2: images, compressed images, intrinsics, transforms, texts.
 
 Sources: sensor_msgs/Image, CompressedImage, CameraInfo; REP 118 (16UC1 depth is in millimetres,
-32FC1 in metres); image_transport_plugins (compressed formats); librealsense at v2.57,
+32FC1 in metres); image_transport_plugins (compressed formats); librealsense 2.56.5,
 `realsense-file/rosbag/msgs` (its images end with the depth unit if their header has version 1).
 """
 

@@ -6,11 +6,11 @@
     /device_0/sensor_0/Infrared_1/info/camera_info          K and D of the image
     /device_0/sensor_0/Infrared_1/tf/0                      stream from the group's first stream
 
-librealsense 2.58 and later writes a ROS 2 database instead, with compressed images below
+librealsense 2.59.1 writes a ROS 2 database instead, with compressed images below
 `image/data`, and texts in place of the other messages. Times of messages count from the start of
 the recording; image headers, or their metadata, have the device's clock.
 
-Source: librealsense at v2.57, `src/media/ros`: `ros_file_format.h` (topics), `ros_writer.cpp`
+Source: librealsense 2.56.5, `src/media/ros`: `ros_file_format.h` (topics), `ros_writer.cpp`
 (messages); `to-string.cpp` (names of options and metadata).
 """
 

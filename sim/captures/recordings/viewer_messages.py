@@ -1,6 +1,6 @@
 """Messages of librealsense besides images: options, metadata, intrinsics, poses.
 
-ROS 1 bags have types of their own for them. Databases of librealsense 2.58 and later hold texts
+ROS 1 bags have types of their own for them. Databases of librealsense 2.59.1 hold texts
 `KEY=VALUE;KEY=VALUE`.
 
 Source: librealsense: `src/media/ros`, and recordings of pyrealsense2 2.56.5 and 2.59.1.

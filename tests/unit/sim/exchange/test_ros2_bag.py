@@ -178,7 +178,7 @@ def test_full_disk_is_refused(small_set: Path, tmp_path: Path, monkeypatch: pyte
         ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
 
 
-# Source: realsense-ros 4.56, README (topics), `ros_utils` (frames). Its node publishes more, such
+# Source: realsense-ros 4.x, README (topics), `ros_utils` (frames). Its node publishes more, such
 # as `imu`, of which a capture set has nothing.
 DRIVER_TOPICS = {
     "infra1/image_rect_raw": "sensor_msgs/msg/Image",

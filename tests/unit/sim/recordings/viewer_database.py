@@ -1,4 +1,4 @@
-"""Writes databases as the RealSense Viewer does since librealsense 2.58, as pyrealsense2 2.59.1."""
+"""Writes databases as the RealSense Viewer does with librealsense 2.59.1."""
 
 from __future__ import annotations
 
