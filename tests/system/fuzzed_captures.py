@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import trimesh
 
@@ -179,6 +180,7 @@ def _mesh(kind: str) -> Callable[[Path], Path]:
         path = folder / f"box.{kind.removeprefix('ascii.')}"
         if kind == "obj":
             (folder / "a.mtl").write_text("newmtl a\nKd 1 0 0\nmap_Kd a.png\n")
+            cv2.imwrite(str(folder / "a.png"), np.full((2, 2, 3), 128, np.uint8))
             text = box.export(file_type="obj")
             path.write_text(f"mtllib a.mtl\no box\nusemtl a\nvt 0 0\n{text}g b\nf 1 2 3 4\n")
         elif kind == "ascii.ply":

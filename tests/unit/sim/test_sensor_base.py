@@ -15,11 +15,11 @@ from starling.sim.sensor.matcher import Block, named
 
 # SHA-256 of the presets' fields as sorted JSON; results of the tables in docs depend on them.
 DIGESTS = {
-    "d415": "fdd1d9f23a58b776",
-    "d435": "927724ef718df727",
-    "d455": "4c84c82e5f41e561",
-    "kinect-v1": "0add39e7c291eace",
-    "xtion": "3751bcbafda3e11e",
+    "d415": "12d6808a1e25c46e",
+    "d435": "4cc2a3cfc932762e",
+    "d455": "436290aa162ea3a8",
+    "kinect-v1": "18289577039aee67",
+    "xtion": "f95f5a72adc05093",
 }
 
 
@@ -37,11 +37,11 @@ def write(folder: Path, **texts: str) -> str:
 
 
 def test_a_file_inherits_all_it_does_not_give(tmp_path: Path) -> None:
-    text = 'base = "d435"\nname = "mine"\nbaseline_m = 0.06\n[left.lens]\nblur_px = 0.9\n'
+    text = 'base = "d435"\nname = "mine"\nbaseline_m = 0.045\n[left.lens]\nblur_px = 0.9\n'
     base, mine = presets.load("d435"), presets.load(write(tmp_path, a=text))
     lens = dataclasses.replace(base.left.lens, blur_px=0.9)
     imager = dataclasses.replace(base.left, lens=lens)
-    wanted = dataclasses.replace(base, name="mine", baseline_m=0.06, left=imager, right=imager)
+    wanted = dataclasses.replace(base, name="mine", baseline_m=0.045, left=imager, right=imager)
     assert mine == wanted
 
 
@@ -49,8 +49,8 @@ def test_bases_form_a_chain_and_paths_start_at_each_file(tmp_path: Path) -> None
     (tmp_path / "in").mkdir()
     light = '[projector]\npattern = "dots.png"\n'
     (tmp_path / "in" / "b.toml").write_text(f'base = "d435"\nunit = 7\n{light}')
-    mine = presets.load(write(tmp_path, a='base = "in/b.toml"\nbaseline_m = 0.06\n'))
-    assert (mine.unit, mine.baseline_m) == (7, 0.06)
+    mine = presets.load(write(tmp_path, a='base = "in/b.toml"\nbaseline_m = 0.045\n'))
+    assert (mine.unit, mine.baseline_m) == (7, 0.045)
     assert mine.projector.pattern == str(tmp_path / "in" / "dots.png")
 
 
@@ -61,9 +61,9 @@ def test_a_right_imager_of_its_own_stays(tmp_path: Path) -> None:
 
 
 def test_a_stock_setting_and_another_kind_replace_parts_of_the_base(tmp_path: Path) -> None:
-    setting = 'base = "d415"\n[matcher]\nsetting = "fast"\nsearch_px = 64\n'
+    setting = 'base = "d415"\n[matcher]\nsetting = "fast"\nsearch_px = 144\n'
     mine = presets.load(write(tmp_path, a=setting))
-    assert mine.matcher == dataclasses.replace(named("fast"), search_px=64)
+    assert mine.matcher == dataclasses.replace(named("fast"), search_px=144)
     engine = 'base = "d415"\n[matcher.engine]\nkind = "Block"\n'
     assert presets.load(write(tmp_path, b=engine)).matcher.engine == Block()
 
