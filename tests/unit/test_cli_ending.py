@@ -18,8 +18,11 @@ from starling.sim.render import backend
 
 ROOT = Path(__file__).parents[2]
 Capsys = pytest.CaptureFixture[str]
-# A test run in the background of a shell ignores interrupts, and so do its children.
-INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+# Children of a background shell or of nohup ignore interrupts and hang-ups.
+INTERRUPTIBLE = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
+)
 
 
 def test_warnings_are_one_line(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
