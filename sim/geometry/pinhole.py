@@ -37,6 +37,13 @@ class Pinhole:
         """Copy the fields of a sensor, capture information or colour camera."""
         return cls(**{field.name: getattr(camera, field.name) for field in dataclasses.fields(cls)})
 
+    @classmethod
+    def from_matrix(cls, matrix: NDArray[np.floating], size: tuple[int, int]) -> Pinhole:
+        """Take a camera matrix (3, 3), or projection (3, 4), of images of (width, height) [px]."""
+        fx, fy = float(matrix[0, 0]), float(matrix[1, 1])
+        cx, cy = float(matrix[0, 2]), float(matrix[1, 2])
+        return cls(width=size[0], height=size[1], fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
+
     @property
     def matrix(self) -> NDArray[np.float64]:
         """Camera matrix (3, 3) [px]."""

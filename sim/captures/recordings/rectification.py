@@ -81,16 +81,8 @@ def rectification(
         )
         for lens, turn, p in zip(lenses, turns, projections, strict=True)
     ]
-    camera = Pinhole(
-        width=size[0],
-        height=size[1],
-        fx_px=float(first[0, 0]),
-        fy_px=float(first[1, 1]),
-        cx_px=float(first[0, 2]),
-        cy_px=float(first[1, 2]),
-    )
     return Rectification(
-        camera=camera,
+        camera=Pinhole.from_matrix(first, size),
         baseline_m=float(-second[0, 3] / second[0, 0]),
         left_map=(maps[0][0], maps[0][1]),
         right_map=(maps[1][0], maps[1][1]),

@@ -215,9 +215,7 @@ def _pinhole(lens: ImagerCalibration | None) -> Pinhole | None:
     if lens is None:
         return None
     p = lens.matrix if lens.projection is None or not lens.projection.any() else lens.projection
-    focal = {"fx_px": float(p[0, 0]), "fy_px": float(p[1, 1])}
-    centre = {"cx_px": float(p[0, 2]), "cy_px": float(p[1, 2])}
-    return Pinhole(width=lens.width, height=lens.height, **focal, **centre)
+    return Pinhole.from_matrix(p, (lens.width, lens.height))
 
 
 def _baseline_m(

@@ -196,10 +196,7 @@ def _lit(stated: dict[str, str]) -> bool | None:
 def _pinhole(lens: ImagerCalibration | None) -> Pinhole | None:
     if lens is None:
         return None
-    k = lens.matrix
-    focal = {"fx_px": float(k[0, 0]), "fy_px": float(k[1, 1])}
-    centre = {"cx_px": float(k[0, 2]), "cy_px": float(k[1, 2])}
-    return Pinhole(width=lens.width, height=lens.height, **focal, **centre)
+    return Pinhole.from_matrix(lens.matrix, (lens.width, lens.height))
 
 
 def _between(first: tuple[str, Pose] | None, second: tuple[str, Pose] | None) -> Pose | None:

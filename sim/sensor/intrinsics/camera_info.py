@@ -83,14 +83,7 @@ def from_table(value: Any, path: Path) -> DeviceCalibration:
             raise errors.refuse(f"P in {path.name}", rule, got, advice)
         baseline_m = float(-p[0, 3] / p[0, 0]) if p[0, 3] else None
     with errors.naming(path.name):
-        camera = Pinhole(
-            width=size["width"],
-            height=size["height"],
-            fx_px=float(k[0, 0]),
-            fy_px=float(k[1, 1]),
-            cx_px=float(k[0, 2]),
-            cy_px=float(k[1, 2]),
-        )
+        camera = Pinhole.from_matrix(k, (size["width"], size["height"]))
     return DeviceCalibration(path=path, cameras=(camera,), baseline_m=baseline_m)
 
 

@@ -83,11 +83,4 @@ def _pinhole(camera: Mapping[str, Any], name: str) -> Pinhole:
         raise errors.refuse(name, rule, (*size, matrix), _EXAMPLE)
     k = edits.checked_matrix(np.reshape(numbers, (3, 3)), f"intrinsicMatrix of {name}")
     with errors.naming(name):
-        return Pinhole(
-            width=camera["width"],
-            height=camera["height"],
-            fx_px=float(k[0, 0]),
-            fy_px=float(k[1, 1]),
-            cx_px=float(k[0, 2]),
-            cy_px=float(k[1, 2]),
-        )
+        return Pinhole.from_matrix(k, (camera["width"], camera["height"]))
