@@ -9,6 +9,7 @@ Examples:
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, SupportsFloat
@@ -51,7 +52,25 @@ class _EpisodeSeeds:
         return int(seed)
 
 
-class RealisticDepth(gymnasium.Wrapper):
+class _RealisticObservations:
+    """Observations whose depth image is replaced, one after the other."""
+
+    _key: str | None
+    _rgb_key: str | None
+    _frame: int
+
+    def _corrupted(self, observation: Any) -> Any:
+        clean = observation if self._key is None else observation[self._key]
+        depth = self._depth(clean, None if self._rgb_key is None else observation[self._rgb_key])
+        self._frame += 1
+        return depth if self._key is None else {**observation, self._key: depth}
+
+    @abstractmethod
+    def _depth(self, clean: Any, rgb: Any) -> Any:
+        """Depth as the camera returns it, of a clean image or batch and its colours."""
+
+
+class RealisticDepth(_RealisticObservations, gymnasium.Wrapper):
     """Replaces a clean depth image in the observations of an environment.
 
     Images keep their size and camera. Each step has noise of its own, each episode another seed.
@@ -107,21 +126,16 @@ class RealisticDepth(gymnasium.Wrapper):
         observation, reward, terminated, truncated, info = self.env.step(action)
         return self._corrupted(observation), reward, terminated, truncated, info
 
-    def _corrupted(self, observation: Any) -> Any:
-        clean = observation if self._key is None else observation[self._key]
-        lit = self.corruptor.light(
-            np.asarray(clean).reshape(self._shape[:2]),
-            reflectance=None if self._rgb_key is None else observation[self._rgb_key],
-            empty=True,
-        )
+    def _depth(self, clean: Any, rgb: Any) -> Any:
+        image = np.asarray(clean).reshape(self._shape[:2])
+        lit = self.corruptor.light(image, reflectance=rgb, empty=True)
         reading = self.corruptor.read(lit, seed=self._seed, frame=self._frame, past=self._history)
-        self._frame, self._history = self._frame + 1, reading.history
+        self._history = reading.history
         depth = np.where(np.isfinite(reading.depth_m), reading.depth_m, self._missing)
-        depth = depth.astype(np.float32).reshape(self._shape)
-        return depth if self._key is None else {**observation, self._key: depth}
+        return depth.astype(np.float32).reshape(self._shape)
 
 
-class RealisticDepthVector(gymnasium.vector.VectorWrapper):
+class RealisticDepthVector(_RealisticObservations, gymnasium.vector.VectorWrapper):
     """Replaces clean depth images in the observations of a vector of environments.
 
     Torch tensors stay on their device (`starling.Corruptor.batch`). NumPy arrays are computed by
@@ -178,13 +192,6 @@ class RealisticDepthVector(gymnasium.vector.VectorWrapper):
         """Step the environments."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
         return self._corrupted(observation), reward, terminated, truncated, info
-
-    def _corrupted(self, observation: Any) -> Any:
-        clean = observation if self._key is None else observation[self._key]
-        rgb = None if self._rgb_key is None else observation[self._rgb_key]
-        depth = self._depth(clean, rgb)
-        self._frame += 1
-        return depth if self._key is None else {**observation, self._key: depth}
 
     def _depth(self, clean: Any, rgb: Any) -> Any:
         flat = clean.reshape(-1, *self._size)
