@@ -321,7 +321,7 @@ class _Stages:
 
         if self._shared is None or self._shared[0] != task.text:
             loaded = sources.load(task.text, self._sensor, self._frame, task.view)
-            stage = MitsubaScene(self._changed(task.view.seen(loaded)))
+            stage = MitsubaScene(self._changed(loaded))
             self._shared = task.text, loaded, stage
             return stage
         _, loaded, stage = self._shared

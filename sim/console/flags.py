@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -38,7 +39,6 @@ class ViewFlags:
     """Axis of a mesh file that points up. By default as the file says; y without a word."""
     unit: Literal["m", "cm", "mm", "in"] | None = None
     """Unit of a mesh file. By default as the file says; metres without a word."""
-
     camera: str | None = None
     """Camera of a MuJoCo model that becomes the left imager."""
     keyframe: str | None = None
@@ -48,11 +48,12 @@ class ViewFlags:
 
     def given(self) -> dict[str, object]:
         """Flags that are given, to record."""
-        values = {name: getattr(self, name) for name in ("look_at", "up", "unit", "camera")}
-        paths = {"pose": self.pose, "qpos": self.qpos}
-        values |= {"keyframe": self.keyframe}
-        values |= {name: None if path is None else str(path) for name, path in paths.items()}
-        return {name: value for name, value in values.items() if value is not None}
+        values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
+        return {
+            name: str(value) if isinstance(value, Path) else value
+            for name, value in values.items()
+            if value is not None
+        }
 
 
 Views = OmitArgPrefixes[ViewFlags]
