@@ -14,7 +14,7 @@ from starling.patterns import InputError
 from starling.sim.captures import capture
 from starling.sim.scene import scene_file
 from starling.sim.scene.captured import known_geometry
-from tests.unit.sim.mujoco.small_model import MODEL, assets
+from tests.unit.sim.mujoco.small_model import write
 
 pytest.importorskip("mujoco", reason="the package mujoco is not installed")
 
@@ -23,10 +23,7 @@ SIZE = ("width=96", "height=72", "fx_px=60", "fy_px=60", "cx_px=47.5", "cy_px=35
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    for name, content in assets().items():
-        (tmp_path / name).write_bytes(content)
-    (tmp_path / "bench.xml").write_text(MODEL)
-    return tmp_path / "bench.xml"
+    return write(tmp_path)
 
 
 def simulate(scene: Path, out: Path, *flags: object) -> int:

@@ -1,9 +1,6 @@
 """GLB files: what the mesh reader would ignore is refused or reported."""
 
-import json
-import struct
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,24 +9,16 @@ import trimesh
 
 from starling.patterns import InputError
 from starling.sim.scene import sources
+from tests.unit.sim.square import Edit, edited
 
 IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
-
-Edit = Callable[[dict[str, Any]], object]
 
 
 def _glb(path: Path, edit: Edit) -> Path:
     """Write a box whose JSON is edited."""
     data = trimesh.creation.box().export(file_type="glb")
     assert isinstance(data, bytes)
-    (length,) = struct.unpack_from("<I", data, 12)
-    header = json.loads(data[20 : 20 + length])
-    edit(header)
-    text = json.dumps(header).encode()
-    text += b" " * (-len(text) % 4)
-    chunk = struct.pack("<I4s", len(text), b"JSON") + text + data[20 + length :]
-    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunk)) + chunk)
-    return path
+    return edited(data, path, edit)
 
 
 def _primitive(header: dict[str, Any]) -> dict[str, Any]:

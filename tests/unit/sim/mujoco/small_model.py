@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 
@@ -71,3 +73,11 @@ def assets() -> dict[str, bytes]:
     images = {"letters.png": letters, "die.png": np.concatenate(faces)}
     encoded = {name: cv2.imencode(".png", image[..., ::-1])[1] for name, image in images.items()}
     return {"sheet.obj": OBJ.encode(), **{name: data.tobytes() for name, data in encoded.items()}}
+
+
+def write(folder: Path) -> Path:
+    """Write the model and the files that it names, and return its path."""
+    for name, content in assets().items():
+        (folder / name).write_bytes(content)
+    (folder / "bench.xml").write_text(MODEL)
+    return folder / "bench.xml"

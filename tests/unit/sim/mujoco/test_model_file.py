@@ -9,7 +9,7 @@ import pytest
 
 from starling.patterns import InputError
 from starling.sim.mujoco import model_file
-from tests.unit.sim.mujoco.small_model import MODEL, assets
+from tests.unit.sim.mujoco.small_model import write
 
 URDF = """<?xml version="1.0"?><!-- one link --><robot name="arm"><link name="base"><visual>
 <geometry><box size=".1 .2 .3"/></geometry></visual><collision><geometry><box size=".1 .2 .3"/>
@@ -18,10 +18,7 @@ URDF = """<?xml version="1.0"?><!-- one link --><robot name="arm"><link name="ba
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    for name, content in assets().items():
-        (tmp_path / name).write_bytes(content)
-    (tmp_path / "scene.xml").write_text(MODEL)
-    return tmp_path / "scene.xml"
+    return write(tmp_path)
 
 
 def test_files_are_recognised_by_their_first_element(tmp_path: Path):
