@@ -5,7 +5,7 @@ Usage: python benchmarks/simulation/textured_files.py [--size 640] [--pictures F
 The files are made here: a ball with a map, a box with a picture on each side, and a plane whose
 tiles repeat. The plane is a floor that carries the others, or a board 1.5 m behind them. Mitsuba
 reads the same meshes by its own OBJ reader and its own textures, in a white environment, without
-Starling's scenes, materials or colour picture. Starling's sky has no shadows, Mitsuba's has.
+Starling's scenes, materials or colour picture. Bodies occlude the sky in both.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ _SAMPLES = 128  # Of Mitsuba in a pixel.
 _FORMATS = ("glb", "obj")
 _POWERS_W = (0.05, 0.03, 0.02)
 _PLANES = ("board", "floor")
+
+_SKY = Ambient(gradient=0.0, up=(0.0, 1.0, 0.0), occlusion=1.0, reach_m=100.0)
 
 Solid = tuple[trimesh.Trimesh, NDArray[np.float64], NDArray[np.uint8]]
 
@@ -107,7 +109,7 @@ def write(folder: Path, kind: str, plane: str) -> Path:
 def seen(path: Path, camera: Sensor) -> NDArray[np.uint8]:
     """Starling's colour picture of a file under an even sky."""
     scene = sources.load(str(path), camera, view=Viewpoint(look_at=LOOK_AT))
-    scene = dataclasses.replace(scene, ambient=Ambient(gradient=0.0, up=(0.0, 1.0, 0.0)))
+    scene = dataclasses.replace(scene, ambient=_SKY)
     return colour_picture.picture(scene, camera)
 
 

@@ -60,10 +60,10 @@ def layers(
     truth = _truth(mi_scene, left, right, lights.projector)
     centres = (truth.depth_m, truth.material)  # The truth belongs to the left imager.
     rendered = Layers(
-        left=_view(mi_scene, left, lights, subpixels, paths[0], centres),
+        left=_view(mi_scene, sensor, left, lights, subpixels, paths[0], centres),
         right=None
         if sensor.kind == "structured_light"
-        else _view(mi_scene, right, lights, subpixels, paths[1], _centres(mi_scene, right)),
+        else _view(mi_scene, sensor, right, lights, subpixels, paths[1], _centres(mi_scene, right)),
         truth=truth,
     )
     return placement.scale_layers(rendered, scene)
@@ -78,6 +78,7 @@ def view(mi_scene: MitsubaScene, sensor: Sensor, *, subpixels: int = 2) -> ViewL
     left, _ = cameras(sensor, mi_scene.scene.world_from_left)
     return _view(
         mi_scene,
+        sensor,
         left,
         Lights.from_sensor(mi_scene, sensor),
         subpixels,
@@ -88,6 +89,7 @@ def view(mi_scene: MitsubaScene, sensor: Sensor, *, subpixels: int = 2) -> ViewL
 
 def _view(
     mi_scene: MitsubaScene,
+    sensor: Sensor,
     camera: JitCamera,
     lights: Lights,
     subpixels: int,
@@ -119,6 +121,10 @@ def _view(
             for part in parts.numpy().reshape(-1, *shape):
                 total += part
     direct, ambient, *rest = sums * np.float32(1 / len(moments))
+    if mi_scene.scene.ambient.occlusion:
+        from starling.sim.render import occlusion
+
+        ambient *= occlusion.ambient_factor(mi_scene, sensor, camera.place)
     depth, body = centres
     return ViewLayers(
         projector_direct=direct,

@@ -15,12 +15,12 @@ import numpy as np
 from starling.sim import randomness
 from starling.sim.arrays import Image
 from starling.sim.geometry import frames, placement
-from starling.sim.render import backend, emission, paths, scalar
+from starling.sim.render import backend, emission, paths, scalar, upsampling
 from starling.sim.render.beam import FocusedPattern
 from starling.sim.render.layers import Layers
 from starling.sim.render.lights import Lights
 from starling.sim.render.mitsuba_scene import MitsubaScene
-from starling.sim.render.rays import JitCamera, JitPose, opaque
+from starling.sim.render.rays import JitPose, reduced
 from starling.sim.sensor.sensor import Sensor
 
 _SHRINK = 4  # Reduction of the resolution of path tracing.
@@ -28,8 +28,6 @@ _DOT_SHRINK = 8  # Reduction of the averaged pattern's resolution.
 _DOT_MEAN_PX = 4.0  # Sigma of the pattern's average [reduced px].
 _SIGMA_PX = 5.0  # Sigma of the low-pass at `_SAMPLES` paths per pixel [coarse px].
 _SAMPLES = 16  # Paths per pixel for `_SIGMA_PX`; fewer paths widen the low-pass.
-_OTHER_DEPTH = 0.05  # Relative depth step that separates surfaces.
-_OTHER_NORMAL = 0.3  # Step of a normal's component that separates surfaces.
 _LEAST_ALBEDO = 0.02  # Least divisor; darker surfaces reflect too little light.
 
 
@@ -88,7 +86,7 @@ def _trace_jit(
     for side, pose in _poses(mi_scene, sensor).items():
         draw = randomness.generator(seed, 0, "scene", f"interreflection {side}")
         place = JitPose.from_pose(pose)
-        coarse, fine = (_camera(sensor, place, shrink) for shrink in (_SHRINK, 1))
+        coarse, fine = (reduced(sensor, place, shrink) for shrink in (_SHRINK, 1))
         sampled = paths.radiance(mi_scene, coarse, lights, samples, int(draw.integers(2**63)))
         surfaces = [paths.surfaces(mi_scene, camera) for camera in (coarse, fine)]
         images.append(_smooth(sampled, surfaces[0], surfaces[1], samples))
@@ -125,62 +123,9 @@ def _poses(mi_scene: MitsubaScene, sensor: Sensor) -> dict[str, frames.Pose]:
     return {"left": left, "right": frames.right_of(left, sensor.baseline_m)}
 
 
-def _camera(sensor: Sensor, place: JitPose, shrink: int) -> JitCamera:
-    """An imager with a reduced resolution and the same field."""
-    width, height = sensor.width // shrink, sensor.height // shrink
-    x, y = width / sensor.width, height / sensor.height
-    return JitCamera(
-        size=(width, height),
-        focal=opaque("Vector2f", (sensor.fx_px * x, sensor.fy_px * y)),
-        centre=opaque("Vector2f", ((sensor.cx_px + 0.5) * x - 0.5, (sensor.cy_px + 0.5) * y - 0.5)),
-        place=place,
-    )
-
-
 def _smooth(sampled: Image, coarse: paths.Surfaces, fine: paths.Surfaces, samples: int) -> Image:
     """Low-pass and upsample the light at unit albedo, then apply the albedo."""
     irradiance = np.asarray(sampled / np.maximum(coarse.albedo, _LEAST_ALBEDO), np.float32)
-    low, sigma_px = _guide(coarse), _SIGMA_PX * (_SAMPLES / samples) ** 0.25
-    return fine.albedo * _upsample(_low_pass(irradiance, low, sigma_px), low, _guide(fine))
-
-
-def _guide(surfaces: paths.Surfaces) -> Image:
-    """Log depth and normal (h, w, 3), scaled so that a difference of 1 separates surfaces."""
-    depth = np.log(np.maximum(surfaces.depth_m, np.float32(1e-3)))[..., None]
-    normal = surfaces.normal[..., :2]
-    return np.concatenate([depth / _OTHER_DEPTH, normal / _OTHER_NORMAL], -1, dtype=np.float32)
-
-
-def _low_pass(image: Image, guide: Image, sigma_px: float) -> Image:
-    """Joint bilateral filter, followed by the filtered residual.
-
-    Near a corner, light is averaged with darker neighbours only. The second pass restores most of
-    this loss.
-
-    Source: joint bilateral filter; the second pass is Tukey's "twicing" (Exploratory Data
-    Analysis, 1977, sec. 16).
-    """
-    smooth = cv2.ximgproc.jointBilateralFilter(guide, image, -1, 1.0, sigma_px)
-    rest = cv2.ximgproc.jointBilateralFilter(guide, image - smooth, -1, 1.0, sigma_px)
-    return np.asarray(np.maximum(smooth + rest, 0), np.float32)
-
-
-def _upsample(coarse: Image, coarse_guide: Image, guide: Image) -> Image:
-    """Joint bilateral upsampling to the guide's size.
-
-    Source: Kopf et al., Joint bilateral upsampling, 2007, eq. 3.
-    """
-    height, width = guide.shape[:2]
-    rows, columns = coarse.shape
-    row = (np.arange(height, dtype=np.float32) + 0.5) * (rows / height) - 0.5
-    column = (np.arange(width, dtype=np.float32) + 0.5) * (columns / width) - 0.5
-    total, weights = np.zeros((2, height, width), np.float32)
-    for down, across in np.ndindex(2, 2):
-        i, j = np.floor(row).astype(int) + down, np.floor(column).astype(int) + across
-        near = np.outer(1 - np.abs(row - i), 1 - np.abs(column - j)).astype(np.float32)
-        cell = np.ix_(np.clip(i, 0, rows - 1), np.clip(j, 0, columns - 1))
-        apart = np.abs(guide - coarse_guide[cell]).sum(axis=-1)
-        weight = (near + 1e-3) * (np.exp(-0.5 * apart**2) + np.float32(1e-6))
-        total += weight * coarse[cell]
-        weights += weight
-    return total / weights
+    low, sigma_px = upsampling.guide(coarse), _SIGMA_PX * (_SAMPLES / samples) ** 0.25
+    smooth = upsampling.low_pass(irradiance, low, sigma_px)
+    return fine.albedo * upsampling.upsample(smooth, low, upsampling.guide(fine))

@@ -63,7 +63,7 @@ class Lights:
         """
         mi = backend.mitsuba()
         ambient = mi_scene.scene.ambient
-        radiance = (1 + _tilt(ambient, direction, ambient.gradient)) / np.pi
+        radiance = (1 + sky_excess(ambient, direction, ambient.gradient)) / np.pi
         return [mi.Float(0), radiance, mi.Float(0)][: self.count]
 
 
@@ -116,7 +116,7 @@ def _ambient(mi_scene: MitsubaScene, si: Any) -> Any:
     albedo, normal = mi_scene.albedo(si), towards_viewer(si)
     local = mi_scene.ambient_share(si)
     if mi_scene.skylight is None:
-        share = albedo * (1 + _tilt(ambient, normal, MATT_TILT * ambient.gradient))
+        share = albedo * (1 + sky_excess(ambient, normal, MATT_TILT * ambient.gradient))
         return dr.select(si.is_valid(), share * local / np.pi, 0)
     viewer = si.to_world(si.wi)
     cosine = dr.dot(normal, viewer)
@@ -124,11 +124,11 @@ def _ambient(mi_scene: MitsubaScene, si: Any) -> Any:
     across /= dr.maximum(dr.norm(across), 1e-6)
     handle = dr.reinterpret_array(mi.UInt32, si.shape)
     even, along, aside = mi_scene.skylight.reflected(handle, cosine, albedo, mi_scene.opaque(si))
-    share = even + _tilt(ambient, normal * along + across * aside, ambient.gradient)
+    share = even + sky_excess(ambient, normal * along + across * aside, ambient.gradient)
     return dr.select(si.is_valid(), dr.maximum(share, 0) * local / np.pi, 0)
 
 
-def _tilt(ambient: Ambient, direction: Any, gradient: float) -> Any:
+def sky_excess(ambient: Ambient, direction: Any, gradient: float) -> Any:
     """Relative excess of ambient light in a direction, g w . up."""
     # Opaque values, so that another gradient or up direction does not recompile kernels.
     along = backend.drjit().dot(direction, opaque("Vector3f", ambient.up))

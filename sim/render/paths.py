@@ -60,7 +60,7 @@ def radiance(
     state = mi.UInt64(seed)
     dr.make_opaque(state)  # Another seed must not recompile kernels.
     rng = mi.PCG32(size=count, initstate=state)
-    start = _spread(count, seed)
+    start = spread(dr.arange(mi.UInt32, count), _random_shift(seed))
     pixel = dr.arange(mi.UInt32, count) // samples
     row = pixel // width
     corner = mi.Vector2f(mi.Float(pixel - row * width), mi.Float(row)) - 0.5
@@ -81,14 +81,26 @@ def radiance(
     return np.asarray(mean.numpy().reshape(height, width), np.float32)
 
 
-def _spread(count: int, seed: int) -> Any:
-    """Points (Point2f) of the R2 sequence, shifted by the seed."""
-    mi, dr = backend.mitsuba(), backend.drjit()
-    shift = mi.Vector2u(*np.random.default_rng(seed).integers(2**32, size=2).tolist())
-    dr.make_opaque(shift)
-    index = dr.arange(mi.UInt32, count)
-    x, y = ((index * step + offset) >> 8 for step, offset in zip(_SPREAD, shift, strict=True))
+def spread(index: Any, shift: Any = 0) -> Any:
+    """Points (Point2f) of the R2 sequence in the unit square.
+
+    Args:
+        index: Numbers of the points (UInt32).
+        shift: Offset of all points in 32-bit fixed point (Vector2u), or 0.
+    """
+    mi = backend.mitsuba()
+    offsets = (shift, shift) if isinstance(shift, int) else shift
+    x, y = ((index * step + offset) >> 8 for step, offset in zip(_SPREAD, offsets, strict=True))
     return mi.Point2f(mi.Float(x), mi.Float(y)) * 2.0**-24
+
+
+def _random_shift(seed: int) -> Any:
+    """Offset of the R2 sequence by a seed (Vector2u)."""
+    shift = backend.mitsuba().Vector2u(
+        *np.random.default_rng(seed).integers(2**32, size=2).tolist()
+    )
+    backend.drjit().make_opaque(shift)
+    return shift
 
 
 def _scattered(mi_scene: MitsubaScene, lights: Lights, si: Any, start: Any, rng: Any) -> Any:

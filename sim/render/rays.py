@@ -77,6 +77,18 @@ def cameras(sensor: Sensor, world_from_left: Pose) -> tuple[JitCamera, JitCamera
     )
 
 
+def reduced(sensor: Sensor, place: JitPose, shrink: int) -> JitCamera:
+    """An imager with a reduced resolution and the same field."""
+    width, height = sensor.width // shrink, sensor.height // shrink
+    x, y = width / sensor.width, height / sensor.height
+    return JitCamera(
+        size=(width, height),
+        focal=opaque("Vector2f", (sensor.fx_px * x, sensor.fy_px * y)),
+        centre=opaque("Vector2f", ((sensor.cx_px + 0.5) * x - 0.5, (sensor.cy_px + 0.5) * y - 0.5)),
+        place=place,
+    )
+
+
 def pixels(size: tuple[int, int]) -> Any:
     """Image coordinates of all pixel centres, row by row (Vector2f)."""
     mi, dr = backend.mitsuba(), backend.drjit()

@@ -63,6 +63,7 @@ def _refuse_unsupported(scene: Scene, sensor: Sensor) -> None:
         "scene.finish.transparency": finish.transparency > 0,
         "scene.finish.gloss": 0 < finish.gloss < 1,
         "scene.finish.metal": 0 < finish.metal < 1,
+        "scene.ambient.occlusion": scene.ambient.occlusion > 0,
         "scene.sun.irradiance_w_m2": scene.sun.irradiance_w_m2 > 0,
         "scene.other_projector.power_w": scene.other_projector.power_w > 0,
         "projector.defocus_mrad_m": sensor.projector.defocus_mrad_m > 0,

@@ -130,19 +130,24 @@ def move_mesh(mesh: Mesh, pose: Pose) -> tuple[NDArray[np.float32], NDArray[np.f
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ambient:
-    """Ambient light: an unoccluded sky of radiance L0 (1 + g w . up) from direction w.
+    """Ambient light: a sky of radiance L0 (1 + g w . up) from direction w.
 
-    A diffuse surface of normal n receives pi L0 (1 + 2/3 g n . up). This closed form has no
-    Monte-Carlo noise. Power is the equivalent power at the laser's wavelength.
+    A diffuse surface of normal n receives pi L0 (1 + 2/3 g n . up) of an open sky. This closed form
+    has no Monte-Carlo noise. Power is the equivalent power at the laser's wavelength.
     """
 
     irradiance_w_m2: float = 0.1  # pi L0 in the imager's band [W m^-2].
     gradient: float = 0.5  # g: 0 is uniform, 1 is dark from below.
     up: tuple[float, float, float] = (0.0, -1.0, 0.0)  # Unit, world frame.
+    # Share of the sky's light that blocked directions lack (see `starling.sim.render.occlusion`).
+    occlusion: float = 0.0
+    reach_m: float = 1.0  # Surfaces farther away do not block; they are as bright as the sky.
 
     def __post_init__(self) -> None:
         errors.in_interval("ambient.irradiance_w_m2", self.irradiance_w_m2, 0.0, BRIGHTEST_W_M2)
         errors.in_interval("ambient.gradient", self.gradient, 0.0, 1.0)
+        errors.in_interval("ambient.occlusion", self.occlusion, 0.0, 1.0)
+        errors.in_interval("ambient.reach_m", self.reach_m, 0.01, 1e3, "Give metres.")
         unit = quantities.QUANTITIES["unit_length"]
         errors.direction("ambient.up", self.up, unit.low, unit.high, unit.remedy)
 

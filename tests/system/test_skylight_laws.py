@@ -5,7 +5,7 @@
 **Expected behaviour.** Sampling of Mitsuba's BSDFs gives the tabulated reflection of an even sky,
 and of a sky with a gradient. Rendered plates agree with the table.
 
-**What it does not prove.** Occlusion of the sky by bodies, which is not modelled.
+**What it does not prove.** Occlusion of the sky by bodies: see `test_sky_occlusion_laws.py`.
 """
 
 from __future__ import annotations

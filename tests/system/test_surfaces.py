@@ -352,6 +352,7 @@ def test_nothing_returns_more_than_it_gets(material, finish):
         (WHITE, {"finish": Finish(transparency=0.5)}, "scene.finish.transparency"),
         (WHITE, {"finish": Finish(gloss=0.5)}, "scene.finish.gloss"),
         (WHITE, {"finish": Finish(metal=0.5)}, "scene.finish.metal"),
+        (WHITE, {"ambient": Ambient(occlusion=0.5)}, "scene.ambient.occlusion"),
         (WHITE, {"sun": Sun(irradiance_w_m2=1.0)}, "scene.sun.irradiance_w_m2"),
         (WHITE, {"other_projector": Projector(power_w=1.0)}, "scene.other_projector.power_w"),
     ],
