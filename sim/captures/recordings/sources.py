@@ -43,6 +43,7 @@ def open_source(path: Path, streams: Mapping[str, str], camera: Pinhole | None) 
         rule, advice = "must be no capture set", "It needs no import: give it to the verbs."
         raise errors.refuse("source", rule, path, advice)
     if path.is_dir():
+        path = _bag_folder(path)
         files = _bag_files(path)
         if files:
             return _of_log(_open(files), path, streams)
@@ -55,6 +56,21 @@ def open_source(path: Path, streams: Mapping[str, str], camera: Pinhole | None) 
         advice = "Decompress it: unzstd FILE." if suffix == ".zstd" else "Give the recording."
         raise errors.refuse("source", rule, path, advice)
     return _of_log(_open([path]), path, streams)
+
+
+def _bag_folder(folder: Path) -> Path:
+    """Return the only sub-folder that holds a bag, else the folder itself.
+
+    Raises:
+        InputError: if several sub-folders hold bags.
+    """
+    if _bag_files(folder):
+        return folder
+    bags = [held for held in sorted(folder.iterdir()) if held.is_dir() and _bag_files(held)]
+    if len(bags) > 1:
+        names = ", ".join(bag.name for bag in bags)
+        raise errors.refuse("source", "must hold one bag", names, "Give the folder of one.")
+    return bags[0] if bags else folder
 
 
 def _bag_files(folder: Path) -> list[Path]:

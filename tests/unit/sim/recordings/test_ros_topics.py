@@ -145,6 +145,15 @@ def test_topics_are_named_by_flags(tmp_path: Path):
         imported(path, tmp_path / "new", streams={"left": "/a/camera_info"})
 
 
+def test_a_folder_around_a_bag_is_read_as_the_bag(tmp_path: Path):
+    topics = Topics().pair("/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw")
+    topics.write(tmp_path / "out" / "one")
+    assert len(imported(tmp_path / "out", tmp_path / "set").scenes) == 1
+    topics.write(tmp_path / "out" / "two")
+    with pytest.raises(InputError, match=r"^source must hold one bag; got one, two\. Give the"):
+        imported(tmp_path / "out", tmp_path / "again")
+
+
 def test_two_cameras_in_one_bag_are_refused(tmp_path: Path):
     topics = Topics().pair("/one/infra1/image_rect_raw", "/one/infra2/image_rect_raw")
     topics.pair("/two/infra1/image_rect_raw", "/two/infra2/image_rect_raw")
