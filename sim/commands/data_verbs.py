@@ -76,14 +76,15 @@ def verify(captures: Positional[Path], *, sample: int = 8, common: Shared = Comm
 def export(
     captures: Positional[str],
     *,
-    layout: Literal["tum", "bop", "ros2", "ply", "pcd"],
+    layout: Literal["tum", "bop", "ros2", "lerobot", "ply", "pcd"],
     out: Path,
     meshes: Path = Path("."),
     storage: Literal["sqlite3", "mcap"] = "sqlite3",
+    task: str = "",
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Convert captures to the layout of TUM RGB-D or BOP, a ROS 2 bag, or point clouds.
+    """Convert captures to the layout of TUM RGB-D, BOP, ROS 2, LeRobot, or point clouds.
 
     Example: starling export out/set --layout bop --meshes meshes --out out/bop
 
@@ -92,15 +93,19 @@ def export(
         layout: `tum` writes time-stamped depth, infrared and a trajectory.
             `bop` writes images, masks and poses of the dropped objects.
             `ros2` writes a bag in OUT/bag, with the topics of realsense-ros.
+            `lerobot` writes a data set of format v3.0, with an episode for each room.
             `ply` and `pcd` write the points of every frame, with colours.
         out: Folder to create.
         meshes: Folder with the meshes of the objects (`bop` only).
         storage: Kind of file in the bag (`ros2` only).
+        task: Task of all frames (`lerobot` only). By default the name of the room.
         force: Replace a folder that starling wrote earlier.
     """
     from starling.sim.captures.exchange import export as exporting
 
-    result = exporting.export(captures, layout, out, meshes=meshes, storage=storage, force=force)
+    result = exporting.export(
+        captures, layout, out, meshes=meshes, storage=storage, task=task, force=force
+    )
     shell.say(result, json=common.json)
 
 

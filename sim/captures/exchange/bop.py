@@ -26,7 +26,7 @@ from starling.patterns.errors import refuse
 from starling.sim import files
 from starling.sim.captures import png
 from starling.sim.captures.capture import CapturedScene, CaptureSet, Frame
-from starling.sim.captures.exchange.stream import left_from_world
+from starling.sim.captures.exchange.stream import by_room, left_from_world
 from starling.sim.console.output import Folder
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.scene import sources
@@ -54,9 +54,7 @@ def export(captures: CaptureSet, meshes: Path, folder: Folder) -> int:
     Raises:
         InputError: if there are no objects, a mesh is missing, or a frame has no depth.
     """
-    rooms: dict[str, list[CapturedScene]] = {}
-    for scene in captures.scenes:
-        rooms.setdefault(scene.room, []).append(scene)
+    rooms = by_room(captures.scenes)
     models = _models(captures, meshes)
     ids = {name: number for number, name in enumerate(sorted(models), 1)}
     count = 0

@@ -10,10 +10,11 @@ from typing import Any, Literal
 from starling.sim.captures import capture
 from starling.sim.captures.capture import CaptureSet
 from starling.sim.captures.exchange import bop, point_cloud, ros2_bag, tum
+from starling.sim.captures.exchange.lerobot import dataset
 from starling.sim.console import record
 from starling.sim.console.output import RECORD, OutputFolder, refuse_own_input, refused
 
-Layout = Literal["tum", "bop", "ros2", "ply", "pcd"]
+Layout = Literal["tum", "bop", "ros2", "lerobot", "ply", "pcd"]
 
 
 def export(
@@ -23,6 +24,7 @@ def export(
     *,
     meshes: Path,
     storage: ros2_bag.Storage = "sqlite3",
+    task: str = "",
     force: bool = False,
 ) -> dict[str, Any]:
     """Write a capture set in another layout.
@@ -36,6 +38,7 @@ def export(
         out: folder to create.
         meshes: folder with the objects' meshes (BOP only).
         storage: kind of file (ROS 2 only).
+        task: task of all frames (LeRobot only); empty takes the name of the room.
         force: replace an earlier export.
 
     Returns:
@@ -56,6 +59,9 @@ def export(
         elif layout == "ros2":
             with refused(folder.path):
                 count = ros2_bag.export(opened.scenes, folder.partial / "bag", storage=storage)
+        elif layout == "lerobot":
+            with refused(folder.path):
+                count = dataset.export(opened, folder.partial, task=task)
         elif layout in ("ply", "pcd"):
             count = point_cloud.export(opened.scenes, folder, layout)
         else:
@@ -65,6 +71,7 @@ def export(
             "layout": layout,
             "meshes": str(meshes),
             "storage": storage,
+            "task": task,
         }
         folder.write(RECORD, record.of_run("export", arguments, {"frames": count}))
     return {

@@ -182,6 +182,14 @@ class TimedFrame:
         return frame, code
 
 
+def by_room(scenes: Sequence[CapturedScene]) -> dict[str, list[CapturedScene]]:
+    """Return the scenes of each room, in their order."""
+    rooms: dict[str, list[CapturedScene]] = {}
+    for scene in scenes:
+        rooms.setdefault(scene.room, []).append(scene)
+    return rooms
+
+
 def in_time_order(scenes: Sequence[CapturedScene]) -> list[TimedFrame]:
     """Return all frames in order of time.
 

@@ -1,0 +1,1 @@
+"""Export to the data set format of LeRobot."""
