@@ -3,7 +3,7 @@
 #   run   .venv with the program itself (no torch), and an LLVM library for the fast variants
 #   test  the same with the extras `learning` (torch first, so that pip keeps the build the
 #         machine offers), `completion`, `data`, `ros`, `ray`, `batch`, `mujoco`, `gymnasium`,
-#         `realsense` and `dev`
+#         `realsense`, `rerun`, `lerobot` and `dev`
 #   docs  .venv with the program and what builds the documentation
 # A second call finds everything done and returns at once. PYTHON chooses the interpreter.
 set -eu
@@ -138,7 +138,8 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
     run) pip_install -e . ;;
     test)
         pip_install "torch==2.13.0"
-        pip_install -e '.[learning,completion,data,ros,ray,batch,mujoco,gymnasium,scenes,dev]'
+        pip_install -e '.[learning,completion,data,lerobot,ros,ray,batch,mujoco,gymnasium,scenes,dev]'
+        pip_install -e '.[rerun]' || say "no rerun-sdk for this machine: its tests are skipped"
         pip_install -e '.[realsense]' || say "no pyrealsense2 for this machine: its tests are skipped"
         echo "$wanted" >.venv/.ready-run # It includes what `run` has.
         ;;
