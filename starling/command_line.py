@@ -26,7 +26,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "sweep": "starling.sim.commands.verbs",
     },
     "Captures": {
-        "show": "starling.sim.commands.verbs",
+        "show": "starling.sim.commands.data_verbs",
         "match": "starling.sim.commands.verbs",
         "compare": "starling.learning.commands.verbs",
         "fuse": "starling.sim.commands.data_verbs",

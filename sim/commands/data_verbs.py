@@ -1,4 +1,4 @@
-"""Command-line verbs for data sets: generate, verify, export, fuse."""
+"""Command-line verbs for data sets: generate, verify, show, export, fuse."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
+from starling.patterns.errors import refuse
 from starling.sim.console import shell
 from starling.sim.console.flags import Common, ModeName, Shared
 
@@ -71,6 +72,54 @@ def verify(captures: Positional[Path], *, sample: int = 8, common: Shared = Comm
     shell.say(result, json=common.json)
     if result["findings"] or result["missing"] or result["duplicate"] or result["differing"]:
         sys.exit(1)
+
+
+def show(
+    captures: Positional[str],
+    against: Positional[str] = "",
+    *,
+    out: Path | None = None,
+    rerun: Path | None = None,
+    frame: int | None = None,
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Draw captures: infrared, depth, reasons for missing depth, error against the reference.
+
+    Example: starling show out/check out/check-simulated --out out/check.png
+
+    Args:
+        captures: Capture set, or one scene of it.
+        against: Second capture set, or one scene of it, drawn next to the first.
+        out: NAME.png for one scene, or a folder for several.
+        rerun: NAME.rrd for the Rerun viewer, in place of pictures: all frames, with cameras and
+            points.
+        frame: Number of the frame to draw. By default 0.
+        force: Replace pictures that starling wrote earlier.
+    """
+    from starling.sim.console import progress
+
+    named = ", ".join(name for name, path in (("out", out), ("rerun", rerun)) if path is not None)
+    if named not in ("out", "rerun"):
+        rule = "must be given, one of the two"
+        raise refuse("out, rerun", rule, named or "none", "Pictures, or a recording.")
+    if rerun is not None and (against or frame is not None):
+        got = f"against {against!r}, frame {frame}"
+        advice = "A recording has all frames of one set."
+        raise refuse("against, frame", "must not be given with rerun", got, advice)
+    with progress.on_stderr() as track:
+        if rerun is not None:
+            from starling.sim.commands import rerun_recording
+
+            result = rerun_recording.write(captures, rerun, force=force, track=track)
+        else:
+            from starling.sim.commands import show_captures
+
+            assert out is not None  # One of the two is given.
+            result = show_captures.show_captures(
+                captures, out, against=against or None, frame=frame or 0, force=force, track=track
+            )
+    shell.say(result, json=common.json)
 
 
 def export(

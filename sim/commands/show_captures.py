@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
-from starling.sim.captures import capture, exr
+from starling.sim.captures import capture, frame_reason
 from starling.sim.captures.capture import CapturedScene, Frame
 from starling.sim.commands.compare import pair_scenes
 from starling.sim.console import output, progress, record
 from starling.sim.plotting import panels, sheet
 from starling.sim.plotting.sheet import Panel
-from starling.sim.reason import Reason
 
 _OTHER_PICTURES = (
     *(".jpg", ".jpeg", ".jpe", ".jp2", ".gif", ".bmp", ".tif", ".tiff", ".webp", ".avif"),
@@ -128,27 +127,9 @@ def _view(scene: CapturedScene, number: int) -> _FramePanels:
         heading=f"{scene.path.parent.name}/{scene.name}/{number}",
         frame=frame,
         truth_m=truth_m,
-        reason=_reason(scene, frame),
+        reason=frame_reason.read(scene, frame),
         error_px=error_px,
     )
-
-
-def _reason(scene: CapturedScene, frame: Frame) -> NDArray[np.uint32] | None:
-    """Read the reasons of a simulated frame; a real frame has UNKNOWN reasons."""
-    path = scene.path / str(frame.number) / "frame.exr"
-    if path.exists():
-        reason = exr.read(path)[1].reason
-        if reason.shape != scene.info.shape:
-            raise errors.refuse(
-                "frame.exr",
-                f"must be {scene.info.width}x{scene.info.height} as capture.toml says",
-                f"{path}, {reason.shape[1]}x{reason.shape[0]}",
-                "Simulate it again.",
-            )
-        return reason
-    if frame.depth_m is None:
-        return None
-    return np.where(np.isnan(frame.depth_m), np.uint32(Reason.UNKNOWN), np.uint32(Reason.VALID))
 
 
 def _single_layout(view: _FramePanels) -> list[list[Panel]]:

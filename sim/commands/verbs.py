@@ -268,36 +268,6 @@ def match(
     shell.say(result, json=common.json)
 
 
-def show(
-    captures: Positional[str],
-    against: Positional[str] = "",
-    *,
-    out: Path,
-    frame: int = 0,
-    force: bool = False,
-    common: Shared = Common(),
-) -> None:
-    """Draw captures: infrared, depth, reasons for missing depth, error against the reference.
-
-    Example: starling show out/check out/check-simulated --out out/check.png
-
-    Args:
-        captures: Capture set, or one scene of it.
-        against: Second capture set, or one scene of it, drawn next to the first.
-        out: NAME.png for one scene, or a folder for several.
-        frame: Number of the frame to draw.
-        force: Replace pictures that starling wrote earlier.
-    """
-    from starling.sim.commands import show_captures
-    from starling.sim.console import progress
-
-    with progress.on_stderr() as track:
-        result = show_captures.show_captures(
-            captures, out, against=against or None, frame=frame, force=force, track=track
-        )
-    shell.say(result, json=common.json)
-
-
 def atlas(
     names: Positional[tuple[str, ...]] = (),
     *,

@@ -133,6 +133,13 @@ def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
     Raises:
         InputError: if it exists and `force` is not given, or cannot be written.
     """
+    write_file_by(path, lambda partial: partial.write_bytes(data), force=force)
+
+
+def write_file_by(
+    path: Path | str, writer: Callable[[Path], object], *, force: bool = False
+) -> None:
+    """Let `writer` write one file at the path passed to it, atomically; raises as `write_file`."""
     path = _resolved(path)
     refuse_taken(path, force=force)
     partial = _temporary_name(path, "partial")
@@ -140,7 +147,7 @@ def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
         made_parents = _missing_parents(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            partial.write_bytes(data)
+            writer(partial)
             with partial.open("rb+") as file:
                 os.fsync(file.fileno())  # The data reaches the disk before the rename does.
             refuse_taken(path, force=force)  # Another process may have created it meanwhile.

@@ -27,7 +27,7 @@ _UNKNOWN_TRUTH = "#d8dade"
 
 # Geometric causes are blue to green, photometric ones yellow to red, the matcher's purple to brown.
 # Unknown causes are grey.
-_REASON_COLOURS: dict[Reason, str] = {
+REASON_COLOURS: dict[Reason, str] = {
     Reason.VALID: "#f1f2f4",
     Reason.NO_SURFACE: "#0b2545",
     Reason.OUTSIDE_OVERLAP: "#1f5fa8",
@@ -95,12 +95,12 @@ def reasons(axes: Axes, reason: Labels, title: str) -> None:
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
-    colours = ListedColormap([_REASON_COLOURS[code] for code in Reason])
+    colours = ListedColormap([REASON_COLOURS[code] for code in Reason])
     axes.imshow(reason, cmap=colours, vmin=-0.5, vmax=len(Reason) - 0.5, interpolation="nearest")
     counts = np.bincount(np.minimum(reason.ravel(), Reason.UNKNOWN), minlength=len(Reason))
     handles = [
         Patch(
-            facecolor=_REASON_COLOURS[code],
+            facecolor=REASON_COLOURS[code],
             edgecolor=_FRAME,
             label=f"{LABELS[code]} {_share(counts[code] / reason.size)}",
         )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from starling.patterns.errors import refuse
 from starling.sim.arrays import Image
-from starling.sim.captures.capture import CapturedScene
+from starling.sim.captures.capture import CapturedScene, Frame
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.captures.png import GreyImage
 from starling.sim.console.output import Folder
@@ -45,19 +45,28 @@ def export(scenes: Sequence[CapturedScene], folder: Folder, form: Format) -> int
     count = 0
     for scene in scenes:
         for number in scene.frames:
-            frame = scene.frame(number)
-            if frame.depth_m is None:
-                name = f"frame {number} of {scene.name}"
-                raise refuse(name, "must have depth", "none", "A point cloud needs depth.")
-            points, rows, columns = points_of(frame.depth_m, Pinhole.from_camera(scene.info))
-            colours = _grey(frame.ir_left, rows, columns)
-            picture = scene.colour(number)
-            if picture is not None:
-                _paint(colours, points, picture, scene.info)
+            points, colours = coloured(scene, scene.frame(number))
             write = {"ply": _ply, "pcd": _pcd}[form]
             folder.write(f"{scene.name}/{number}.{form}", write(points, colours))
             count += 1
     return count
+
+
+def coloured(scene: CapturedScene, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Return the points (n, 3) [m] of a frame, and their colours (n, 3) red, green, blue.
+
+    Raises:
+        InputError: if the frame has no depth.
+    """
+    if frame.depth_m is None:
+        name = f"frame {frame.number} of {scene.name}"
+        raise refuse(name, "must have depth", "none", "A point cloud needs depth.")
+    points, rows, columns = points_of(frame.depth_m, Pinhole.from_camera(scene.info))
+    colours = _grey(frame.ir_left, rows, columns)
+    picture = scene.colour(frame.number)
+    if picture is not None:
+        _paint(colours, points, picture, scene.info)
+    return points, colours
 
 
 def points_of(
