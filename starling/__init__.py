@@ -7,7 +7,7 @@ Everything that a first program needs is on this page. The packages behind it (`
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from starling.calibration import MOST_SCENES as _MOST_SCENES
 
@@ -84,6 +84,7 @@ __all__ = [
     "from_opengl",
     "from_ros",
     "generate",
+    "import_recording",
     "list_effects",
     "list_sensors",
     "load_residual",
@@ -576,6 +577,111 @@ def open_captures(path: Path | str) -> CaptureSet:
     from starling.sim.captures import capture
 
     return capture.open_set(arguments.path("path", path))
+
+
+def import_recording(
+    source: Path | str,
+    out: Path | str,
+    *,
+    left: str = "",
+    right: str = "",
+    depth: str = "",
+    truth: str = "",
+    colour: str = "",
+    left_off: str = "",
+    right_off: str = "",
+    calibration: Path | str | Sequence[Path | str] = (),
+    camera: str = "",
+    baseline: float | None = None,
+    depth_unit: str = "",
+    emitter: Literal["on", "off"] | None = None,
+    sensor: str = "",
+    black_level: float | None = None,
+    rectify: bool = False,
+    moving: bool = False,
+    every: int = 1,
+    most_frames: int = 0,
+    scene: str = "",
+    licence: str = "not stated",
+    force: bool = False,
+) -> dict[str, Any]:
+    """Import a recording of a depth camera as a capture set, as `starling import` does.
+
+    Args:
+        source: RealSense Viewer `.bag`, ROS 1 or 2 bag, MCAP file, TUM sequence, or folder of
+            images.
+        out: folder to make, which `open_captures` opens.
+        left: left infrared images: pattern of files in a folder, or topic of a bag. Empty looks
+            for usual names, here and below.
+        right: right infrared images.
+        depth: depth images of the device, in the left view.
+        truth: reference depth in the left view: one image, or one for each frame.
+        colour: colour images.
+        left_off: left infrared images with the projector off.
+        right_off: right infrared images with the projector off.
+        calibration: file where the source has none: librealsense text, ROS camera_info, depthai
+            JSON. Two camera_info files are those of left and right.
+        camera: intrinsics of a TUM sequence, `fx fy cx cy width height` [px].
+        baseline: distance of the imagers [m].
+        depth_unit: unit of depth values: `m`, `mm`, or their step [m].
+        emitter: whether the projector was `on` or `off`.
+        sensor: name of the camera: a preset or any name.
+        black_level: pedestal of the infrared images [codes].
+        rectify: rectify the pair by the calibration's distortion.
+        moving: each frame becomes a scene; otherwise all are repeats of one static scene.
+        every: use one frame out of this many.
+        most_frames: largest number of frames; 0 takes all.
+        scene: name of the scene and of its room; empty takes that of the source.
+        licence: licence of the recording, for `capture.toml`.
+        force: replace a folder that Starling wrote before.
+
+    Returns:
+        What was written and seen: `out`, `frames`, `scenes`, `streams`, `seen`, `clock` and more.
+
+    Raises:
+        InputError: recording that cannot be read, contradicts itself or lacks a fact; the message
+            names the option. Also existing folder.
+
+    Examples:
+        >>> sensor = starling.load_sensor("d435", edits=SMALL)
+        >>> _ = starling.simulate_captures("tabletop", sensor, "out/recorded")
+        >>> facts = {"depth_unit": "mm", "emitter": "on", "sensor": "d435", "baseline": 0.05015}
+        >>> found = starling.import_recording(
+        ...     "out/recorded/tabletop/0", "out/imported", calibration=CAMERA_INFO, **facts
+        ... )
+        >>> found["streams"], found["seen"]["dots"]
+        ('left, right, depth, colour', 'yes')
+        >>> starling.open_captures(found["out"]).scenes[0].frame(0).depth_m.shape
+        (240, 424)
+    """
+    from starling import arguments
+    from starling.sim.captures.recordings import import_recording as importing
+
+    streams = {
+        **{"left": left, "right": right, "depth": depth, "truth": truth, "colour": colour},
+        **{"left_off": left_off, "right_off": right_off},
+    }
+    flags = arguments.facts(
+        calibration=calibration,
+        baseline=baseline,
+        depth_unit=depth_unit,
+        emitter=emitter,
+        sensor=sensor,
+        black_level=black_level,
+        rectify=rectify,
+    )
+    choice = arguments.frame_choice(
+        moving=moving, every=every, most_frames=most_frames, scene=scene, licence=licence
+    )
+    return importing.import_recording(
+        arguments.path("source", source),
+        arguments.path("out", out),
+        streams=arguments.streams(streams),
+        flags=flags,
+        camera=arguments.plain_text("camera", camera),
+        choice=choice,
+        force=arguments.switch("force", force),
+    )
 
 
 def compare(real: CaptureSet | Path | str, simulated: CaptureSet | Path | str) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,8 @@ from starling.patterns.errors import instance, plain, refuse, shown
 
 if TYPE_CHECKING:
     from starling.sim.captures.capture import CaptureSet
+    from starling.sim.captures.recordings.import_recording import FrameChoice
+    from starling.sim.captures.recordings.statement import GivenFacts
     from starling.sim.scene.placing import LookAt, Viewpoint
     from starling.sim.scene.scene import Scene
     from starling.sim.sensor.sensor import Sensor
@@ -115,6 +117,81 @@ def warn_of_size(shape: tuple[int, ...], camera: Sensor) -> None:
             f"only. Load the sensor with the images' camera_matrix.",
             stacklevel=3,
         )
+
+
+def plain_text(name: str, value: object) -> str:
+    """Return text, which may be empty.
+
+    Raises:
+        InputError: if the value has another type.
+    """
+    return instance(name, value, str, "Give text, or leave it out.")
+
+
+def streams(patterns: Mapping[str, object]) -> dict[str, str]:
+    """Return the file patterns or topics that are given, by stream.
+
+    Raises:
+        InputError: if one is no text.
+    """
+    texts = {name: plain_text(name, value) for name, value in patterns.items()}
+    return {name: pattern for name, pattern in texts.items() if pattern}
+
+
+def facts(
+    *,
+    calibration: object,
+    baseline: float | None,
+    depth_unit: object,
+    emitter: str | None,
+    sensor: object,
+    black_level: float | None,
+    rectify: object,
+) -> GivenFacts:
+    """Return the facts of a recording that are given.
+
+    Raises:
+        InputError: if one has a wrong type or value.
+    """
+    from starling.sim.captures.recordings.statement import GivenFacts
+
+    if emitter is not None:
+        errors.one_of("emitter", emitter, ("on", "off"))
+    if baseline is not None:
+        errors.positive("baseline", baseline)
+    if black_level is not None:
+        errors.in_interval("black_level", black_level, 0, 2**16 - 1)
+    files = (calibration,) if isinstance(calibration, (str, Path)) else calibration
+    advice = "Give a file, or those of left and right."
+    listed = instance("calibration", files, (tuple, list), advice)
+    return GivenFacts(
+        calibration=tuple(path("calibration", file) for file in listed),
+        baseline_m=errors.plain(baseline),
+        depth_unit=plain_text("depth_unit", depth_unit),
+        emitter=emitter,
+        sensor=plain_text("sensor", sensor),
+        black_level_dn=errors.plain(black_level),
+        rectify=switch("rectify", rectify),
+    )
+
+
+def frame_choice(
+    *, moving: object, every: int, most_frames: int, scene: object, licence: object
+) -> FrameChoice:
+    """Return which frames of a recording are imported.
+
+    Raises:
+        InputError: if a value has a wrong type or is outside.
+    """
+    from starling.sim.captures.recordings.import_recording import FrameChoice
+
+    return FrameChoice(
+        moving=switch("moving", moving),
+        every=errors.whole_number("every", every, 1, 10**6),
+        most=errors.whole_number("most_frames", most_frames, 0, 10**6),
+        scene=plain_text("scene", scene),
+        licence=plain_text("licence", licence),
+    )
 
 
 def captures(name: str, value: object) -> CaptureSet:

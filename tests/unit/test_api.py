@@ -39,6 +39,11 @@ fy_px = 80
 cx_px = 79.5
 cy_px = 47.5
 """
+CAMERA_INFO = """
+image_width: 424
+image_height: 240
+camera_matrix: {rows: 3, cols: 3, data: [215, 0, 211.5, 0, 215, 119.5, 0, 0, 1]}
+"""
 FUNCTIONS = [name for name in starling.__all__ if name not in starling._CLASSES]
 MINUTES = {"diagnose"}
 
@@ -51,7 +56,9 @@ def _marked(name: str) -> object:
 def test_example_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "plan.toml").write_text(PLAN, encoding="utf-8")
-    names = {"starling": starling, "np": np, "SMALL": SMALL, "PLAN": "plan.toml"}
+    (tmp_path / "camera.yaml").write_text(CAMERA_INFO, encoding="utf-8")
+    names = {"starling": starling, "np": np, "SMALL": SMALL}
+    names |= {"PLAN": "plan.toml", "CAMERA_INFO": "camera.yaml"}
     function = getattr(starling, name)
     example = doctest.DocTestParser().get_doctest(function.__doc__, names, name, None, 0)
     assert example.examples, f"{name} has no example"

@@ -176,6 +176,37 @@ def test_match_warns_of_images_of_another_size() -> None:
         starling.match(IMAGE, IMAGE, SENSOR)
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "rule"),
+    [
+        ("left", 1, "left must be of type str"),
+        ("camera", None, "camera must be of type str"),
+        ("depth_unit", 0.001, "depth_unit must be of type str"),
+        ("sensor", SENSOR, "sensor must be of type str"),
+        ("scene", Path("desk"), "scene must be of type str"),
+        ("licence", None, "licence must be of type str"),
+        ("calibration", 3, "calibration must be of type tuple or list"),
+        ("calibration", [3], "calibration must be of type str or Path"),
+        ("baseline", "0.05", "baseline must be > 0"),
+        ("baseline", 0, "baseline must be > 0"),
+        ("black_level", -1, "black_level must be in [0, 65535]"),
+        ("emitter", True, "emitter must be a known name; got True. Known: on, off."),
+        ("every", 1.5, "every must be an integer in [1, 1000000]"),
+        ("most_frames", "2", "most_frames must be an integer in [0, 1000000]"),
+        ("rectify", 1, "rectify must be of type bool"),
+        ("moving", "yes", "moving must be of type bool"),
+        ("force", None, "force must be of type bool"),
+    ],
+)
+def test_options_of_an_import_are_checked(option: str, value: Any, rule: str, tmp_path: Path):
+    _refuses(rule, lambda: api.import_recording(tmp_path, tmp_path / "out", **{option: value}))
+
+
+def test_imports_refuse_paths_of_wrong_types() -> None:
+    _refuses("source must be of type str or Path", lambda: api.import_recording(None, "out"))
+    _refuses("out must be of type str or Path", lambda: api.import_recording("desk.bag", None))
+
+
 def test_text_that_no_file_can_be_named_is_refused(tmp_path: Path) -> None:
     """Half of a character, as in damaged JSON, cannot be encoded."""
     half, rule = "\ud800", " must be Unicode text; got '\\ud800'"
