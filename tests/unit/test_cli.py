@@ -314,19 +314,6 @@ def test_show_writes_a_picture(capsys: Capsys, tmp_path: Path, small_set: Path) 
     )
 
 
-def test_show_takes_pictures_or_a_recording(
-    capsys: Capsys, tmp_path: Path, small_set: Path
-) -> None:
-    rerun, out = ("--rerun", tmp_path / "a.rrd"), ("--out", tmp_path / "a.png")
-    message = _refused("show", small_set, capsys=capsys)
-    assert "out, rerun must be given, one of the two; got none." in message
-    message = _refused("show", small_set, *rerun, *out, capsys=capsys)
-    assert "one of the two; got out, rerun." in message
-    for more in ((small_set,), ("--frame", 0)):
-        message = _refused("show", small_set, *more, *rerun, capsys=capsys)
-        assert "against, frame must not be given with rerun; got against " in message
-
-
 @pytest.mark.parametrize("name", ["pic.jpg", "pic.PDF", "pic.webp"])
 def test_show_refuses_other_pictures(
     name: str, capsys: Capsys, tmp_path: Path, small_set: Path

@@ -14,6 +14,7 @@ from starling.sim.captures import capture, exr
 from starling.sim.commands import show_captures
 from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.stereo.depth import DepthMap
+from tests.unit.command_line import Capsys, refused
 
 
 def _decode(data: bytes) -> np.ndarray:
@@ -115,3 +116,16 @@ def test_files_and_folders(small_set: Path, write_set: Callable, tmp_path: Path)
     assert names == {"a.png", "b.png", "starling.json"}
     with pytest.raises(InputError, match="out must be a folder for 2 scenes"):
         show_captures.show_captures(str(small_set), tmp_path / "b.png")
+
+
+def test_show_takes_pictures_or_a_recording(
+    capsys: Capsys, tmp_path: Path, small_set: Path
+) -> None:
+    rerun, out = ("--rerun", tmp_path / "a.rrd"), ("--out", tmp_path / "a.png")
+    message = refused("show", small_set, capsys=capsys)
+    assert "out, rerun must be given, one of the two; got none." in message
+    message = refused("show", small_set, *rerun, *out, capsys=capsys)
+    assert "one of the two; got out, rerun." in message
+    for more in ((small_set,), ("--frame", 0)):
+        message = refused("show", small_set, *more, *rerun, capsys=capsys)
+        assert "against, frame must not be given with rerun; got against " in message

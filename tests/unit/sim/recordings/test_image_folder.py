@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import starling
 from starling import command_line
 from starling.patterns.errors import InputError
 from starling.sim.captures import capture, png
@@ -54,26 +53,6 @@ def imported(folder: Path, flags: GivenFacts | None = None, **more: Any) -> Any:
     options: dict[str, Any] = {"streams": STREAMS, "flags": flags or given(folder), "force": True}
     import_recording(folder, folder.parent / "set", **{**options, **more})
     return capture.open_set(folder.parent / "set")
-
-
-def test_python_imports_as_the_verb_does(folder: Path, capsys: pytest.CaptureFixture[str]):
-    first, second = folder.parent / "first", folder.parent / "second"
-    options = {**STREAMS, "calibration": str(folder.parent / "cal.txt"), "depth_unit": "mm"}
-    options |= {"emitter": "on", "sensor": "d435", "scene": "desk", "licence": "mine"}
-    numbers = {"baseline": 0.0501, "black_level": 4.0, "every": 2, "most_frames": 2}
-    flags = [f"--{name.replace('_', '-')}={v}" for name, v in (options | numbers).items()]
-    command = ["import", str(folder), "--out", str(first), "--moving", *flags, "--json"]
-    assert command_line.main(command) == 0
-    printed = json.loads(capsys.readouterr().out)
-    found = starling.import_recording(folder, second, moving=True, **options, **numbers)
-    assert found["frames"] == found["scenes"] == 2
-    for table in (printed, found):
-        del table["seconds"], table["out"]
-    assert json.loads(json.dumps(found)) == printed
-    paths = sorted(path.relative_to(first) for path in first.rglob("*") if path.is_file())
-    assert len(paths) == 12
-    for path in paths:
-        assert (second / path).read_bytes() == (first / path).read_bytes(), path
 
 
 def test_one_command_imports_a_folder(folder: Path, capsys: pytest.CaptureFixture[str]):
