@@ -36,6 +36,13 @@ from starling.sim.reason import LABELS
 from starling.sim.stereo.depth import to_code
 
 _SUFFIX = ".rrd"  # The viewer opens no others.
+_PICTURES = (  # Name of the view, camera, entity, file in the frame's folder.
+    ("infrared left", "left", "infrared", "ir_left"),
+    ("infrared right", "right", "infrared", "ir_right"),
+    ("depth", "left", "depth", "depth"),
+    ("why depth is missing", "left", "reason", "depth"),
+    ("colour", "colour", "rgb", "rgb"),
+)
 
 
 def write(
@@ -74,7 +81,7 @@ def _write(
 ) -> None:
     stream = sdk.RecordingStream("starling")
     stream.set_log_time_enabled(False)  # The time of writing is no time line of the frames.
-    stream.save(path)
+    stream.save(path, default_blueprint=_blueprint(sdk, rooms))
     views = {room: _RoomView(sdk=sdk, stream=stream, room=room) for room in rooms}
     for room, frames in rooms.items():
         views[room].log_cameras(frames[0])
@@ -88,6 +95,28 @@ def _write(
         stream.disconnect()
     except RuntimeError as error:
         raise refuse("rerun", "must be writable", path, f"{error}. Free some space.") from error
+
+
+def _blueprint(sdk: Any, rooms: Mapping[str, Sequence[TimedFrame]]) -> Any:
+    """Return the arrangement of the viewer: a tab for each room, a view for each image."""
+    parts = import_module("rerun.blueprint")
+    tabs = []
+    for room, frames in rooms.items():
+        folder = frames[0].scene.path / str(frames[0].number)
+        origin = sdk.new_entity_path([room])
+        hidden = [f"- {origin}/camera/left/{name}" for name in ("depth", "reason")]  # As points.
+        views = [
+            parts.Spatial2DView(
+                name=name, origin=f"{origin}/camera/{camera}", contents=[f"$origin/{entity}"]
+            )
+            for name, camera, entity, file in _PICTURES
+            if (folder / f"{file}.png").is_file()
+        ]
+        space = parts.Spatial3DView(
+            name="points", origin=origin, contents=["+ $origin/**", *hidden]
+        )
+        tabs.append(parts.Grid(space, *views, name=room))
+    return parts.Blueprint(parts.Tabs(*tabs), collapse_panels=True)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

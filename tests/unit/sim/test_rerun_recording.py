@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ pyarrow: Any = pytest.importorskip("pyarrow", reason="the extra rerun is not ins
 rerun: Any = pytest.importorskip("rerun", reason="the extra rerun is not installed")
 
 CONTEXT = "AnnotationContext:context"
+VIEW = "ViewBlueprint:display_name"
 
 
 def read(path: Path) -> dict[str, list[dict[str, Any]]]:
@@ -125,6 +126,25 @@ def test_colour_has_its_camera(small_set: Path):
     np.testing.assert_array_equal(cv2.imdecode(stored, cv2.IMREAD_COLOR)[..., ::-1], picture)
     (moved,) = [row for row in rows["/kitchen/camera/colour"] if "Transform3D:translation" in row]
     assert values(moved, "Transform3D:translation") == pytest.approx([0.02, 0, 0])
+
+
+def test_each_room_has_a_tab_with_views_of_its_images(small_set: Path):
+    from rerun.chunk import RrdReader
+
+    (small_set / "b" / "room").write_text("hall")
+    (small_set / "b" / "0" / "depth.png").unlink()
+    recorded(small_set)
+    reader = RrdReader(small_set.parent / "set.rrd")
+    (blueprint,) = reader.blueprints()
+    tables = [chunk.to_record_batch() for chunk in reader.stream(store=blueprint)]
+    views = Counter(
+        name
+        for table in tables
+        if VIEW in table.schema.names
+        for (name,) in table.column(VIEW).to_pylist()
+    )
+    assert (views["infrared left"], views["depth"], views["points"]) == (2, 1, 2)
+    assert "colour" not in views
 
 
 def test_frames_without_images_have_no_entities(small_set: Path):
