@@ -23,6 +23,7 @@ from starling.sim.render.rays import JitCamera, JitPose, opaque, pixels
 from starling.sim.scene.scene import Motion
 from starling.sim.sensor.sensor import Sensor
 
+CENTRE = (0.0, 0.0, 0.0)  # Position and time of the single moment at rest (see `moments`).
 STEP_PX = 0.5  # Largest image motion between two averaged views [px].
 _MOST_PX = 100.0  # Longest blur; longer ones are not useful and take minutes [px].
 _GRID_PX = 8  # Spacing of the pixels at which image motion is measured [px].

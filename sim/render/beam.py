@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import operator
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -113,24 +112,26 @@ class Beam:
     emission: EmittedPattern
     place: JitPose
 
-    def transmittance(self, mi_scene: MitsubaScene, point: Any, active: Any) -> Any:
-        """Share of the light that reaches a point; 0 outside the field."""
-        covered = active & self.emission.covers(self.place.local(point))
-        return mi_scene.transmittance(
-            shadow_ray(self.place.origin, point, mi_scene.scene.shadow_tolerance), covered
-        )
+    def transmittance(self, mi_scene: MitsubaScene, si: Any, *, coherent: bool) -> Any:
+        """Share of the light that reaches surface points; 0 outside the field."""
+        covered = si.is_valid() & self.emission.covers(self.place.local(si.p))
+        ray = shadow_ray(self.place.origin, si.p, mi_scene.scene.shadow_tolerance)
+        return mi_scene.transmittance(ray, covered, coherent=coherent)
 
-    def reflected(self, mi_scene: MitsubaScene, si: Any) -> Any:
+    def reflected(self, si: Any, share: Any) -> Any:
         """Radiance of the emitter's direct light reflected by surface points [W m^-2 sr^-1].
 
         The plane at distance z in front of the emitter receives E1 / z^2, where E1 is the
         pattern's irradiance at unit distance. A surface at angle theta to the ray receives
         cos theta / cos alpha times that, where alpha is the ray's angle to the axis.
+
+        Args:
+            si: Surface points.
+            share: Share of the light that reaches them (see `transmittance`).
         """
         mi, dr = backend.mitsuba(), backend.drjit()
         local = self.place.local(si.p)
         toward = -dr.normalize(si.p - self.place.origin)
-        share = self.transmittance(mi_scene, si.p, si.is_valid())
         lit = share > 0
         plane = self.emission.irradiance(local, lit)
         cos_alpha = local.z / dr.norm(local)
@@ -165,15 +166,25 @@ class ProjectorLight:
         places = (_compose(self.place, place) if place else self.place for place in self.places)
         return [Beam(*pair) for pair in zip(self.emissions, places, strict=True)]
 
-    def reaches(self, mi_scene: MitsubaScene, point: Any, active: Any) -> Any:
-        """Whether light of any emitter reaches a point."""
-        return reduce(
-            operator.or_, (beam.transmittance(mi_scene, point, active) > 0 for beam in self.beams)
-        )
+    def shares(self, mi_scene: MitsubaScene, si: Any, *, coherent: bool = False) -> list[Any]:
+        """Share of each emitter's light that reaches surface points.
 
-    def reflected(self, mi_scene: MitsubaScene, si: Any) -> Any:
-        """Radiance of all emitters' light reflected by surface points [W m^-2 sr^-1]."""
-        first, *rest = (beam.reflected(mi_scene, si) for beam in self.beams)
+        Args:
+            mi_scene: Scene that casts shadows.
+            si: Surface points.
+            coherent: Whether adjacent points are close, as those of an image.
+        """
+        return [beam.transmittance(mi_scene, si, coherent=coherent) for beam in self.beams]
+
+    def reflected(self, si: Any, shares: Sequence[Any]) -> Any:
+        """Radiance of all emitters' light reflected by surface points [W m^-2 sr^-1].
+
+        Args:
+            si: Surface points.
+            shares: Share of each emitter's light that reaches them (see `shares`).
+        """
+        pairs = zip(self.beams, shares, strict=True)
+        first, *rest = (beam.reflected(si, share) for beam, share in pairs)
         return sum(rest, start=first)
 
 

@@ -8,6 +8,9 @@ a compiler, `starling.sim.render.scalar` renders the same layers with Mitsuba's 
 
 from __future__ import annotations
 
+import operator
+from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -16,7 +19,7 @@ from numpy.typing import NDArray
 from starling.sim.arrays import Image
 from starling.sim.geometry import motion, placement
 from starling.sim.render import backend
-from starling.sim.render.beam import ProjectorLight, shadow_ray
+from starling.sim.render.beam import shadow_ray
 from starling.sim.render.layers import Layers, Truth, ViewLayers
 from starling.sim.render.lights import Lights, towards_viewer
 from starling.sim.render.mirrors_and_glass import Specular
@@ -57,15 +60,14 @@ def layers(
     left, right = cameras(sensor, mi_scene.scene.world_from_left)
     lights = Lights.from_sensor(mi_scene, sensor)
     paths = motion.exposure_motions(mi_scene, sensor, left, exposure_s, step_px=step_px)
-    truth = _truth(mi_scene, left, right, lights.projector)
-    centres = (truth.depth_m, truth.material)  # The truth belongs to the left imager.
-    rendered = Layers(
-        left=_view(mi_scene, sensor, left, lights, subpixels, paths[0], centres),
-        right=None
-        if sensor.kind == "structured_light"
-        else _view(mi_scene, sensor, right, lights, subpixels, paths[1], _centres(mi_scene, right)),
-        truth=truth,
-    )
+    seen = _Centres.from_camera(mi_scene, left, lights)
+    columns = seen.truth(mi_scene, right)  # The truth belongs to the left imager.
+    left_view = _view(mi_scene, sensor, seen, lights, subpixels, paths[0], columns.values)
+    right_view = None
+    if sensor.kind != "structured_light":
+        faced = _Centres.from_camera(mi_scene, right, lights)
+        right_view = _view(mi_scene, sensor, faced, lights, subpixels, paths[1])
+    rendered = Layers(left=left_view, right=right_view, truth=columns.read(left_view))
     return placement.scale_layers(rendered, scene)
 
 
@@ -76,47 +78,123 @@ def view(mi_scene: MitsubaScene, sensor: Sensor, *, subpixels: int = 2) -> ViewL
 
         return scalar.view(mi_scene, sensor, subpixels=subpixels)
     left, _ = cameras(sensor, mi_scene.scene.world_from_left)
-    return _view(
-        mi_scene,
-        sensor,
-        left,
-        Lights.from_sensor(mi_scene, sensor),
-        subpixels,
-        None,
-        _centres(mi_scene, left),
-    )
+    lights = Lights.from_sensor(mi_scene, sensor)
+    seen = _Centres.from_camera(mi_scene, left, lights)
+    return _view(mi_scene, sensor, seen, lights, subpixels, None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Centres:
+    """Surface points at a camera's pixel centres. Dr.Jit computes only what is read of them."""
+
+    camera: JitCamera
+    si: Any
+    depth: Any  # Float [m]
+    handle: Any  # UInt32: Dr.Jit's shape handle.
+    valid: Any  # Bool
+    shares: list[Any]  # Share of each emitter's light of the projector that arrives.
+
+    @staticmethod
+    def from_camera(mi_scene: MitsubaScene, camera: JitCamera, lights: Lights) -> _Centres:
+        mi, dr = backend.mitsuba(), backend.drjit()
+        si = mi_scene.seen(camera.ray(pixels(camera.size)))
+        return _Centres(
+            camera=camera,
+            si=si,
+            depth=camera.place.local(si.p).z,
+            handle=dr.reinterpret_array(mi.UInt32, si.shape),
+            valid=si.is_valid(),
+            shares=lights.projector.shares(mi_scene, si, coherent=True),
+        )
+
+    def truth(self, mi_scene: MitsubaScene, right: JitCamera) -> _TruthColumns:
+        """Ground truth of the left imager."""
+        dr, place = backend.drjit(), self.camera.place
+        normal = towards_viewer(self.si)
+        faced = self.valid & right.sees(self.si.p)
+        sight = shadow_ray(right.place.origin, self.si.p, mi_scene.scene.shadow_tolerance)
+        return _TruthColumns(
+            seen=self,
+            normal=tuple(dr.dot(axis, normal) for axis in (place.x, place.y, place.z)),
+            right_sees=faced & ~mi_scene.mitsuba.ray_test(sight, True, faced),
+            lit=reduce(operator.or_, (share > 0 for share in self.shares)),
+        )
+
+    def read(self, mi_scene: MitsubaScene) -> tuple[Image, NDArray[np.uint32]]:
+        """Depth [m] and body number, each (h, w)."""
+        depth, handle, valid = map(self.image, (self.depth, self.handle, self.valid))
+        known = np.where(valid, depth, np.float32(np.nan)).astype(np.float32)
+        return known, mi_scene.body_numbers(handle, valid)
+
+    def image(self, column: Any) -> NDArray[Any]:
+        """A column (h, w)."""
+        return column.numpy().reshape(self.camera.size[::-1])
+
+
+@dataclass(frozen=True, slots=True)
+class _TruthColumns:
+    """Ground truth at the left imager's pixel centres, as values of Dr.Jit."""
+
+    seen: _Centres
+    normal: tuple[Any, ...]  # Components in the left frame.
+    right_sees: Any
+    lit: Any
+
+    @property
+    def values(self) -> tuple[Any, ...]:
+        """Values to compute."""
+        return *self.normal, self.right_sees, self.lit
+
+    def read(self, view: ViewLayers) -> Truth:
+        """The ground truth as images, with depth and bodies of the left imager's view."""
+        *normal, right_sees, lit = map(self.seen.image, self.values)
+        hit = np.isfinite(view.depth_m)[..., None]
+        return Truth(
+            depth_m=view.depth_m,
+            normal=np.where(hit, np.stack(normal, axis=-1), np.float32(np.nan)),
+            material=view.body,
+            right_sees=right_sees,
+            lit=lit,
+        )
 
 
 def _view(
     mi_scene: MitsubaScene,
     sensor: Sensor,
-    camera: JitCamera,
+    seen: _Centres,
     lights: Lights,
     subpixels: int,
     path: motion.ExposureMotion | None,
-    centres: tuple[Image, NDArray[np.uint32]],
+    further: tuple[Any, ...] = (),
 ) -> ViewLayers:
     """Average n x n fixed positions per pixel, and several times for a moving sensor.
 
     One launch traces as many samples as memory allows, since a launch takes longer than the rays
-    of a small image. Depth and body belong to the pixels' centres (see `_centres`); on glass they
-    are those of the glass.
+    of a small image. Depth and body belong to the pixels' centres; on glass they are those of the
+    glass. A single position is the centre, whose ray is not traced twice.
+
+    Args:
+        mi_scene: Scene to render.
+        sensor: Sensor of the imager.
+        seen: Surface points at the pixels' centres.
+        lights: Lights of the scene.
+        subpixels: n.
+        path: Motion of a moving sensor.
+        further: Columns to compute in the same launch.
     """
-    mi, dr = backend.mitsuba(), backend.drjit()
+    dr, camera = backend.drjit(), seen.camera
     shape, count = camera.size[::-1], camera.size[0] * camera.size[1]
     moments = motion.moments(subpixels, path)
     sums = np.zeros((lights.count, *shape), np.float32)
     most = max(1, _RAYS // count)
+    centres = seen.depth, seen.handle, seen.valid
     for begin in range(0, len(moments), most):
         batch = moments[begin : begin + most]
-        x, y, time_s = (dr.repeat(mi.Float(column), count) for column in zip(*batch, strict=True))
-        posed, posed_lights = motion.at_time(path, time_s, camera, lights)
-        ray = posed.ray(dr.tile(pixels(camera.size), len(batch)) + mi.Vector2f(x, y))
-        if mi_scene.specular is None:
-            radiances = posed_lights.reflected(mi_scene, mi_scene.mitsuba.ray_intersect(ray))
+        if batch == [motion.CENTRE] and mi_scene.specular is None:
+            radiances = lights.reflected(mi_scene, seen.si, seen.shares)
         else:
-            radiances = _with_mirrors_and_glass(mi_scene, mi_scene.specular, posed_lights, ray)
-        dr.eval(*radiances)
+            radiances = _radiances(mi_scene, camera, lights, path, batch)
+        dr.eval(*radiances, *centres, *further)
         for total, parts in zip(sums, radiances, strict=True):
             for part in parts.numpy().reshape(-1, *shape):
                 total += part
@@ -125,7 +203,7 @@ def _view(
         from starling.sim.render import occlusion
 
         ambient *= occlusion.ambient_factor(mi_scene, sensor, camera.place)
-    depth, body = centres
+    depth, body = seen.read(mi_scene)
     return ViewLayers(
         projector_direct=direct,
         projector_indirect=np.zeros(shape, np.float32),
@@ -134,6 +212,26 @@ def _view(
         depth_m=depth,
         body=body,
     )
+
+
+def _radiances(
+    mi_scene: MitsubaScene,
+    camera: JitCamera,
+    lights: Lights,
+    path: motion.ExposureMotion | None,
+    batch: list[tuple[float, float, float]],
+) -> list[Any]:
+    """Radiances of each light at positions and times of an exposure, one after the other."""
+    mi, dr = backend.mitsuba(), backend.drjit()
+    count = camera.size[0] * camera.size[1]
+    x, y, time_s = (dr.repeat(mi.Float(column), count) for column in zip(*batch, strict=True))
+    posed, posed_lights = motion.at_time(path, time_s, camera, lights)
+    ray = posed.ray(dr.tile(pixels(camera.size), len(batch)) + mi.Vector2f(x, y))
+    if mi_scene.specular is None:
+        si = mi_scene.seen(ray)
+        shares = posed_lights.projector.shares(mi_scene, si, coherent=True)
+        return posed_lights.reflected(mi_scene, si, shares)
+    return _with_mirrors_and_glass(mi_scene, mi_scene.specular, posed_lights, ray)
 
 
 def _with_mirrors_and_glass(
@@ -148,47 +246,4 @@ def _with_mirrors_and_glass(
 
     return specular.trace(
         mi_scene.mitsuba, ray, reflected, lambda direction: lights.sky(mi_scene, direction)
-    )
-
-
-def _centres(mi_scene: MitsubaScene, camera: JitCamera) -> tuple[Image, NDArray[np.uint32]]:
-    """Depth [m] and body number at the pixel centres, each (h, w)."""
-    mi, dr = backend.mitsuba(), backend.drjit()
-    si = mi_scene.mitsuba.ray_intersect(camera.ray(pixels(camera.size)))
-    columns = (camera.place.local(si.p).z, dr.reinterpret_array(mi.UInt32, si.shape), si.is_valid())
-    dr.eval(*columns)
-    depth, body, valid = (column.numpy().reshape(camera.size[::-1]) for column in columns)
-    return (
-        np.where(valid, depth, np.float32(np.nan)).astype(np.float32),
-        mi_scene.body_numbers(body, valid),
-    )
-
-
-def _truth(
-    mi_scene: MitsubaScene, left: JitCamera, right: JitCamera, light: ProjectorLight
-) -> Truth:
-    mi, dr = backend.mitsuba(), backend.drjit()
-    si = mi_scene.mitsuba.ray_intersect(left.ray(pixels(left.size)))
-    hit, normal = si.is_valid(), towards_viewer(si)
-    faced = hit & right.sees(si.p)
-    sight = shadow_ray(right.place.origin, si.p, mi_scene.scene.shadow_tolerance)
-    place = left.place
-    columns = (
-        left.place.local(si.p).z,
-        *(dr.dot(axis, normal) for axis in (place.x, place.y, place.z)),
-        dr.reinterpret_array(mi.UInt32, si.shape),
-        faced & ~mi_scene.mitsuba.ray_test(sight, faced),
-        light.reaches(mi_scene, si.p, hit),
-        hit,
-    )
-    dr.eval(*columns)
-    shape = left.size[::-1]
-    depth, nx, ny, nz, body, right_sees, lit, valid = (c.numpy().reshape(shape) for c in columns)
-    missing = np.float32(np.nan)
-    return Truth(
-        depth_m=np.where(valid, depth, missing).astype(np.float32),
-        normal=np.where(valid[..., None], np.stack([nx, ny, nz], axis=-1), missing),
-        material=mi_scene.body_numbers(body, valid),
-        right_sees=right_sees,
-        lit=lit,
     )

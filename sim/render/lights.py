@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,17 +42,27 @@ class Lights:
         """Number of radiances of `reflected`."""
         return 2 + (self.other_projector is not None or self.sun is not None)
 
-    def reflected(self, mi_scene: MitsubaScene, si: Any) -> list[Any]:
+    def reflected(
+        self, mi_scene: MitsubaScene, si: Any, shares: Sequence[Any] | None = None
+    ) -> list[Any]:
         """Reflected radiance of the projector, of ambient light, and of all other lights.
 
         The first two are for lights of unit strength. The third is omitted without other lights.
+
+        Args:
+            mi_scene: Scene with its surfaces.
+            si: Surface points.
+            shares: Shares of the projector's light that reach them, if they are known.
         """
-        parts = [self.projector.reflected(mi_scene, si), _ambient(mi_scene, si)]
+        if shares is None:
+            shares = self.projector.shares(mi_scene, si)
+        parts = [self.projector.reflected(si, shares), _ambient(mi_scene, si)]
         if self.count == 2:
             return parts
         rest = backend.mitsuba().Float(0)
         if self.other_projector is not None:
-            rest = rest + self.other_power_w * self.other_projector.reflected(mi_scene, si)
+            other = self.other_projector
+            rest += self.other_power_w * other.reflected(si, other.shares(mi_scene, si))
         if self.sun is not None:
             rest = rest + self.sun.reflected(mi_scene, si)
         return [*parts, rest]

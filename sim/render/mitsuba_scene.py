@@ -15,6 +15,7 @@ from starling.patterns import errors
 from starling.sim.geometry.frames import Pose
 from starling.sim.render import backend, bsdf, skylight
 from starling.sim.render.mirrors_and_glass import Specular, shape_handle
+from starling.sim.render.rays import opaque
 from starling.sim.render.skylight import Skylight
 from starling.sim.scene.scene import Body, Scene, move_mesh
 
@@ -158,6 +159,8 @@ class MitsubaScene:
 
     def with_scene(self, scene: Scene) -> MitsubaScene:
         """Return another scene in Mitsuba; equal surfaces are shared."""
+        if scene is self.scene:
+            return self
         surfaces = (self.scene.bodies, self.scene.shapes, self.scene.finish)
         if (scene.bodies, scene.shapes, scene.finish) != surfaces:
             return MitsubaScene(scene)
@@ -165,14 +168,27 @@ class MitsubaScene:
         shared.scene = scene
         return shared
 
-    def transmittance(self, ray: Any, active: Any) -> Any:
+    def seen(self, ray: Any) -> Any:
+        """Surface points that rays of an image meet first; rays side by side are traced together.
+
+        Packets of rays give the bits of single rays.
+        """
+        mi = backend.mitsuba()
+        return self.mitsuba.ray_intersect(ray, int(mi.RayFlags.All), coherent=True)
+
+    def transmittance(self, ray: Any, active: Any, *, coherent: bool = False) -> Any:
         """Share of light that passes along rays to their ends; 0 in shadow.
 
         Glass and panes transmit a share of the light.
+
+        Args:
+            ray: Rays that end at the light or at the surface.
+            active: Mask of the rays; the share of the others is 0.
+            coherent: Whether adjacent rays are close, as those of an image (see `seen`).
         """
         dr, through = backend.drjit(), self.specular
         if through is None or not (through.has_glass or through.has_panes):
-            return dr.select(active & ~self.mitsuba.ray_test(ray, active), 1.0, 0.0)
+            return dr.select(active & ~self.mitsuba.ray_test(ray, coherent, active), 1.0, 0.0)
         return through.transmittance(self.mitsuba, ray, active)
 
 
@@ -203,16 +219,18 @@ def refuse_inside(mi_scene: MitsubaScene) -> None:
     Raises:
         InputError: if the camera is inside a body.
     """
-    mi = backend.mitsuba()
+    mi, dr = backend.mitsuba(), backend.drjit()
     eye = mi_scene.scene.world_from_left[:3, 3]
+    origin = opaque("Point3f", eye)  # Otherwise each new pose would compile a kernel.
     turn = np.pi * (3 - np.sqrt(5)) * np.arange(_DIRECTIONS)  # Directions on an even spiral.
     height = 1 - 2 * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
     flat = np.sqrt(1 - height**2)
-    for x, y, z in zip(flat * np.cos(turn), flat * np.sin(turn), height, strict=True):
-        direction = mi.Vector3f(float(x), float(y), float(z))
-        hit = mi_scene.mitsuba.ray_intersect(mi.Ray3f(mi.Point3f(*map(float, eye)), direction))
-        back = np.array(hit.is_valid()).any() and np.dot(np.array(hit.n).ravel(), (x, y, z)) > 0
-        if not back:
+    directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), height])
+    for batch in [directions] if backend.is_jit() else directions.T:
+        direction = mi.Vector3f(*map(mi.Float, batch))
+        ray = mi.Ray3f(origin, direction)
+        hit = mi_scene.mitsuba.ray_intersect(ray, int(mi.RayFlags.Minimal), coherent=False)
+        if not dr.all(hit.is_valid() & (dr.dot(hit.n, direction) > 0)):
             return
     raise errors.refuse(
         "camera",
