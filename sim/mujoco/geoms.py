@@ -15,6 +15,8 @@ from starling.sim.scene.scene import Mesh
 
 INFINITE_M = 50.0  # Half the side of a plane without a size [m].
 _SIDES = 48  # Of round solids; 1 m across, they deviate by 1 mm.
+_COARSE_M = 2.5e-4  # Largest deviation of a coarse ball; fewer triangles are faster [m].
+_COARSE_BALL = 4.53e-3  # Relative deviation of an icosphere of three subdivisions.
 _Points = NDArray[np.float64]
 
 
@@ -102,8 +104,9 @@ def _capsule(model: Any, geom: int) -> Mesh:
 
 
 def _ellipsoid(model: Any, geom: int) -> Mesh:
-    ball = trimesh.creation.icosphere(subdivisions=4)
     half = half_sizes(model, geom)
+    coarse = half.max() * _COARSE_BALL <= _COARSE_M
+    ball = trimesh.creation.icosphere(subdivisions=3 if coarse else 4)
     return _round(ball.vertices * half, ball.faces, ball.vertices / half)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 import trimesh
@@ -37,6 +38,16 @@ def test_normals_of_round_solids_are_near_those_of_their_faces(model, name):
     flat = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).face_normals
     cosine = np.einsum("mij,mj->mi", mesh.normals[mesh.faces], flat)
     assert cosine.min() > 0.99
+
+
+@pytest.mark.parametrize("radius_m", [0.02, 0.055, 0.056, 0.2])
+def test_small_balls_have_fewer_triangles_and_deviate_by_a_quarter_millimetre(radius_m):
+    xml = f'<mujoco><worldbody><geom type="sphere" size="{radius_m}"/></worldbody></mujoco>'
+    mesh = geoms.triangles(mujoco.MjModel.from_xml_string(xml), 0)
+    assert len(mesh.faces) == (1280 if radius_m <= 0.055 else 5120)
+    solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    inner = np.einsum("ij,ij->i", solid.triangles[:, 0], solid.face_normals)
+    assert radius_m - inner.min() < 2.5e-4
 
 
 def test_a_height_field_is_closed_and_has_its_heights(model):
