@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -267,17 +267,30 @@ def render_layers(
     sensor moves, the views of one exposure time are averaged. Between two of these views no point
     moves by more than `step_px`.
     """
+    stages = [mi_scene.with_scene(scene) for scene in visible.views(mi_scene.scene, sensor)]
+    return render_views(
+        stages, sensor, samples=samples, seed=seed, step_px=step_px, quality=quality
+    )
+
+
+def render_views(
+    stages: Sequence[MitsubaScene],
+    sensor: Sensor,
+    *,
+    samples: int = 16,
+    seed: int = 0,
+    step_px: float = motion.STEP_PX,
+    quality: Quality = "full",
+) -> Layers:
+    """As `render_layers`, of the scenes of `starling.sim.scene.visible.views` in Mitsuba."""
     samples = errors.whole_number("samples", samples, 1, 4096, "16 are enough for most scenes.")
     seed = errors.whole_number("seed", seed, 0, 2**63 - 1)
     errors.one_of("quality", quality, _SUBPIXELS)
-    colours = visible.bands(mi_scene.scene, sensor)
-    seen = visible.in_band(mi_scene.scene, sensor)
-    if seen is not mi_scene.scene:
-        mi_scene = mi_scene.with_scene(seen)
+    seen, *colours = stages
     exposure_s = sensor.left.exposure_s
-    if sensor.left.auto_exposure_level and not mi_scene.scene.motion.still:
-        render = partial(direct.layers, mi_scene, sensor, subpixels=_SUBPIXELS[quality])
-        still = infrared(render(), mi_scene.scene, sensor, seed=seed)
+    if sensor.left.auto_exposure_level and not seen.scene.motion.still:
+        render = partial(direct.layers, seen, sensor, subpixels=_SUBPIXELS[quality])
+        still = infrared(render(), seen.scene, sensor, seed=seed)
         exposure_s = still.exposure.exposure_s
 
     def rendered(mi_scene: MitsubaScene) -> Layers:
@@ -290,5 +303,5 @@ def render_layers(
             layers = indirect.add(layers, mi_scene, sensor, samples=samples, seed=seed)
         return layers
 
-    bands = [rendered(mi_scene.with_scene(colour)) for colour in colours]
-    return rendered(mi_scene).with_bands(bands)
+    bands = [rendered(colour) for colour in colours]
+    return rendered(seen).with_bands(bands)

@@ -14,6 +14,7 @@ from starling.sim.corrupt import (
     Corruptor,
     HoleModel,
     Reading,
+    narrow_search,
     reading_of,
     refuse_unloaded,
     without_depth,
@@ -24,9 +25,10 @@ from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.mujoco import model_scene
 from starling.sim.mujoco.buffers import Buffers
 from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.scene import visible
 from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
-from starling.sim.simulate import Quality, expose, refuse_impossible, render_layers
+from starling.sim.simulate import Quality, expose, refuse_impossible, render_views
 from starling.sim.stereo.post.temporal import History
 
 By = Literal["warp", "trace"]
@@ -67,7 +69,8 @@ class DepthCamera:
                 (-0.020, 0, 0), D455: (-0.0475, 0, 0).
             views: 3 draws two further depth images for `warp`, from the right imager and the
                 projector, which makes occlusions and shadows exact. `trace` needs none.
-            quality: quality of `trace`, as for `starling.simulate`; `warp` has one.
+            quality: quality of `trace`, as for `starling.simulate`; `warp` has one. `draft` also
+                searches only the disparities of the scene, as `warp` does.
             groups: groups of geoms to show.
             ambient_w_m2: irradiance of ambient light.
             residual: removes depth where a trained model does; from `starling.load_residual`.
@@ -188,38 +191,44 @@ class _Trace:
         self._quality: Quality = quality
         self._ambient_w_m2, self._residual = ambient_w_m2, residual
         self._geoms = model_scene.shown(model, groups, level=4)
-        self._scene: MitsubaScene | None = None  # Built by the first reading.
+        # One scene, or one for each colour of the sensor; built by the first reading.
+        self._stages: tuple[MitsubaScene, ...] = ()
 
     def read(self, data: Any, pose: Pose, number: tuple[int, int], past: History | None) -> Reading:
-        mi_scene = self._placed(data, pose)
+        self._stages = self._placed(data, pose) if self._stages else self._built(data, pose)
         sensor, (seed, frame) = self._sensor, number
-        layers = render_layers(mi_scene, sensor, seed=seed, quality=self._quality)
-        shot = expose(layers, mi_scene.scene, sensor, seed=seed, frame=frame, past=past)
+        layers = render_views(self._stages, sensor, seed=seed, quality=self._quality)
+        searched = sensor
+        if self._quality == "draft":
+            searched = narrow_search(sensor, layers.truth.depth_m)
+        scene = self._stages[0].scene
+        shot = expose(layers, scene, searched, seed=seed, frame=frame, past=past)
         if not np.isfinite(layers.truth.depth_m).any():
             shot = without_depth(shot, past)
         return reading_of(shot, sensor, self._residual, seed=seed, frame=frame)
 
-    def _placed(self, data: Any, pose: Pose) -> MitsubaScene:
+    def _built(self, data: Any, pose: Pose) -> tuple[MitsubaScene, ...]:
         """The model in its present state, seen from a pose."""
-        if self._scene is None:
-            geoms, light = self._geoms, self._ambient_w_m2
-            scene = model_scene.assembled(
-                self._model, data, geoms, name="mujoco", ambient_w_m2=light
-            )
-            self._scene = MitsubaScene(dataclasses.replace(scene, world_from_left=pose))
-            return self._scene
+        geoms, light = self._geoms, self._ambient_w_m2
+        scene = model_scene.assembled(self._model, data, geoms, name="mujoco", ambient_w_m2=light)
+        scene = dataclasses.replace(scene, world_from_left=pose)
+        return tuple(map(MitsubaScene, visible.views(scene, self._sensor)))
+
+    def _placed(self, data: Any, pose: Pose) -> tuple[MitsubaScene, ...]:
+        """The scenes of the last reading, with geoms and camera in their present poses."""
         poses = (model_scene.geom_pose(data, geom) for geom in self._geoms)
         moved = {
             body.name: placed
-            for body, placed in zip(self._scene.scene.bodies, poses, strict=True)
+            for body, placed in zip(self._stages[0].scene.bodies, poses, strict=True)
             if not np.array_equal(placed, body.world_from_body)
         }
-        posed = dataclasses.replace(self._scene.scene, world_from_left=pose)
-        self._scene = self._scene.with_scene(posed).place(moved)
-        return self._scene
+        return tuple(
+            stage.with_scene(dataclasses.replace(stage.scene, world_from_left=pose)).place(moved)
+            for stage in self._stages
+        )
 
     def close(self) -> None:
-        self._scene = None
+        self._stages = ()
 
 
 def _with_camera(sensor: Sensor, model: Any, number: int, size: tuple[int, int] | None) -> Sensor:

@@ -12,6 +12,11 @@ from starling.sim.sensor.sensor import Sensor
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. ITU-R BT.709-6, 3.2.
 
 
+def views(scene: Scene, sensor: Sensor) -> tuple[Scene, ...]:
+    """Return the scene in the band of a sensor, and in each of its colours (see `bands`)."""
+    return in_band(scene, sensor), *bands(scene, sensor)
+
+
 def in_band(scene: Scene, sensor: Sensor) -> Scene:
     """Return the scene in the band of a sensor; the same object for an infrared sensor.
 

@@ -12,11 +12,13 @@ import pytest
 import starling
 import starling.mujoco
 from starling.patterns import InputError
+from starling.sim.corrupt import narrow_search
 from starling.sim.mujoco import model_scene
 from starling.sim.mujoco.buffers import Buffers
 from starling.sim.reading import Reading
 from starling.sim.reason import Reason
-from starling.sim.simulate import simulate
+from starling.sim.render.mitsuba_scene import MitsubaScene
+from starling.sim.simulate import expose, render_layers, simulate
 
 SIZE = (160, 120)
 
@@ -71,7 +73,7 @@ def _seen(data: Any, point: tuple[float, float, float]) -> tuple[int, int, float
     return round(79.5 + focal * x / z), round(59.5 + focal * y / z), float(z)
 
 
-@pytest.mark.parametrize("sensor", ["d435", "oak-d"])
+@pytest.mark.parametrize("sensor", ["d435", "oak-d", "d405"])
 def test_traced_readings_are_those_of_the_scene_built_anew(model, data, sensor):
     camera = _camera(model, by="trace", quality="full", sensor=sensor)
     camera.read(data)
@@ -85,6 +87,33 @@ def test_traced_readings_are_those_of_the_scene_built_anew(model, data, sensor):
     np.testing.assert_array_equal(reading.true_depth_m, anew.layers.truth.depth_m)
     np.testing.assert_array_equal(reading.depth_m, anew.depth.depth_m)
     np.testing.assert_array_equal(reading.reason, anew.depth.reason)
+
+
+@pytest.mark.parametrize("sensor", ["d435", "oak-d", "d405"])
+def test_scenes_are_built_once(model, data, sensor, monkeypatch):
+    """Also those of sensors of visible light, with a mosaic of colours or without."""
+    camera = _camera(model, by="trace", sensor=sensor)
+    camera.read(data)
+
+    def refuse(self: MitsubaScene, scene: Any) -> None:
+        raise AssertionError(scene.name)
+
+    monkeypatch.setattr(MitsubaScene, "__init__", refuse)
+    data.qpos[:3] = -0.1, 0, 0.5
+    mujoco.mj_forward(model, data)
+    assert np.isfinite(camera.read(data).true_depth_m).any()
+
+
+def test_draft_readings_search_the_disparities_of_the_scene(model, data):
+    camera = _camera(model, by="trace")
+    reading = camera.read(data)
+    scene = starling.mujoco.scene(model, data, camera="top")
+    layers = render_layers(MitsubaScene(scene), camera.sensor, quality="draft")
+    sensor = narrow_search(camera.sensor, layers.truth.depth_m)
+    assert sensor.matcher.search_px < camera.sensor.matcher.search_px
+    shot = expose(layers, scene, sensor)
+    np.testing.assert_array_equal(reading.ir_left, shot.ir_left)
+    np.testing.assert_array_equal(reading.depth_m, shot.depth.depth_m)
 
 
 @pytest.mark.parametrize("sensor", ["d435", "oak-d"])
