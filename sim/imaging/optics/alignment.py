@@ -79,6 +79,20 @@ def misalign(parts: tuple[Image, ...], alignment: Alignment, pinhole: Pinhole) -
     )
 
 
+def undone(alignment: Alignment) -> Alignment:
+    """Return the opposite offset, roll and warp, which bring an image back to its ideal places.
+
+    The other errors stay; they are zero in calibrated sensors. Roll and warp are opposite to first
+    order.
+    """
+    return Alignment(
+        offset_x_px=-alignment.offset_x_px,
+        offset_y_px=-alignment.offset_y_px,
+        roll_deg=-alignment.roll_deg,
+        warp_px=tuple(tuple(-cell for cell in row) for row in alignment.warp_px),
+    )
+
+
 def warp(alignment: Alignment, shape: tuple[int, ...]) -> Image:
     """Return the shift to the right [px] of every pixel of an image (h, w), from `warp_px`."""
     if not alignment.warp_px:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -11,13 +13,18 @@ import numpy as np
 from starling.patterns import errors
 from starling.sim.arrays import Image, filled
 from starling.sim.captures.capture import CapturedScene, Frame, GreyImage, open_set
+from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging.imager import mix_pixels
+from starling.sim.imaging.optics import alignment
 from starling.sim.imaging.signals import Signals, signals
-from starling.sim.render.layers import ViewLayers
-from starling.sim.scene.captured import depth_surface, room_light
+from starling.sim.render.layers import Layers, ViewLayers
+from starling.sim.scene.captured import depth_surface, detail, room_light
 from starling.sim.scene.captured.room_light import LIT_ROOM_W_M2, RoomLight
 from starling.sim.scene.scene import Material, Scene
 from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import disparity_from_depth
+
+Side = Literal["left", "right"]
 
 _PASSES = 10  # Iterations of the unmixing; 20 give no visible change.
 _WITHIN = 2 / 3  # Smoothing within surfaces in the unmixing, relative to that of the image.
@@ -32,6 +39,7 @@ def load(
     smoothing_px: float = 0.0,
     within_surfaces: bool = False,
     even_ambient: bool = False,
+    left_only: bool = False,
 ) -> Scene:
     """Build a scene to simulate from one scene of a capture set.
 
@@ -41,6 +49,7 @@ def load(
         smoothing_px: As in `estimate_light`.
         within_surfaces: As in `estimate_light`.
         even_ambient: As in `estimate_light`.
+        left_only: As in `estimate_light`.
 
     Raises:
         InputError: if the folder is not a scene of a capture set, or as `estimate_light`.
@@ -57,6 +66,7 @@ def load(
         smoothing_px=smoothing_px,
         within_surfaces=within_surfaces,
         even_ambient=even_ambient,
+        left_only=left_only,
     )
     return scene_from_light(scene, light)
 
@@ -89,12 +99,13 @@ def estimate_light(
     smoothing_px: float = 0.0,
     within_surfaces: bool = False,
     even_ambient: bool = False,
+    left_only: bool = False,
 ) -> RoomLight:
-    """Estimate reflectance and ambient light from the infrared image of the fullest frame.
+    """Estimate reflectance and ambient light from the infrared images of the fullest frame.
 
     The light on the reference surface is rendered with the sensor's projector and lens, in the
-    captures' geometry. Reflectance is the image over that light. A projector-off image is used if
-    there is one; otherwise the dots are removed (`starling.sim.scene.captured.room_light`). The
+    captures' geometry. Reflectance is the image over that light, in the detail of the image
+    (`starling.sim.scene.captured.detail`). A projector-off image is used if there is one. The
     contrast of the dots gives the ambient light (`starling.sim.scene.captured.room_light`). If the
     dots of sensor and image agree, it also gives the light's variation over the image
     (`starling.sim.scene.captured.ambient_share`).
@@ -103,10 +114,11 @@ def estimate_light(
         scene: Captured scene.
         sensor: Model of the captures' camera.
         smoothing_px: Sigma of a Gaussian that smooths the image, dots included, so that the scene
-            contains no detail of the image. 0 removes the dots instead.
+            contains no detail of the image. 0 keeps the detail.
         within_surfaces: Undo the Gaussian's mixing across edges of the reference depth
-            (`starling.sim.scene.captured.captured_scene`).
+            (`starling.sim.scene.captured.captured_scene`). Detail always does.
         even_ambient: Assume ambient light that does not vary over the image.
+        left_only: Leave the right image out, so that it can be compared with a simulated one.
 
     Raises:
         InputError: if smoothing_px is outside 0 to 100, or if reference depth or infrared image is
@@ -125,13 +137,15 @@ def estimate_light(
     even = scene_from_light(
         scene, RoomLight(np.full(disparity_px.shape, 0.5, np.float32), LIT_ROOM_W_M2)
     )
-    view = direct.layers(MitsubaScene(even), sensor).left
-    light = signals(view, even, sensor, "left")
-    ambient, share = LIT_ROOM_W_M2, None
+    layers = direct.layers(MitsubaScene(even), sensor)
+    light = signals(layers.left, even, sensor, "left")
+    ambient, share, dots_known = LIT_ROOM_W_M2, None, True
     if frame.ir_left is not None:
         dotted = _level(scene, frame.ir_left, black_dn)
-        if not even_ambient:
-            share = ambient_share.estimate(dotted, mean_signals(view, even, sensor), disparity_px)
+        still = mean_signals(layers.left, even, sensor)
+        share = ambient_share.estimate(dotted, still, disparity_px)
+        dots_known = share is not None or not light.laser.any()
+        share = None if even_ambient else share
         if share is not None:
             light = dataclasses.replace(light, ambient=share * light.ambient)
         ambient = room_light.ambient_w_m2(dotted, light, sensor.left)
@@ -139,13 +153,65 @@ def estimate_light(
     if off:  # The image shows ambient light alone.
         light = dataclasses.replace(light, laser=np.zeros_like(light.laser))
 
-    def detail(image: Image) -> Image:
-        if smoothing_px > 0:
-            edges_px = disparity_px if within_surfaces else None
-            return _smoothed(image, smoothing_px, edges_px)
-        return image if off else np.maximum(room_light.remove_dots(image), 0)
+    def smoothed(image: Image) -> Image:
+        sigma_px = smoothing_px or detail.LEVEL_PX
+        edges_px = disparity_px if within_surfaces or not smoothing_px else None
+        return _smoothed(image, sigma_px, edges_px)
 
-    return RoomLight(room_light.reflectance(image_dn, light, ambient, detail), ambient, share)
+    reflectance = room_light.reflectance(image_dn, light, ambient, smoothed)
+    if not smoothing_px:
+        lit = sensor if not off else _unlit(sensor)
+        images: dict[Side, Image | None] = {
+            "left": image_dn,
+            "right": None if left_only else _right_level(scene, frame, sensor),
+        }
+        views = _seen_views(images, layers, lit, RoomLight(reflectance, ambient, share))
+        reflectance = detail.refine(reflectance, views, dots_known=dots_known or off)
+    return RoomLight(reflectance, ambient, share)
+
+
+def _unlit(sensor: Sensor) -> Sensor:
+    return dataclasses.replace(sensor, projector=dataclasses.replace(sensor.projector, power_w=0.0))
+
+
+def _seen_views(
+    images: Mapping[Side, Image | None], layers: Layers, sensor: Sensor, light: RoomLight
+) -> list[detail.SeenView]:
+    """Collect images of the imagers, and their light on surfaces of one reflectance."""
+    views = []
+    rendered: dict[Side, ViewLayers | None] = {"left": layers.left, "right": layers.right}
+    for side, view in rendered.items():
+        image = images[side]
+        if view is None or image is None:
+            continue
+        imager = sensor.left if side == "left" else sensor.right
+        rig = {"focal_px": sensor.fx_px, "baseline_m": sensor.true_baseline_m}
+        disparity_px = disparity_from_depth(view.depth_m, **rig)
+        share = np.float32(light.ambient_w_m2)
+        if light.ambient_share is not None:
+            share_left = light.ambient_share
+            if side == "right":
+                share = share * detail.in_right(share_left, disparity_px)
+            else:
+                share = share * share_left
+        undone = alignment.undone(imager.alignment)
+        (ideal,) = alignment.misalign((image,), undone, Pinhole.from_camera(sensor))
+        views.append(
+            detail.SeenView(
+                image=np.maximum(ideal, 0),
+                laser=view.projector_direct * np.float32(sensor.projector.power_w),
+                ambient=view.ambient * share,
+                disparity_px=disparity_px,
+                imager=imager,
+            )
+        )
+    return views
+
+
+def _right_level(scene: CapturedScene, frame: Frame, sensor: Sensor) -> Image | None:
+    """Right image of the pair that gives the reflectance [DN above black], if there is one."""
+    image = frame.ir_right if frame.ir_left_off is None else frame.ir_right_off
+    return None if image is None else _level(scene, image, sensor.right.black_level_dn)
 
 
 def mean_signals(view: ViewLayers, scene: Scene, sensor: Sensor) -> Signals:
