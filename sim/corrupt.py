@@ -242,11 +242,12 @@ class Corruptor:
         Raises:
             InputError: if `warp-lang` is not installed, the arrays have another shape, type or
                 device, or the sensor has settings that a batch cannot imitate. Also if the
-                corruptor has a residual.
+                corruptor has a residual or texture.
         """
         from starling.sim.batch import handoff, refusals
 
         refusals.refuse_residual(self._residual)
+        refusals.refuse_texture(self._scene)
 
         handoff.import_warp()
         from starling.sim.batch import batch_scene, reading  # The imports need Warp.
@@ -280,7 +281,7 @@ _SCENE = Scene(
     ),
 )
 # Effects on the scene that act on layers of a depth image, and why others do not.
-_SCENE_EFFECTS = ("ambient", "ambient_gradient", "nir_reflectance", "baseline_error")
+_SCENE_EFFECTS = ("ambient", "ambient_gradient", "nir_reflectance", "texture", "baseline_error")
 
 
 def _refuse_effects(effects: Mapping[str, Value]) -> None:

@@ -17,6 +17,7 @@ from starling.sim.imaging import imager
 from starling.sim.imaging.imager import Infrared, mosaic
 from starling.sim.imaging.lens_input import combine_light
 from starling.sim.imaging.optics import image as optics
+from starling.sim.imaging.texture import textured
 from starling.sim.render import direct
 from starling.sim.render.layers import Layers, ViewLayers
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -204,7 +205,7 @@ def infrared(
     imagers: dict[Side, Imager] = {"left": sensor.left, "right": sensor.right}
 
     def form_image(side: Side, device: Sensor = sensor) -> Image:
-        view = views[side]
+        view = textured(views[side], scene, device, side)
         bands = view.bands if imagers[side].mosaic != "none" else ()
         lights = [
             combine_light(band, scene, device, seed=seed, frame=frame) for band in bands or (view,)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from starling.patterns import errors
+from starling.sim.scene.scene import Scene
 from starling.sim.sensor.imager import Alignment
 from starling.sim.sensor.matcher import CensusSemiGlobal
 from starling.sim.sensor.sensor import Sensor
@@ -21,6 +22,17 @@ def refuse_residual(residual: object) -> None:
     if residual is not None:
         name, rule = "residual", "must be None in a batch"
         raise errors.refuse(name, rule, type(residual).__name__, _ADVICE)
+
+
+def refuse_texture(scene: Scene) -> None:
+    """Refuse texture of surfaces, which the kernels do not draw.
+
+    Raises:
+        InputError: if the scene has one.
+    """
+    contrast = scene.finish.texture_contrast
+    if contrast:
+        raise errors.refuse("effect texture", "must be 0.0 in a batch", contrast, _ADVICE)
 
 
 def refuse_unsupported(sensor: Sensor, camera: depth_input.InputCamera) -> None:

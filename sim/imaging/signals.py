@@ -11,6 +11,7 @@ import numpy as np
 from starling.sim.arrays import Image
 from starling.sim.imaging.lens_input import LensInput, combine_light
 from starling.sim.imaging.optics import image
+from starling.sim.imaging.texture import textured
 from starling.sim.render.layers import ViewLayers
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Sensor
@@ -37,6 +38,7 @@ def signals(
         side: which imager.
     """
     dark = dataclasses.replace(scene.ambient, irradiance_w_m2=0.0)
+    view = textured(view, scene, sensor, side)
     light = combine_light(view, dataclasses.replace(scene, ambient=dark), sensor, seed=0, frame=0)
     none = np.zeros_like(view.ambient)
 

@@ -179,6 +179,8 @@ class Finish:
     roughness: float = 0.1  # Microfacet slope (GGX alpha) of coat and metal.
     transparency: float = 0.0  # Share of light that passes straight through, as in a thin pane.
     subsurface_m: float = 0.0  # Sigma of light's spread inside the surface [m].
+    texture_contrast: float = 0.0  # Standard deviation of the relative reflectance over a surface.
+    texture_slope: float = 2.0  # Exponent of the fall of its power density with frequency.
 
     def __post_init__(self) -> None:
         errors.in_interval("finish.reflectance_scale", self.reflectance_scale, 0.0, 20.0)
@@ -186,6 +188,8 @@ class Finish:
             errors.in_interval(f"finish.{name}", getattr(self, name), 0.0, 1.0)
         errors.in_interval("finish.roughness", self.roughness, 0.01, 1.0)
         errors.in_interval("finish.subsurface_m", self.subsurface_m, 0.0, 0.05, "Give metres.")
+        errors.in_interval("finish.texture_contrast", self.texture_contrast, 0.0, 1.0)
+        errors.in_interval("finish.texture_slope", self.texture_slope, 0.0, 5.0)
         errors.unicode_text("finish.of", self.of)
         if not self.of:
             raise errors.refuse(

@@ -94,7 +94,7 @@ def test_effects_on_bodies_are_named_for_scenes_of_an_xml():
     plain, xml = scene("a"), scene("b")
     xml.scene.bodies = ()
     assert "XML" not in limits(plain, scene("b"))
-    names = "nir_reflectance, specular, metal, transparency, subsurface."
+    names = "nir_reflectance, specular, metal, transparency, subsurface, texture."
     assert f"shapes of an XML keep their materials: {names}" in limits(xml, plain)
     assert f"Shapes of b keep the XML's materials, despite effects: {names}" in limits(plain, xml)
 
