@@ -34,6 +34,7 @@ from starling.diagnosis.scenes import fit_scene
 from starling.sim import metrics
 from starling.sim.captures import capture
 from starling.sim.imaging.noiseless import noiseless
+from starling.sim.render.layers import Layers
 from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.scene.captured import captured_scene
 from starling.sim.scene.scene import Scene
@@ -79,9 +80,13 @@ def figures(scene: CapturedScene, base: Sensor, options: argparse.Namespace) -> 
     """Simulate one scene and return its figures, simulated over real."""
     preset = not Path(options.sensor).suffix
     sensor = base if preset else at_fitted_scale(scene, base)
-    share = right_correlation(scene, sensor, options.smoothing)
-    room = load_room(scene, sensor, options.smoothing, left_only=False)
-    shot = expose(render_layers(MitsubaScene(room), sensor), room, sensor, seed=1)
+    room = load_room(scene, sensor, options.smoothing, left_only=True)
+    layers = render_layers(MitsubaScene(room), sensor)
+    share = right_correlation(scene, sensor, room, layers)
+    if not options.smoothing:
+        room = load_room(scene, sensor, 0.0, left_only=False)
+        layers = render_layers(MitsubaScene(room), sensor)
+    shot = expose(layers, room, sensor, seed=1)
     frame, truth_m = scene.fullest(), scene.truth_m()
     assert frame.ir_left is not None and frame.ir_right is not None and truth_m is not None
     assert frame.depth_m is not None and shot.ir_right is not None
@@ -123,10 +128,10 @@ def load_room(
     )
 
 
-def right_correlation(scene: CapturedScene, sensor: Sensor, smoothing_px: float) -> list[float]:
+def right_correlation(
+    scene: CapturedScene, sensor: Sensor, room: Scene, layers: Layers
+) -> list[float]:
     """Median and lower quartile of the right image's correlation, as shares of the ceiling's."""
-    room = load_room(scene, sensor, smoothing_px, left_only=True)
-    layers = render_layers(MitsubaScene(room), sensor)
     frame, truth_m = scene.fullest(), scene.truth_m()
     assert frame.ir_left is not None and frame.ir_right is not None and truth_m is not None
     assert layers.right is not None

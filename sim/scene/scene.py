@@ -180,7 +180,7 @@ class Finish:
     transparency: float = 0.0  # Share of light that passes straight through, as in a thin pane.
     subsurface_m: float = 0.0  # Sigma of light's spread inside the surface [m].
     texture_contrast: float = 0.0  # Standard deviation of the relative reflectance over a surface.
-    texture_slope: float = 2.0  # Exponent of the fall of its power density with frequency.
+    texture_slope: float = 3.0  # Exponent of the fall of its power density with frequency.
 
     def __post_init__(self) -> None:
         errors.in_interval("finish.reflectance_scale", self.reflectance_scale, 0.0, 20.0)
