@@ -54,8 +54,9 @@ def room(
     device: Sensor = SENSOR,
     off: bool = False,
     share: np.ndarray | None = None,
+    grain: np.ndarray | float = 1.0,
 ) -> CapturedScene:
-    """Write a simulated capture."""
+    """Write a simulated capture; the right image is seen by the device too."""
     folder.mkdir()
     info = info_of(device, source="made here", licence="-", notes="")
     (folder / capture_info.FILE).write_text(capture_info.dumps(info))
@@ -66,10 +67,12 @@ def room(
     (scene / "0" / "ir_left.png").write_bytes(png.encode(even))
     (scene / "0" / "ir_right.png").write_bytes(png.encode(even))
     (known,) = open_set(folder).scenes
-    lit = captured_scene.scene_from_light(known, RoomLight(painted(), ambient_w_m2, share))
+    lit = captured_scene.scene_from_light(known, RoomLight(painted() * grain, ambient_w_m2, share))
     for name, sensor in (("ir_left", device), ("ir_left_off", DARK))[: 1 + off]:
         shot = simulate.simulate(lit, sensor, seed=5)
         (scene / "0" / f"{name}.png").write_bytes(png.encode(shot.ir_left))
+        if name == "ir_left" and shot.ir_right is not None:
+            (scene / "0" / "ir_right.png").write_bytes(png.encode(shot.ir_right))
     return known
 
 
@@ -132,6 +135,23 @@ def test_projector_off_images_give_reflectance_directly(tmp_path):
             )
             away = np.abs(truth_m()[place] - 0.7) > 0.05
             assert_allclose(smooth[place][away], painted()[place][away], rtol=0.12)
+
+
+@pytest.mark.parametrize(("left_only", "least"), [(False, 0.85), (True, 0.8)])
+def test_texture_between_known_dots_is_estimated(left_only, least, tmp_path):
+    """Grain of 2 px and contrast 0.15 returns, away from the block's edges.
+
+    The dots are exactly those of the capture; a real sensor's are estimated.
+    """
+    noise = np.random.default_rng(3).standard_normal(SHAPE).astype(np.float32)
+    noise = cv2.GaussianBlur(noise, (0, 0), 2.0)
+    grain = np.clip(1 + 0.15 * noise / noise.std(), 0.6, 1.15)
+    scene = room(tmp_path / "set", 0.4, grain=grain)
+    estimated = captured_scene.estimate_light(scene, SENSOR, left_only=left_only)
+    part = (slice(150, 250), slice(330, 460))
+    refined = estimated.reflectance[part]
+    assert np.corrcoef(refined.ravel(), grain[part].ravel())[0, 1] > least
+    assert (refined / refined.mean()).std() == pytest.approx(grain[part].std(), rel=0.25)
 
 
 def test_a_sensor_takes_the_geometry_of_the_captures(tmp_path):
