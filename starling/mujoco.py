@@ -12,6 +12,7 @@ Examples:
 from __future__ import annotations
 
 from starling.sim.mujoco.depth_camera import DepthCamera as DepthCamera
+from starling.sim.mujoco.model_file import model_of as model_of
 from starling.sim.mujoco.model_scene import scene as scene
 
-__all__ = ["DepthCamera", "scene"]
+__all__ = ["DepthCamera", "model_of", "scene"]

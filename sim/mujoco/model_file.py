@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors, regular_file
+from starling.sim.mujoco import robot_file
 from starling.sim.mujoco.library import mujoco
 from starling.sim.mujoco.model_scene import scene
 from starling.sim.scene.scene import Scene
@@ -76,14 +77,33 @@ def load_model(path: Path) -> tuple[Any, Any]:
     Raises:
         InputError: if MuJoCo cannot load it.
     """
+    model = model_of(path)
+    return model, mujoco().MjData(model)
+
+
+def model_of(path: Path | str) -> Any:
+    """Return `mujoco.MjModel` of an MJCF or URDF file.
+
+    A URDF shows its visual geometry, and has a camera at every link, of the link's name. It looks
+    along z if the name contains `optical`, as in ROS, and along x otherwise.
+
+    Raises:
+        InputError: if MuJoCo cannot load it.
+
+    Examples:
+        >>> model = starling.mujoco.model_of("arm.urdf")
+        >>> starling.mujoco.DepthCamera(model, "camera_infra1_optical_frame", "d435")
+    """
+    path = Path(path)
     if not path.is_file():
         raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
+    if _first_element(path) == "robot":
+        return robot_file.load(path)
     try:
-        model = mujoco().MjModel.from_xml_path(str(path))
+        return mujoco().MjModel.from_xml_path(str(path))
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise errors.refuse("scene", "must load in MuJoCo", path, reason) from None
-    return model, mujoco().MjData(model)
 
 
 def _positions(path: Path, count: int) -> NDArray[np.float64]:

@@ -96,7 +96,7 @@ def _load(specifier: str, sensor: Sensor, frame: Placing, posed: bool) -> Scene:
         return captured_scene.load(path, sensor)
     if suffix in _CONVERTIBLE:
         advice = "Convert it to GLB, for example with Blender or trimesh."
-        rule = f"must be one of {', '.join(MESH_SUFFIXES)}, .xml or .toml"
+        rule = f"must be one of {', '.join(MESH_SUFFIXES)}, .xml, .mjcf, .urdf or .toml"
         raise errors.refuse("scene", rule, path, advice)
     known = f"Builtin: {', '.join(scenes.BUILTIN)}; meshes: {', '.join(MESH_SUFFIXES)}."
     if not os.path.exists(path) and "/" not in specifier:
