@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from starling.sim.arrays import Image
 from starling.sim.geometry.frames import Pose
-from starling.sim.mujoco.library import gl_context, mujoco
+from starling.sim.mujoco.library import current, gl_context, mujoco
 from starling.sim.sensor.sensor import Sensor
 
 _FAR = 0.999  # Share of the far plane's distance beyond which there is no surface.
@@ -46,7 +46,8 @@ class Buffers:
         model.vis.global_.offwidth, model.vis.global_.offheight = sensor.width, sensor.height
         try:
             scale = gl.mjtFontScale.mjFONTSCALE_100
-            self._renderer: Any = gl.MjrContext(model, scale.value)
+            with current(self._context):
+                self._renderer: Any = gl.MjrContext(model, scale.value)
         finally:
             quality.offsamples = samples
             model.vis.global_.offwidth, model.vis.global_.offheight = size
@@ -54,7 +55,8 @@ class Buffers:
         self._free.atexit = False  # The end of the process frees all, in MuJoCo's order.
         # Reversed depth keeps its precision far away: 1 at the near plane, 0 at the far plane.
         self._renderer.readDepthMap = gl.mjtDepthMap.mjDEPTH_ZEROFAR.value
-        gl.mjr_setBuffer(gl.mjtFramebuffer.mjFB_OFFSCREEN.value, self._renderer)
+        with current(self._context):
+            gl.mjr_setBuffer(gl.mjtFramebuffer.mjFB_OFFSCREEN.value, self._renderer)
         self._scene: Any = gl.MjvScene(model, _MOST_GEOMS)
         self._option: Any = _option(gl, groups)
         self._rect: Any = gl.MjrRect(0, 0, sensor.width, sensor.height)
@@ -85,12 +87,12 @@ class Buffers:
         """
         gl = mujoco()
         near, far = self._aim(world_from_camera)
-        self._context.make_current()
-        gl.mjr_render(self._rect, self._scene, self._renderer)
         shape = (self._sensor.height, self._sensor.width)
         depth = np.empty(shape, np.float32)
         rgb = np.empty((*shape, 3), np.uint8) if colours else None
-        gl.mjr_readPixels(rgb, depth, self._rect, self._renderer)
+        with current(self._context):
+            gl.mjr_render(self._rect, self._scene, self._renderer)
+            gl.mjr_readPixels(rgb, depth, self._rect, self._renderer)
         z = near * far / (near + np.float64(depth[::-1]) * (far - near))
         depth_m = np.where(z < _FAR * far, z, np.nan).astype(np.float32)
         return depth_m, None if rgb is None else np.ascontiguousarray(rgb[::-1])
@@ -120,8 +122,8 @@ class Buffers:
 
 
 def _free(context: Any, renderer: Any) -> None:
-    context.make_current()  # The renderer's names in OpenGL are those of its context.
-    renderer.free()
+    with current(context):  # The renderer's names in OpenGL are those of its context.
+        renderer.free()
     context.free()
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
+from collections.abc import Iterator
 from typing import Any
 
 from starling.patterns import errors
@@ -34,9 +36,25 @@ def gl_context(width: int, height: int) -> Any:
     try:
         module = library if shown else importlib.import_module("mujoco.egl")
         context = module.GLContext(width, height)
-        context.make_current()
+        with current(context):
+            pass
     except Exception as error:  # Drivers raise errors of many types.
         advice = "Debian: apt-get install libegl1 libgl1-mesa-dri, or set MUJOCO_GL=osmesa."
         advice += " by='trace' needs no OpenGL."
         raise errors.refuse("MuJoCo", "must be able to draw", str(error), advice) from None
     return context
+
+
+@contextlib.contextmanager
+def current(context: Any) -> Iterator[None]:
+    """Draw in a context of OpenGL, and leave it free for other threads.
+
+    A context that stays current in one thread is refused by all others. MuJoCo before 4.0 has no
+    `as_current`, and its contexts stay in the thread that draws first.
+    """
+    if not hasattr(context, "as_current"):
+        context.make_current()
+        yield
+        return
+    with context.as_current():
+        yield
