@@ -237,5 +237,7 @@ def _with_camera(sensor: Sensor, model: Any, number: int, size: tuple[int, int] 
     if chosen is None:
         return sensor
     if np.shape(chosen) != (2,):
-        raise errors.refuse("size", "must be (width, height)", chosen, "Give pixels.")
+        raise errors.refuse("size", "must be (width, height)", repr(chosen), "Give pixels.")
+    for side in chosen:
+        errors.whole_number("entry of size", side, 1, 2**31, "Give (width, height) in pixels.")
     return edits.with_camera(sensor, model_scene.intrinsics(model, number, chosen), chosen)

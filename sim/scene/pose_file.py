@@ -62,6 +62,8 @@ def read(path: Path) -> list[Viewpoint]:
             return _of_text(regular_file.read(path).decode("utf-8-sig"))
     except errors.InputError:
         raise
+    except FileNotFoundError:
+        raise errors.refuse("pose", "must be a file that exists", path, "Check the path.") from None
     except (OSError, ValueError, EOFError) as error:
         raise errors.refuse("pose", "must be a file of poses", path, f"{error}. {_FORMS}") from None
 

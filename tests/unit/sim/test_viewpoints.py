@@ -105,7 +105,7 @@ def test_wrong_pose_files_are_refused(
 
 
 def test_a_missing_pose_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"pose must be a file of poses; got .*none\.txt"):
+    with pytest.raises(InputError, match=r"pose must be a file that exists; got .*none\.txt"):
         pose_file.read(tmp_path / "none.txt")
 
 

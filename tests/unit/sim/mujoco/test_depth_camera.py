@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import mujoco
@@ -15,6 +16,7 @@ from starling.patterns import InputError
 from starling.sim.corrupt import narrow_search
 from starling.sim.mujoco import model_scene
 from starling.sim.mujoco.buffers import Buffers
+from starling.sim.mujoco.library import current
 from starling.sim.reading import Reading
 from starling.sim.reason import Reason
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -200,6 +202,7 @@ def test_odd_arguments_are_refused(model):
         ({"groups": (6,)}, r"entry of groups must be an integer in \[0, 5\]; got 6"),
         ({"size": 160}, r"size must be \(width, height\); got 160"),
         ({"size": ()}, r"size must be \(width, height\); got \(\)"),
+        ({"size": (0, 0)}, r"entry of size must be an integer in \[1, \d+\]; got 0. Give \(width"),
         ({"residual": "hybrid", "by": "trace"}, "residual must be a loaded model"),
     ):
         with pytest.raises(InputError, match=message):
@@ -219,6 +222,27 @@ def test_machines_that_cannot_draw_are_refused(model, monkeypatch):
     monkeypatch.setattr(mujoco, "GLContext", refuse, raising=False)
     with pytest.raises(InputError, match=r"MuJoCo must be able to draw; got no display\..*libegl1"):
         _camera(model)
+
+
+def test_any_thread_may_read(drawing, model, data):
+    camera = _camera(model)
+    first = camera.read(data)
+    camera.reset()
+    with ThreadPoolExecutor(1) as thread:
+        second = thread.submit(camera.read, data).result()
+    np.testing.assert_array_equal(second.ir_left, first.ir_left)
+    camera.close()
+
+
+def test_contexts_of_older_releases_are_made_current():
+    calls = []
+
+    class Older:
+        def make_current(self) -> None:
+            calls.append("current")
+
+    with current(Older()):
+        assert calls == ["current"]
 
 
 def test_a_missing_package_is_named(monkeypatch):
