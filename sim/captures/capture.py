@@ -285,7 +285,8 @@ def open_set(path: Path | str) -> CaptureSet:
         "captures",
         "must be a capture set",
         path,
-        f"Looked for {capture_info.FILE} in it and, were it one scene, in the folder above.",
+        f"Looked for {capture_info.FILE} in it and, were it one scene, in the folder above."
+        " `starling import` makes a set of a recording or of images.",
     )
 
 

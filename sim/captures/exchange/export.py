@@ -7,6 +7,7 @@ import warnings
 from pathlib import Path
 from typing import Any, Literal
 
+from starling.patterns import errors
 from starling.sim.captures import capture
 from starling.sim.captures.capture import CaptureSet
 from starling.sim.captures.exchange import bop, point_cloud, ros2_bag, tum
@@ -45,10 +46,12 @@ def export(
         `{"out", "layout", "frames", "files", "seconds"}`.
 
     Raises:
-        InputError: as the layout's `export`, or if the folder cannot be written; no partial output
-            remains.
+        InputError: as the layout's `export`, a flag of another layout, or if the folder cannot be
+            written; no partial output remains.
     """
     started = time.perf_counter()
+    _refuse_unused("--storage", storage, storage != "sqlite3", layout, "ros2")
+    _refuse_unused("--task", task, bool(task), layout, "lerobot")
     opened = capture.open_set(captures)
     refuse_own_input(out, opened.path)
     if layout in ("tum", "bop"):
@@ -81,6 +84,13 @@ def export(
         "files": sum(path.is_file() for path in folder.path.rglob("*")),
         "seconds": round(time.perf_counter() - started, 3),
     }
+
+
+def _refuse_unused(flag: str, value: str, is_set: bool, layout: Layout, owner: Layout) -> None:
+    """Refuse a flag that another layout has."""
+    if is_set and layout != owner:
+        rule = f"must be left out with --layout {layout}"
+        raise errors.refuse(flag, rule, repr(value), f"It belongs to --layout {owner}.")
 
 
 def _warn_of_colour(captures: CaptureSet) -> None:

@@ -23,6 +23,18 @@ def test_a_set_is_exported(small_set: Path, tmp_path: Path, capsys: pytest.Captu
     capsys.readouterr()
 
 
+@pytest.mark.parametrize(
+    ("flag", "value", "owner"), [("--storage", "mcap", "ros2"), ("--task", "look", "lerobot")]
+)
+def test_flags_of_another_layout_are_refused(
+    small_set: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], flag, value, owner
+):
+    flags = ["export", str(small_set), "--layout", "ply", "--out", str(tmp_path / "ply")]
+    assert command_line.main([*flags, flag, value]) == 1
+    expected = f"{flag} must be left out with --layout ply; got '{value}'. It belongs to --layout "
+    assert expected + owner in capsys.readouterr().err
+
+
 def test_refused_export_leaves_no_files(
     small_set: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
