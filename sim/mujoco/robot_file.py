@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from starling.patterns import errors, regular_file
+from starling.sim.mujoco import robot_meshes
 from starling.sim.mujoco.library import mujoco
 
 _COMPILER = {
@@ -36,8 +37,13 @@ def load(path: Path) -> Any:
     except (ElementTree.ParseError, OSError, ValueError) as error:
         raise errors.refuse("scene", "must be a URDF", path, f"{error}.") from None
     _set_compiler(robot, path)
+    files = robot_meshes.converted(robot)
+    text = ElementTree.tostring(robot, encoding="unicode")
     try:
-        spec = mujoco().MjSpec.from_string(ElementTree.tostring(robot, encoding="unicode"))
+        spec = mujoco().MjSpec.from_string(text, assets=files)
+        for mesh in spec.meshes:
+            if mesh.file in files:  # A surface may be flat and enclose no volume.
+                mesh.inertia = mujoco().mjtMeshInertia.mjMESH_INERTIA_SHELL
         for body in spec.bodies[1:]:  # The first one is the world.
             _hide_collision(body)
             quat = _IN_OPTICAL_FRAME if "optical" in body.name else _IN_LINK

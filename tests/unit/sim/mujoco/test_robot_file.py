@@ -7,6 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
+from trimesh.exchange.dae import export_collada
+from trimesh.visual import ColorVisuals, TextureVisuals
 
 import starling.mujoco
 from starling.patterns import InputError
@@ -70,6 +73,55 @@ def test_meshes_are_found(tmp_path: Path, mesh: str, more: str, stored: str):
     assert model.nmesh == 1
     path = written(tmp_path / "url", (tmp_path / "arm" / stored).as_uri())
     assert starling.mujoco.model_of(path).nmesh == 1
+
+
+def _coloured(rgba: list[int] | None, shift: float) -> trimesh.Trimesh:
+    mesh = trimesh.creation.box((100, 100, 100))
+    mesh.apply_translation((shift, 0, 0))
+    if rgba is not None:
+        mesh.visual = ColorVisuals(mesh, vertex_colors=[rgba] * len(mesh.vertices))
+    return mesh
+
+
+def _seen(tmp_path: Path, mesh: str) -> list[tuple[float, ...]]:
+    """Colours of the geoms of the link `post`."""
+    model = starling.mujoco.model_of(written(tmp_path / "arm", mesh))
+    bodies = [model.body(int(body)).name for body in model.geom_bodyid]
+    return [
+        tuple(model.geom_rgba[number][:3].tolist())
+        for number, body in enumerate(bodies)
+        if body == "post"
+    ]
+
+
+def test_surfaces_of_other_meshes_keep_their_colours(tmp_path: Path):
+    folder = tmp_path / "arm" / "meshes"
+    folder.mkdir(parents=True)
+    scene = trimesh.Scene([_coloured([200, 30, 20, 255], 0), _coloured([20, 30, 200, 255], 300)])
+    scene.export(folder / "two.glb")
+    # Vertex colours of glTF are linear.
+    two = _seen(tmp_path, "package://arm/meshes/two.glb")
+    np.testing.assert_allclose(sorted(two), [[0.31, 0.38, 0.9], [0.9, 0.38, 0.31]], atol=0.01)
+    _coloured(None, 0).export(folder / "plain.ply")
+    assert _seen(tmp_path, "package://arm/meshes/plain.ply") == [(0.5, 0.5, 0.5)]
+    flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    image = Image.new("RGB", (4, 4), (128, 128, 128))
+    flat.visual = TextureVisuals(uv=flat.vertices[:, :2], image=image)
+    flat.export(folder / "flat.glb")
+    (grey,) = _seen(tmp_path, "package://arm/meshes/flat.glb")
+    assert len(set(grey)) == 1
+
+
+def test_collada_is_in_its_own_unit(tmp_path: Path):
+    pytest.importorskip("collada", reason="the package pycollada is not installed")
+    folder = tmp_path / "arm" / "meshes"
+    folder.mkdir(parents=True)
+    content = export_collada(_coloured([200, 30, 20, 255], 0))
+    content = content.replace(b"<asset>", b'<asset><unit name="mm" meter="0.001"/>')
+    (folder / "box.dae").write_bytes(content)
+    scene = model_file.load(written(tmp_path / "arm", "package://arm/meshes/box.dae"), camera="eye")
+    (post,) = (body for body in scene.bodies if body.name.startswith("post"))
+    assert np.ptp(post.mesh.vertices[:, 0]) == pytest.approx(0.1, rel=1e-4)
 
 
 def test_damaged_robots_are_refused(tmp_path: Path):
