@@ -49,8 +49,8 @@ def gl_context(width: int, height: int) -> Any:
 def current(context: Any) -> Iterator[None]:
     """Draw in a context of OpenGL, and leave it free for other threads.
 
-    A context that stays current in one thread is refused by all others. MuJoCo before 4.0 has no
-    `as_current`, and its contexts stay in the thread that draws first.
+    A context that stays current in one thread is refused by all others. In releases of MuJoCo
+    without `as_current` it stays in the thread that draws first.
     """
     if not hasattr(context, "as_current"):
         context.make_current()
