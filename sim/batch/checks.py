@@ -11,13 +11,14 @@ from typing import Any
 
 from starling.sim.batch import handoff
 from starling.sim.reason import Reason
-from starling.sim.stereo.checks import TEXTURE_PX
+from starling.sim.stereo.checks import SUPPORT_PX, TEXTURE_PX
 
 wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
 
 wp.set_module_options({"enable_backward": False})
 
 _TEXTURE = wp.constant(TEXTURE_PX)
+_REACH = wp.constant(SUPPORT_PX // 2)
 _OUTSIDE = wp.constant(wp.uint8(int(Reason.OUTSIDE_OVERLAP)))
 _AMBIGUOUS = wp.constant(wp.uint8(int(Reason.AMBIGUOUS)))
 _LEFT_RIGHT = wp.constant(wp.uint8(int(Reason.LEFT_RIGHT)))
@@ -35,6 +36,8 @@ class Limits:
     texture: float  # Least variance in the left window [codes^2].
     dark: float  # Windows without light have a lower variance [codes^2]; 0 = off.
     dark_mean: float  # And a lower mean [codes].
+    support: float  # Least share of neighbours with a like disparity; 0 = off.
+    like: float  # Largest difference of like disparities [px].
     border: float  # Least distance of a match from the right image's first column [px].
     reach: int  # Largest searched disparity [px].
     locking: float  # Amplitude of pixel locking [px].
@@ -122,42 +125,29 @@ def _range(
 
 
 @wp.kernel
-def reject(
-    disparity: wp.array3d(dtype=float),
+def compare_views(
     best: wp.array3d(dtype=wp.int16),
     ambiguous: wp.array3d(dtype=wp.uint8),
     left: wp.array3d(dtype=float),
     right: wp.array3d(dtype=float),
-    texture: wp.array3d(dtype=wp.vec2i),
-    dark: wp.array3d(dtype=wp.uint8),
     limits: Limits,
-    accepted: wp.array3d(dtype=float),
+    weight: wp.array3d(dtype=float),
     reason: wp.array3d(dtype=wp.uint8),
 ):  # pragma: no cover - compiled
-    """Apply the checks; the lowest code wins.
+    """Reject matches by the search and by the other view; they get no weight in the mean.
 
     Args:
-        disparity: (n, h, w) refined [px].
         best: (n, h, w) whole winners [px].
         ambiguous: (n, h, w) of `choose_left`.
         left, right: (n, h, w) disparities that the left-right check compares [px].
-        texture: (n, h, w) of `sum_texture`; () accepts every texture.
-        dark: (n, h, w), marked without light; () accepts every pixel.
         limits: thresholds.
-        accepted: (n, h, w) filled with disparities that pass, NaN elsewhere.
+        weight: (n, h, w), 0 where a match is rejected.
         reason: (n, h, w) filled with codes.
     """
     e, y, x = wp.tid()
-    w = disparity.shape[2]
     code = _VALID
-    if texture.shape[0] > 0 and _moments(texture, e, y, x)[1] < limits.texture:
-        code = _SUPPORT
-    if dark.shape[0] > 0 and dark[e, y, x] > _VALID:
-        code = _SUPPORT
-    if _range(disparity, e, y, x) > limits.jump:
-        code = _SUPPORT
     target = x - int(wp.rint(left[e, y, x]))
-    if target >= 0 and target < w:
+    if target >= 0 and target < best.shape[2]:
         match = right[e, y, target]
         near = match >= 0.0 and wp.abs(match - left[e, y, x]) <= limits.left_right
         if not near:  # True for NaN.
@@ -166,6 +156,66 @@ def reject(
         code = _AMBIGUOUS
     if int(best[e, y, x]) > x:
         code = _OUTSIDE
+    if code > _VALID:
+        weight[e, y, x] = 0.0
+    reason[e, y, x] = code
+
+
+@wp.func
+def _unsupported(
+    disparity: wp.array3d(dtype=float),
+    reason: wp.array3d(dtype=wp.uint8),
+    e: int,
+    y: int,
+    x: int,
+    limits: Limits,
+) -> bool:  # pragma: no cover - compiled
+    """Whether too few neighbours in the support's window have a like disparity."""
+    centre = disparity[e, y, x]
+    count = wp.int32(-1)  # The pixel agrees with itself.
+    others = wp.int32(-1)
+    for j in range(wp.max(y - _REACH, 0), wp.min(y + _REACH + 1, disparity.shape[1])):
+        for i in range(wp.max(x - _REACH, 0), wp.min(x + _REACH + 1, disparity.shape[2])):
+            others += 1
+            like = wp.abs(disparity[e, j, i] - centre) <= limits.like
+            if like and reason[e, j, i] == _VALID:
+                count += 1
+    return float(count) < limits.support * float(others)
+
+
+@wp.kernel
+def reject(
+    disparity: wp.array3d(dtype=float),
+    compared: wp.array3d(dtype=wp.uint8),
+    texture: wp.array3d(dtype=wp.vec2i),
+    dark: wp.array3d(dtype=wp.uint8),
+    limits: Limits,
+    accepted: wp.array3d(dtype=float),
+    reason: wp.array3d(dtype=wp.uint8),
+):  # pragma: no cover - compiled
+    """Reject what `compare_views` left by its support.
+
+    Args:
+        disparity: (n, h, w) refined [px].
+        compared: (n, h, w) codes of `compare_views`.
+        texture: (n, h, w) of `sum_texture`; () accepts every texture.
+        dark: (n, h, w), marked without light; () accepts every pixel.
+        limits: thresholds.
+        accepted: (n, h, w) filled with disparities that pass, NaN elsewhere.
+        reason: (n, h, w) filled with codes.
+    """
+    e, y, x = wp.tid()
+    code = _VALID
+    if texture.shape[0] > 0 and _moments(texture, e, y, x)[1] < limits.texture:
+        code = _SUPPORT
+    if dark.shape[0] > 0 and dark[e, y, x] > _VALID:
+        code = _SUPPORT
+    if _range(disparity, e, y, x) > limits.jump:
+        code = _SUPPORT
+    if limits.support > 0.0 and _unsupported(disparity, compared, e, y, x, limits):
+        code = _SUPPORT
+    if compared[e, y, x] > _VALID:
+        code = compared[e, y, x]
     accepted[e, y, x] = disparity[e, y, x]
     if code > _VALID:
         accepted[e, y, x] = wp.NAN

@@ -14,6 +14,7 @@ from starling.sim.batch.handoff import launch
 from starling.sim.imaging.imager import DarkWindow
 from starling.sim.sensor.matcher import CensusSemiGlobal, Matcher, Refinement
 from starling.sim.stereo import census, support
+from starling.sim.stereo.matching import left_right_mean
 
 wp: Any = handoff.import_warp()
 
@@ -100,25 +101,24 @@ def match(left: Any, right: Any, rig: MatchRig) -> tuple[Any, Any]:
         there is disparity.
     """
     winners = _choose(left, right, rig)
-    shape, device = left.shape, rig.device
-    refinement_setting, setting = rig.matcher.refinement, rig.matcher.checks
-    refined = _refine(winners.left, refinement_setting, winners.bend)
+    shape, device, setting = left.shape, rig.device, rig.matcher.checks
     if setting.left_right_mean_px:
-        side = setting.left_right_mean_px
-        compared = tuple(
-            _mean(_median(each, refinement_setting), side, side, refinement_setting, None)
-            for each in (winners.left, winners.right)
-        )
+        smoothed = left_right_mean(rig.matcher)
+        views = tuple(_refine(each, smoothed, None) for each in (winners.left, winners.right))
     else:
-        compared = tuple(_as_float(each) for each in (winners.left_best, winners.right_best))
+        views = tuple(_as_float(each) for each in (winners.left_best, winners.right_best))
     texture = wp.empty((0, 0, 0), dtype=wp.vec2i, device=device)
     if setting.texture_dn > 0 or rig.limits.dark > 0:
         texture = wp.empty(shape, dtype=wp.vec2i, device=device)
         launch(checks.sum_texture, shape, device, left, texture)
     dark = _dark(texture, rig)
-    disparity, reason = wp.empty_like(refined), wp.empty(shape, dtype=wp.uint8, device=device)
-    accepted = (refined, winners.left_best, winners.ambiguous, *compared, texture, dark, rig.limits)
-    launch(checks.reject, shape, device, *accepted, disparity, reason)
+    compared, reason = (wp.empty(shape, dtype=wp.uint8, device=device) for _ in range(2))
+    matches = (winners.left_best, winners.ambiguous, *views, rig.limits, winners.bend)
+    launch(checks.compare_views, shape, device, *matches, compared)
+    refined = _refine(winners.left, rig.matcher.refinement, winners.bend)
+    disparity = wp.empty_like(refined)
+    support_of = (refined, compared, texture, dark, rig.limits)
+    launch(checks.reject, shape, device, *support_of, disparity, reason)
     launch(checks.reject_outside, shape[:2], device, rig.limits, disparity, reason)
     _sink_islands(disparity, reason, rig)
     return disparity, reason
@@ -209,20 +209,22 @@ def _median(disparity: Any, setting: Refinement) -> Any:
     return filtered
 
 
-def _refine(disparity: Any, setting: Refinement, weight: Any) -> Any:
+def _refine(disparity: Any, setting: Refinement, weight: Any | None) -> Any:
     filtered = _median(disparity, setting)
-    if setting.smooth_px <= 1:
-        return filtered
-    rows = min(setting.smooth_rows_px, setting.smooth_px)
-    return _mean(filtered, setting.smooth_px, rows, setting, weight)
+    for _ in range(setting.smooth_passes if setting.smooth_px > 1 else 0):
+        filtered = _mean(filtered, setting, weight)
+        if weight is not None:
+            launch(refinement.level, weight.shape, weight.device, weight)
+    return filtered
 
 
-def _mean(disparity: Any, columns: int, rows: int, setting: Refinement, weight: Any | None) -> Any:
-    """Average over a window of `columns` x `rows` px; without weights all pixels are equal."""
+def _mean(disparity: Any, setting: Refinement, weight: Any | None) -> Any:
+    """Average over the mean's window; without weights all pixels are equal."""
     device = disparity.device
     if weight is None:
         weight = wp.empty((0, 0, 0), dtype=float, device=device)
-    for down, side in enumerate((columns, rows)):
+    sides = (setting.smooth_px, min(setting.smooth_rows_px, setting.smooth_px))
+    for down, side in enumerate(sides):
         averaged, gathered = wp.empty_like(disparity), wp.empty_like(disparity)
         window = (side // 2, down, setting.smooth_step_px)
         arguments = (disparity, weight, *window, averaged, gathered)
@@ -265,6 +267,7 @@ def _limits(matcher: Matcher, dark: DarkWindow, codes_per_dn: int) -> Any:
     limits.dark = (setting.dark_noise * dark.deviation_dn * codes_per_dn) ** 2
     limits.dark_mean = dark.ceiling_dn * codes_per_dn
     limits.border = setting.border_px
+    limits.support, limits.like = setting.support_share, setting.support_step_px
     limits.reach = matcher.min_disparity_px + matcher.search_px
     limits.locking = matcher.refinement.locking_px
     limits.quantum = matcher.refinement.quantum_px

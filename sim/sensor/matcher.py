@@ -12,6 +12,7 @@ from typing import Literal
 from starling.patterns.errors import in_interval, one_of, refuse
 
 FIXED_POINT = 16  # OpenCV: disparities in 1/16 px, search range in multiples of 16.
+LEFT_RIGHT_STEP_PX = 2.0  # Step that ends the mean before the left-right check [px].
 MOST_BITS = 100.0  # Highest penalty of CensusSemiGlobal; it exceeds any cost, so nothing jumps.
 
 
@@ -140,6 +141,7 @@ class Refinement:
     smooth_px: int = 0  # Width of the jump-preserving mean, odd or 0.
     smooth_rows_px: int = 31  # Largest height of that window, odd; at most its width.
     smooth_step_px: float = 2.0  # Neighbours with a larger difference are excluded [px].
+    smooth_passes: int = 1  # Times that the mean is taken; two give it a triangular weight.
     locking_px: float = 0.0  # Amplitude of pixel locking, which has a period of 1 px [px].
     quantum_px: float = 0.0  # Disparity step of the output [px]; 0 = no rounding.
 
@@ -150,6 +152,7 @@ class Refinement:
             _odd("smooth_px", self.smooth_px, 1, 31)
         _odd("smooth_rows_px", self.smooth_rows_px, 1, 31)
         in_interval("smooth_step_px", self.smooth_step_px, 0.0, 16.0)
+        whole("smooth_passes", self.smooth_passes, 1, 4)
         in_interval("locking_px", self.locking_px, -0.15, 0.15, "More would fold disparities.")
         in_interval("quantum_px", self.quantum_px, 0.0, 1.0)
 
@@ -164,6 +167,8 @@ class Checks:
     texture_dn: float = 0.0  # Least deviation in the left window [DN of 8 bits]; 0 = off.
     dark_noise: float = 0.0  # Least deviation of a lit window [deviations of a dark one]; 0 = off.
     jump_px: float = 1024.0  # Largest range of disparities in 3x3 pixels [px].
+    support_share: float = 0.0  # Least share of 13x13 px with a like disparity; 0 = off.
+    support_step_px: float = 4.0  # Largest difference of like disparities [px].
     speckle_count: int = 0  # Islands of at most this many pixels are removed; 0 = off.
     speckle_step_px: float = 1.0  # A larger step separates two islands [px].
     border_px: float = 0.0  # Least distance of a match from the right image's first column [px].
@@ -177,6 +182,8 @@ class Checks:
         in_interval("texture_dn", self.texture_dn, 0.0, 255.0)
         in_interval("dark_noise", self.dark_noise, 0.0, 10.0)
         in_interval("jump_px", self.jump_px, 0.0, 1024.0)
+        in_interval("support_share", self.support_share, 0.0, 1.0)
+        in_interval("support_step_px", self.support_step_px, 0.0, 16.0)
         whole("speckle_count", self.speckle_count, 0, 1_000_000)
         in_interval("speckle_step_px", self.speckle_step_px, 0.0, 64.0)
         in_interval("border_px", self.border_px, 0.0, 64.0)

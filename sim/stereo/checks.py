@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 TEXTURE_PX = 15  # Window of the texture check [px]: about one support plus one census window.
+SUPPORT_PX = 13  # Window of the support check [px]; a D4 counts up to 168 of its neighbours.
 _NONE = -16  # Marks a missing value; below any disparity in OpenCV's fixed point.
 
 
@@ -111,6 +112,51 @@ def jump(disparity_px: NDArray[np.float32], *, range_px: float) -> NDArray[np.bo
     high = cv2.dilate(np.where(known, disparity_px, np.float32(-1e6)), kernel)
     low = cv2.erode(np.where(known, disparity_px, np.float32(1e6)), kernel)
     return known & (high - low > range_px)
+
+
+def unsupported(
+    disparity_px: NDArray[np.float32], *, share: float, step_px: float
+) -> NDArray[np.bool_]:
+    """Reject pixels that too small a share of the neighbours in their window agrees with.
+
+    Args:
+        disparity_px: (h, w) [px], NaN where another check rejects it.
+        share: least share of the window's other pixels within the image, 0 to 1; 0 accepts all.
+        step_px: largest difference of disparities that agree [px].
+
+    Source: librealsense presets.cpp, region support map: removeThresh 63 of 168, diffThresh 4.
+    """
+    out = np.zeros(disparity_px.shape, np.bool_)
+    if share:
+        _unsupported(disparity_px, np.float32(share), np.float32(step_px), SUPPORT_PX // 2, out)
+    return out
+
+
+@nb.njit(nogil=True, cache=True)
+def _unsupported(disparity, share, step, reach, out):  # pragma: no cover - compiled
+    h, w = disparity.shape
+    count = np.empty(w, np.float32)
+    for y in range(h):
+        centre = disparity[y]
+        first, last = max(0, y - reach), min(h, y + reach + 1)
+        count[:] = np.float32(0)
+        for row in range(first, last):
+            for dx in range(max(-reach, 1 - w), min(reach, w - 1) + 1):
+                start, end = max(0, -dx), min(w, w - dx)
+                _count_like(disparity[row, start + dx : end + dx], centre[start:end], step,
+                            count[start:end])  # fmt: skip
+        for x in range(w):
+            columns = min(w, x + reach + 1) - max(0, x - reach)
+            others = np.float32((last - first) * columns - 1)
+            out[y, x] = count[x] - np.float32(1) < share * others  # The pixel agrees with itself.
+
+
+@nb.njit(nogil=True, cache=True)
+def _count_like(values, centre, step, count):  # pragma: no cover - compiled
+    """Count values within `step` of the centre; a separate function lets it vectorise."""
+    for x in range(len(centre)):
+        like = abs(values[x] - centre[x]) <= step  # False for NaN.
+        count[x] += np.float32(1) if like else np.float32(0)
 
 
 def speckle(disparity_px: NDArray[np.float32], *, count: int, step_px: float) -> NDArray[np.bool_]:

@@ -14,7 +14,13 @@ from starling.patterns.errors import refuse
 from starling.sim.imaging.imager import DarkWindow, dark_window
 from starling.sim.reason import Reason, first_cause
 from starling.sim.sensor.imager import Imager
-from starling.sim.sensor.matcher import CensusSemiGlobal, Checks, Matcher
+from starling.sim.sensor.matcher import (
+    LEFT_RIGHT_STEP_PX,
+    CensusSemiGlobal,
+    Checks,
+    Matcher,
+    Refinement,
+)
 from starling.sim.stereo import census, checks, opencv, semiglobal, subpixel, support
 from starling.sim.stereo.disparity import DisparityMap as DisparityMap
 from starling.sim.stereo.memory import Memory
@@ -44,7 +50,7 @@ def match(
     Returns:
         Disparities of the left image [px]. The reason of a missing one is the first that applies:
         OUTSIDE_OVERLAP; AMBIGUOUS (second best too close, or best at an end of the search);
-        LEFT_RIGHT; SUPPORT (texture, darkness, depth edge); SPECKLE.
+        LEFT_RIGHT; SUPPORT (texture, darkness, depth edge, few like neighbours); SPECKLE.
 
     Raises:
         InputError: if the images differ in shape or type, have another type, or are smaller than
@@ -58,7 +64,12 @@ def match(
     else:
         disparity, causes = opencv.compute(left, right, matcher, matcher.engine)
         disparity = subpixel.refine(disparity, matcher.refinement)
-    causes[Reason.SUPPORT] = _support(left, disparity, matcher.checks, dark)
+    alone = checks.unsupported(
+        np.where(_any(causes), np.float32(np.nan), disparity),
+        share=matcher.checks.support_share,
+        step_px=matcher.checks.support_step_px,
+    )
+    causes[Reason.SUPPORT] = alone | _support(left, disparity, matcher.checks, dark)
     disparity = np.where(_any(causes), np.float32(np.nan), disparity)
     reach = matcher.min_disparity_px + matcher.search_px
     border = matcher.checks.border_px
@@ -236,8 +247,9 @@ def _census_semi_global(
         Reason.AMBIGUOUS: at_end | _indistinct(winners, matcher.checks.uniqueness, engine),
         Reason.LEFT_RIGHT: _left_right(winners, matcher),
     }
-    disparity = subpixel.refine(whole + winners.offset, matcher.refinement, winners.bend)
-    return disparity, causes
+    # Rejected winners would pull the mean of their neighbours.
+    weight = np.where(_any(causes), np.float32(0), winners.bend)
+    return subpixel.refine(whole + winners.offset, matcher.refinement, weight), causes
 
 
 def _indistinct(
@@ -252,13 +264,24 @@ def _indistinct(
     )
 
 
+def left_right_mean(matcher: Matcher) -> Refinement:
+    """Return the refinement of both views before the left-right check."""
+    side = matcher.checks.left_right_mean_px
+    return replace(
+        matcher.refinement,
+        smooth_px=side,
+        smooth_rows_px=side,
+        smooth_step_px=LEFT_RIGHT_STEP_PX,
+        smooth_passes=1,
+    )
+
+
 def _left_right(winners: semiglobal.Winners, matcher: Matcher) -> NDArray[np.bool_]:
     """Compare both views: integer winners, or smoothed winners with a sub-pixel part."""
     setting, known = matcher.checks, winners.right_best >= 0
     left, right = winners.best.astype(np.float32), winners.right_best.astype(np.float32)
     if setting.left_right_mean_px:
-        side = setting.left_right_mean_px
-        smooth = replace(matcher.refinement, smooth_px=side, smooth_rows_px=side)
+        smooth = left_right_mean(matcher)
         left = subpixel.refine(left + winners.offset, smooth)
         right = np.where(known, right + winners.right_offset, np.float32(np.nan))
         right = subpixel.refine(right, smooth)

@@ -74,6 +74,8 @@ VALUES: dict[str, Any] = {
         "matcher.checks.dark_noise": 10.0,
     },
     **{"matcher.checks.left_right_mean_px": 0, "matcher.checks.jump_px": 0.2},
+    **{"matcher.checks.support_share": 0.9, "matcher.checks.support_step_px": 0.05},
+    "matcher.checks.border_px": 8.0,
     **{"matcher.refinement.median_px": 0, "matcher.refinement.smooth_px": 5},
     **{"matcher.refinement.smooth_rows_px": 3, "post.near_m": 1.0, "post.hole_filling": "nearest"},
     **{f"{side}.alignment.warp_px": [[0.2, 0.1], [0.3, 0.2]] for side in ("left", "right")},
@@ -92,6 +94,7 @@ WITH: dict[str, dict[str, Any]] = {
     "matcher.search_px": {"baseline_m": 0.2},
     "matcher.extended": {**LARGER, "baseline_m": 0.15, "matcher.search_px": 16},
     "matcher.checks.dark_noise": {"imager.read_noise_e": 50.0},
+    "matcher.checks.support_step_px": {"matcher.checks.support_share": 0.5},
     "matcher.checks.near_end": {**LARGER, "baseline_m": 0.08, "matcher.search_px": 16},
     "left.auto_exposure_max_s": {"left.auto_exposure_level": 0.5},
     "left.auto_exposure_max_gain": {

@@ -47,6 +47,9 @@ RANGES = {  # Controls that are mapped onto a sensor, with their ranges.
     "param-secondpeakdelta": (0, 1023),
     "param-neighborthresh": (0, 1023),
     "param-leftrightthreshold": (0, 2047),  # [1/32 px]
+    "param-usersm": (0, 1),
+    "param-rsmdiffthreshold": (0, 16),  # [px]
+    "param-rsmremovethreshold": (0, 1),  # Share of 168 neighbours.
     "param-texturecountthresh": (0, 49),  # Pixels of the 7x7 window.
     "param-texturedifferencethresh": (0, 4095),
     "param-scanlinep1": (0, 1023),
@@ -77,10 +80,7 @@ WITHOUT_COUNTERPART = {  # Controls without effect on the sensor, with the reaso
     "param-robbinsmonroincrement": f"{_SCORES}: a running median",
     "param-minscorethresha": f"{_SCORES}: an absolute one",
     "param-maxscorethreshb": f"{_SCORES}: an absolute one",
-    "param-usersm": "our matcher has no region support map",
-    "param-rsmdiffthreshold": "our matcher has no region support map",
-    "param-rsmrauslodiffthreshold": "our matcher has no region support map",
-    "param-rsmremovethreshold": "our matcher has no region support map",
+    "param-rsmrauslodiffthreshold": "our matcher has no second search without penalties",
     **dict.fromkeys(
         ("param-raumine", "param-rauminn", "param-rauminnssum", "param-raumins", "param-rauminw",
          "param-rauminwesum", "param-regionshrinku", "param-regionshrinkv",

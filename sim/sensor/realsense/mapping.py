@@ -185,7 +185,19 @@ def _thresholds(mapping: _Mapping) -> None:
         after = max(0.0, getattr(mapping.engine, field) + excess)
         rule = f"{bit:.3f} bit for every unit over the default, whose own we do not see"
         mapping.set(f"matcher.engine.{field}", after, rule, name)
+    _support(mapping)
     _texture(mapping)
+
+
+def _support(mapping: _Mapping) -> None:
+    """Region support map: the least share of like neighbours, and what is alike."""
+    use, share, step = "param-usersm", "param-rsmremovethreshold", "param-rsmdiffthreshold"
+    if not mapping.sensor.matcher.checks.support_share:
+        mapping.idle |= dict.fromkeys((use, share, step), "the sensor's matcher has no such check")
+        return
+    least = mapping.engine_value(share) if mapping.engine_value(use) else 0.0
+    mapping.set("matcher.checks.support_share", least, "share of 168 neighbours", share, use)
+    mapping.set("matcher.checks.support_step_px", mapping.engine_value(step), "in px", step)
 
 
 def _texture(mapping: _Mapping) -> None:

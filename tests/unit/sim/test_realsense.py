@@ -67,7 +67,9 @@ def test_high_accuracy_by_hand():
     assert engine.difference_weight == pytest.approx(0.125 * (6 / 751) / (26 / 800))
     assert engine.small_penalty == pytest.approx(12 * 155 / 60)
     assert engine.large_penalty == pytest.approx(12 * 155 / 60 + 36 * 190 / 342)
-    assert engine.second_peak == pytest.approx((647 - 325) * 48 / (60 + 342))
+    assert engine.second_peak == pytest.approx(10 + (647 - 325) * 48 / (60 + 342))
+    assert moved.matcher.checks.support_share == pytest.approx(136 / 168, abs=1e-6)
+    assert moved.matcher.checks.support_step_px == 1.65625
     assert engine.neighbour_peak == pytest.approx((108 - 7) * 48 / (60 + 342))
     assert engine.census_px == 9
     assert moved.matcher.checks.texture_dn == D415.matcher.checks.texture_dn  # Its count is 0.
@@ -76,6 +78,15 @@ def test_high_accuracy_by_hand():
     assert "param-leftrightthreshold: matcher.checks.left_right_px 0.75 -> 0.3125" in message
     assert "no counterpart: param-medianthreshold" in message
     assert "texturedifferencethresh (the texture count is 0" in message
+
+
+def test_the_region_support_map_needs_a_sensor_with_that_check():
+    moved, _ = _with(**{"param__usersm": "0"})
+    assert moved.matcher.checks.support_share == 0 < D415.matcher.checks.support_share
+    plain = sensors.load("d435")
+    other, report = realsense.with_preset(plain, "high_accuracy")
+    assert other.matcher.checks.support_share == plain.matcher.checks.support_share == 0
+    assert any("param-rsmremovethreshold" in line and "no such" in line for line in report.lines())
 
 
 def test_a_non_default_factor_is_reported():

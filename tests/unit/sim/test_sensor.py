@@ -106,12 +106,23 @@ def test_a_part_that_is_edited_stays_a_part(changes: dict) -> None:
 
 
 def test_presets_of_the_d4_family_have_its_matcher() -> None:
-    """Except for the refinement, which was measured on D415 pairs."""
+    """Except for what was measured on D415 pairs."""
     stock = named("d4xx")
     assert presets.load("d435").matcher == presets.load("d455").matcher == stock
-    of_pairs = {"locking_px": -0.04, "smooth_px": 17, "smooth_rows_px": 9}
-    refinement = dataclasses.replace(stock.refinement, **of_pairs)
-    assert presets.load("d415").matcher == dataclasses.replace(stock, refinement=refinement)
+    of_pairs = sensor_edits.with_values(
+        presets.load("d435"),
+        [
+            ("matcher.refinement.locking_px", -0.04),
+            ("matcher.refinement.smooth_px", 11),
+            ("matcher.refinement.smooth_rows_px", 5),
+            ("matcher.refinement.smooth_passes", 2),
+            ("matcher.refinement.smooth_step_px", 4.0),
+            ("matcher.engine.second_peak", 10.0),
+            ("matcher.checks.support_share", 0.375),
+            ("matcher.checks.speckle_count", 0),
+        ],
+    )
+    assert presets.load("d415").matcher == of_pairs.matcher
 
 
 def test_a_setting_may_be_edited_in_the_file() -> None:
