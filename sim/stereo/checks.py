@@ -9,8 +9,21 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.sim.stereo.lanes import (
+    WORDS,
+    equal,
+    excess,
+    lesser,
+    load_words,
+    splat_words,
+    store_low_bytes,
+)
+
 TEXTURE_PX = 15  # Window of the texture check [px]: about one support plus one census window.
 SUPPORT_PX = 13  # Window of the support check [px]; a D4 counts up to 168 of its neighbours.
+_LANES = WORDS.count
+_LEVELS = 64  # Levels per px in the support check.
+_FAR = 65535  # Level of a missing pixel; the largest disparity has 49,088.
 _NONE = -16  # Marks a missing value; below any disparity in OpenCV's fixed point.
 
 
@@ -120,43 +133,47 @@ def unsupported(
     """Reject pixels that too small a share of the neighbours in their window agrees with.
 
     Args:
-        disparity_px: (h, w) [px], NaN where another check rejects it.
+        disparity_px: (h, w) [px], w >= 16, NaN where another check rejects it.
         share: least share of the window's other pixels within the image, 0 to 1; 0 accepts all.
         step_px: largest difference of disparities that agree [px].
 
     Source: librealsense presets.cpp, region support map: removeThresh 63 of 168, diffThresh 4.
     """
-    out = np.zeros(disparity_px.shape, np.bool_)
-    if share:
-        _unsupported(disparity_px, np.float32(share), np.float32(step_px), SUPPORT_PX // 2, out)
-    return out
+    h, w = disparity_px.shape
+    if not share:
+        return np.zeros((h, w), np.bool_)
+    reach = SUPPORT_PX // 2
+    # Missing pixels and those outside the image are unlike every known one.
+    level = np.full((h + 2 * reach, w + 2 * reach), _FAR, np.uint16)
+    known = np.isfinite(disparity_px)
+    inner = level[reach : reach + h, reach : reach + w]
+    np.copyto(inner, np.rint(disparity_px * _LEVELS), where=known, casting="unsafe")
+    like = np.empty((h, w), np.uint8)
+    _count_like(level.reshape(-1), h, w, np.uint16(round(step_px * _LEVELS)), like.reshape(-1))
+    rows, columns = (
+        np.convolve(np.ones(side, np.float32), np.ones(SUPPORT_PX, np.float32), "same")
+        for side in (h, w)
+    )
+    others = rows[:, None] * columns - 1
+    return ~known | (like - np.float32(1) < np.float32(share) * others)  # Less the pixel itself.
 
 
 @nb.njit(nogil=True, cache=True)
-def _unsupported(disparity, share, step, reach, out):  # pragma: no cover - compiled
-    h, w = disparity.shape
-    count = np.empty(w, np.float32)
+def _count_like(level, h, w, step, like):  # pragma: no cover - compiled
+    """Count the pixels of every window whose level is within `step` of the centre's."""
+    reach = SUPPORT_PX // 2
+    stride, steps = w + 2 * reach, splat_words(step)
     for y in range(h):
-        centre = disparity[y]
-        first, last = max(0, y - reach), min(h, y + reach + 1)
-        count[:] = np.float32(0)
-        for row in range(first, last):
-            for dx in range(max(-reach, 1 - w), min(reach, w - 1) + 1):
-                start, end = max(0, -dx), min(w, w - dx)
-                _count_like(disparity[row, start + dx : end + dx], centre[start:end], step,
-                            count[start:end])  # fmt: skip
-        for x in range(w):
-            columns = min(w, x + reach + 1) - max(0, x - reach)
-            others = np.float32((last - first) * columns - 1)
-            out[y, x] = count[x] - np.float32(1) < share * others  # The pixel agrees with itself.
-
-
-@nb.njit(nogil=True, cache=True)
-def _count_like(values, centre, step, count):  # pragma: no cover - compiled
-    """Count values within `step` of the centre; a separate function lets it vectorise."""
-    for x in range(len(centre)):
-        like = abs(values[x] - centre[x]) <= step  # False for NaN.
-        count[x] += np.float32(1) if like else np.float32(0)
+        for start in range(0, w, _LANES):
+            x = min(start, w - _LANES)  # The last vector overlaps the one before.
+            centre = load_words(level, (y + reach) * stride + reach + x)
+            count = splat_words(np.uint16(0))
+            for row in range(y, y + SUPPORT_PX):
+                for dx in range(SUPPORT_PX):
+                    other = load_words(level, row * stride + x + dx)
+                    off = excess(other, centre) | excess(centre, other)
+                    count = count - equal(lesser(off, steps), off)  # A set mask is -1.
+            store_low_bytes(like, y * w + x, count)
 
 
 def speckle(disparity_px: NDArray[np.float32], *, count: int, step_px: float) -> NDArray[np.bool_]:
