@@ -125,8 +125,8 @@ def wall_figures(scene: Scene, disparity_px: NDArray) -> dict[str, float]:
     """Return noise and spectra over the device's, medians over walls; NaN without walls."""
     walls = flat(scene.truth_px, [scene.device_px, disparity_px])
     ratios = [wall_ratios(disparity_px[wall], scene.device_px[wall]) for wall in walls]
-    found = np.median(ratios, axis=0) if ratios else np.full(4, np.nan)
-    return dict(zip(("noise", "x8", "y8", "fine"), found, strict=True))
+    medians = np.median(ratios, axis=0) if ratios else np.full(4, np.nan)
+    return dict(zip(("noise", "x8", "y8", "fine"), medians, strict=True))
 
 
 def wall_ratios(ours: NDArray, device: NDArray) -> list[float]:
@@ -177,10 +177,10 @@ def main() -> None:
         maps[text] = lambda scene, setting=setting: rounded(
             match(scene.left, scene.right, setting).disparity_px
         )
-    every = list(scenes(folder()))
-    print_table([scene for scene in every if scene.tuned], maps, "choice rooms")
+    captured = list(scenes(folder()))
+    print_table([scene for scene in captured if scene.tuned], maps, "choice rooms")
     if not options.choice:
-        print_table([scene for scene in every if not scene.tuned], maps, "report rooms")
+        print_table([scene for scene in captured if not scene.tuned], maps, "report rooms")
 
 
 if __name__ == "__main__":

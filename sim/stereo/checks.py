@@ -170,8 +170,8 @@ def _count_like(level, h, w, step, like):  # pragma: no cover - compiled
             count = splat_words(np.uint16(0))
             for row in range(y, y + SUPPORT_PX):
                 for dx in range(SUPPORT_PX):
-                    other = load_words(level, row * stride + x + dx)
-                    off = excess(other, centre) | excess(centre, other)
+                    neighbour = load_words(level, row * stride + x + dx)
+                    off = excess(neighbour, centre) | excess(centre, neighbour)
                     count = count - equal(lesser(off, steps), off)  # A set mask is -1.
             store_low_bytes(like, y * w + x, count)
 

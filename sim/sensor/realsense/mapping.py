@@ -190,7 +190,7 @@ def _thresholds(mapping: _Mapping) -> None:
 
 
 def _support(mapping: _Mapping) -> None:
-    """Region support map: the least share of like neighbours, and what is alike."""
+    """Region support map: the least share of neighbours with a similar disparity."""
     use, share, step = "param-usersm", "param-rsmremovethreshold", "param-rsmdiffthreshold"
     if not mapping.sensor.matcher.checks.support_share:
         mapping.idle |= dict.fromkeys((use, share, step), "the sensor's matcher has no such check")

@@ -48,12 +48,12 @@ def test_support_counts_like_neighbours_inside_the_image() -> None:
     """At a corner the window holds 48 neighbours, in the middle of a side 90, inside 168."""
     near, far = np.float32(20), np.float32(10)
     disparity = np.full((40, 40), far)
-    disparity[20, 12:27] = near  # One row: 12 of 168 neighbours are alike.
+    disparity[20, 12:27] = near  # One row: 12 of 168 neighbours agree.
     disparity[0, 0] = disparity[39, 20] = near
     disparity[20, 33] = np.nan
     refused = checks.unsupported(disparity, share=0.375, step_px=4.0)
-    alike = disparity == far
-    assert refused[~alike].all() and not refused[alike].any()
+    wall = disparity == far
+    assert refused[~wall].all() and not refused[wall].any()
     assert not checks.unsupported(disparity, share=0.0, step_px=4.0).any()
     assert not checks.unsupported(disparity, share=0.07, step_px=4.0)[20, 19]
     assert not checks.unsupported(disparity, share=0.375, step_px=10.0)[20, 12:27].any()

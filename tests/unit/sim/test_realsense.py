@@ -84,8 +84,8 @@ def test_the_region_support_map_needs_a_sensor_with_that_check():
     moved, _ = _with(**{"param__usersm": "0"})
     assert moved.matcher.checks.support_share == 0 < D415.matcher.checks.support_share
     plain = sensors.load("d435")
-    other, report = realsense.with_preset(plain, "high_accuracy")
-    assert other.matcher.checks.support_share == plain.matcher.checks.support_share == 0
+    strict, report = realsense.with_preset(plain, "high_accuracy")
+    assert strict.matcher.checks.support_share == plain.matcher.checks.support_share == 0
     assert any("param-rsmremovethreshold" in line and "no such" in line for line in report.lines())
 
 
