@@ -130,16 +130,17 @@ def _view(
 def _misalign(points_m: Array, lit: Array, sensor: Sensor, side: Side) -> tuple[Array, Array]:
     """Resample points and light at the pixels of a misaligned imager."""
     from starling.sim.geometry.pinhole import Pinhole
+    from starling.sim.imaging.imager.charge import Die
     from starling.sim.imaging.optics import alignment
-    from starling.sim.sensor.imager import Alignment
 
     aligned = sensor.left.alignment if side == "left" else sensor.right.alignment
-    if aligned == Alignment():
+    if alignment.is_aligned(aligned):
         return points_m, lit
     x, y, z = (np.ascontiguousarray(points_m[..., axis]) for axis in range(3))
     x[[0, -1]] = np.nan  # Points outside the border are unknown.
     x[:, [0, -1]] = np.nan
-    x, y, z, lit = alignment.misalign((x, y, z, lit), aligned, Pinhole.from_camera(sensor))
+    die, pinhole = Die(sensor.unit, side), Pinhole.from_camera(sensor)
+    x, y, z, lit = alignment.misalign((x, y, z, lit), aligned, pinhole, die)
     return np.where(np.isfinite(x)[..., None], np.stack([x, y, z], axis=-1), np.nan), lit
 
 

@@ -40,6 +40,7 @@ from starling.calibration.photometry.photometry_open import BLACK_DN, sentences
 from starling.calibration.photometry.prediction import Prediction
 from starling.calibration.solution import Estimate, Solution
 from starling.patterns import errors
+from starling.sim.imaging.imager import metered_rows_columns
 from starling.sim.render.layers import Layers
 from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
@@ -141,8 +142,8 @@ def fit_photometry(
 def fit_exposure_level(observations: Sequence[Observation], sensor: Sensor) -> Solution | None:
     """Average the mean level of the left images, projector on, over scenes.
 
-    The metering of a device is unknown, so single scenes deviate from its target. Scenes that are
-    too dark for the longest exposure bias the result downwards.
+    It counts the part of the image that the sensor meters (`imager.auto_exposure_roi`). Scenes
+    that are too dark for the longest exposure bias the result downwards.
 
     Args:
         observations: scenes with infrared images.
@@ -154,8 +155,9 @@ def fit_exposure_level(observations: Sequence[Observation], sensor: Sensor) -> S
     """
     if sensor.left.auto_exposure_level == 0:
         return None
+    roi = sensor.left.auto_exposure_roi
     means_dn = [
-        float(observation.left.mean())
+        float(observation.left[metered_rows_columns(observation.left.shape, roi)].mean())
         for observation in observations
         if observation.left is not None
     ]

@@ -15,3 +15,4 @@ class BatchReading:
     ir_left: Any  # (n, h, w) uint8; int32 of imagers with more than 8 bits.
     ir_right: Any  # Same.
     exposure_s: Any  # (n,) float32
+    gain: Any  # (n,) float32

@@ -34,8 +34,6 @@ class Limits:
     left_right: float  # Largest left-right difference [px].
     jump: float  # Largest range of disparities in 3x3 pixels [px].
     texture: float  # Least variance in the left window [codes^2].
-    dark: float  # Windows without light have a lower variance [codes^2]; 0 = off.
-    dark_mean: float  # And a lower mean [codes].
     support: float  # Least share of neighbours with a like disparity; 0 = off.
     like: float  # Largest difference of like disparities [px].
     border: float  # Least distance of a match from the right image's first column [px].
@@ -85,14 +83,47 @@ def _moments(
 
 
 @wp.kernel
-def find_dark(
-    sums: wp.array3d(dtype=wp.vec2i), limits: Limits, dark: wp.array3d(dtype=wp.uint8)
+def limit_darkness(
+    gain: wp.array(dtype=float),
+    table: wp.array(dtype=wp.vec2),
+    own_gain: float,
+    per_octave: float,
+    limits: wp.array(dtype=wp.vec2),
 ):  # pragma: no cover - compiled
-    """Mark the centres of windows without light in `dark` (n, h, w); `sums` of `sum_texture`."""
+    """Interpolate the largest variance and mean of windows without light at each gain.
+
+    Args:
+        gain: (n,) of the left imager.
+        table: largest deviations [codes] and means [codes] by the logarithm of the gain.
+        own_gain: gain of the first entry.
+        per_octave: entries for each doubling of the gain.
+        limits: (n,) is filled with variances [codes^2] and means [codes].
+    """
+    e = wp.tid()
+    last = table.shape[0] - 1
+    place = wp.clamp(wp.log2(gain[e] / own_gain) * per_octave, 0.0, float(last))
+    k = wp.min(int(place), wp.max(last - 1, 0))
+    found = wp.lerp(table[k], table[wp.min(k + 1, last)], place - float(k))
+    limits[e] = wp.vec2(found[0] * found[0], found[1])
+
+
+@wp.kernel
+def find_dark(
+    sums: wp.array3d(dtype=wp.vec2i),
+    limits: wp.array(dtype=wp.vec2),
+    dark: wp.array3d(dtype=wp.uint8),
+):  # pragma: no cover - compiled
+    """Mark the centres of windows without light in `dark` (n, h, w).
+
+    Args:
+        sums: of `sum_texture`.
+        limits: (n,) of `limit_darkness`.
+        dark: is filled.
+    """
     e, y, x = wp.tid()
     moments = _moments(sums, e, y, x)
     dark[e, y, x] = wp.uint8(0)
-    if moments[1] < limits.dark and moments[0] < limits.dark_mean:
+    if moments[1] < limits[e][0] and moments[0] < limits[e][1]:
         dark[e, y, x] = wp.uint8(1)
 
 

@@ -47,6 +47,7 @@ class Formed:
 
     radiance: Any  # (n, h, w) [W m^-2 sr^-1]
     mean: Any  # (n,)
+    metered: Any  # (n,) mean of the part that auto exposure meters.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,32 +123,59 @@ def form(view: LitView, side: Side, rig: SideRig, draws: SliceDraws) -> Formed:
         normal = wp.empty((n, h + border, w + border), dtype=float, device=device)
         seed = draws.stream("optics", f"speckle {side}", 0)  # Frames share the speckle.
         launch(imaging.draw_normal, normal.shape, device, seed, draws.first, normal)
-    radiance = wp.empty(shape, dtype=float, device=device)
+    focused = wp.empty(shape, dtype=wp.vec2, device=device)
     spot = (rig.weights, rig.steps, rig.spot)
+    launch(imaging.focus, shape, device, blurred, view.disparity, *spot, focused)
+    radiance = wp.empty(shape, dtype=float, device=device)
     grain = (normal, rig.taps, rig.quantiles)
-    arguments = (blurred, view.disparity, *spot, *grain, rig.shading, radiance)
-    launch(imaging.form, shape, device, *arguments)
-    sums = wp.empty((n, h), dtype=wp.float64, device=device)
+    launch(imaging.form, shape, device, focused, rig.shift, *grain, rig.shading, radiance)
+    mean = _mean(radiance, (slice(0, h), slice(0, w)))
+    whole = rig.metered == (slice(0, h), slice(0, w))
+    return Formed(radiance, mean, mean if whole else _mean(radiance, rig.metered))
+
+
+def _mean(radiance: Any, part: tuple[slice, slice]) -> Any:
+    """Mean (n,) of the same rows and columns of all images."""
+    n, device = radiance.shape[0], radiance.device
+    rows, columns = part
+    height, width = rows.stop - rows.start, columns.stop - columns.start
+    sums = wp.empty((n, height), dtype=wp.float64, device=device)
     mean = wp.empty(n, dtype=float, device=device)
-    launch(imaging.sum_rows, (n, h), device, radiance, sums)
-    launch(imaging.average, n, device, sums, w, mean)
-    return Formed(radiance, mean)
+    ends = wp.vec4i(rows.start, rows.stop, columns.start, columns.stop)
+    launch(imaging.sum_rows, sums.shape, device, radiance, ends, sums)
+    launch(imaging.average, n, device, sums, width, mean)
+    return mean
 
 
-def expose(left: Formed, rule: ExposureRule, exposure_s: Any) -> None:
-    """Fill the exposure times (n,) of both imagers, from the left image."""
-    numbers = (rule.aim, rule.signal, rule.longest_s)
-    launch(imaging.expose, left.mean.shape, left.mean.device, left.mean, *numbers, exposure_s)
+@dataclass(frozen=True, slots=True, eq=False)
+class Exposures:
+    """Exposure of each environment, each (n,)."""
+
+    exposure_s: Any
+    gain: Any  # Of the left imager.
+
+
+def expose(left: Formed, rule: ExposureRule, exposures: Exposures) -> None:
+    """Fill the exposures of both imagers, from the left image."""
+    numbers = (rule.veil, rule.aim, rule.signal, rule.longest_s, wp.vec2(*rule.gains))
+    filled = (exposures.exposure_s, exposures.gain)
+    means = (left.mean, left.metered)
+    launch(imaging.expose, left.mean.shape, left.mean.device, *means, *numbers, *filled)
 
 
 def read_out(
-    formed: Formed, exposure_s: Any, side: Side, rig: SideRig, draws: SliceDraws, delivered: Any
+    formed: Formed,
+    exposures: Exposures,
+    side: Side,
+    rig: SideRig,
+    draws: SliceDraws,
+    delivered: Any,
 ) -> Codes:
     """Convert an image to codes, with all noise of the imager.
 
     Args:
         formed: the image.
-        exposure_s: (n,) exposure times.
+        exposures: exposure of each environment.
         side: which imager.
         rig: its electronics.
         draws: random streams.
@@ -157,7 +185,8 @@ def read_out(
     signal = wp.empty(shape, dtype=float, device=device)
     matched = wp.empty(shape, dtype=wp.uint16, device=device)
     seeds = [draws.stream("imager", f"{noise} {side}", draws.frame) for noise in ("noise", "row")]
-    image = (formed.radiance, formed.mean, exposure_s, rig.die, rig.fixed)
+    exposure = (exposures.exposure_s, exposures.gain)
+    image = (formed.radiance, formed.mean, *exposure, rig.die, rig.fixed)
     launch(imaging.collect, shape, device, *image, *seeds, draws.first, signal)
     converter = (rig.smoothing, rig.die, delivered, matched)
     launch(imaging.digitise, shape, device, signal, *converter)

@@ -46,7 +46,8 @@ class PixelChain:
     column: float  # [electrons]
     hot: float  # Share of hot pixels.
     full_well: float  # [electrons]
-    gain: float  # [DN / electron]
+    conversion: float  # At the sensor's own gain [DN / electron].
+    own_gain: float  # The left imager's, which frames of a larger gain are compared with.
     low: float  # Signals that are clipped before smoothing [DN].
     high: float
     gamma: float  # Inverse of the exponent.
@@ -145,19 +146,15 @@ def _grain(
 
 
 @wp.kernel
-def form(
+def focus(
     blurred: wp.array4d(dtype=wp.vec2),
     disparity: wp.array3d(dtype=float),
     weights: wp.array2d(dtype=float),
     steps: wp.array(dtype=float),
     spot: Spot,
-    normal: wp.array3d(dtype=float),
-    taps: wp.array(dtype=float),
-    quantiles: wp.array(dtype=float),
-    shading: wp.array2d(dtype=wp.vec2),
-    radiance: wp.array3d(dtype=float),
+    focused: wp.array3d(dtype=wp.vec2),
 ):  # pragma: no cover - compiled
-    """Form the image on the imager: spot, speckle, vignetting and filter.
+    """Blur two lights by the lens's spot.
 
     Args:
         blurred: (levels, n, h, w) of `spread_rows`.
@@ -165,11 +162,7 @@ def form(
         weights: (levels, 2 reach + 1) of the uniform blurs.
         steps: (levels,) their variances, ascending [px^2].
         spot: the lens's spot.
-        normal: (n, h + taps - 1, w + taps - 1) normal deviates of speckle.
-        taps: (taps,) filter of the deviates.
-        quantiles: gamma variate of deviates from -6 to 6; () without speckle.
-        shading: (h, w) transmission of projector and other light.
-        radiance: (n, h, w) is filled [W m^-2 sr^-1].
+        focused: (n, h, w) is filled with the radiance of projector and sky.
     """
     e, y, x = wp.tid()
     inverse = disparity[e, y, x] / spot.focal_baseline
@@ -186,19 +179,74 @@ def form(
     if count > 1:
         share = wp.clamp((wanted - steps[i]) / (steps[i + 1] - steps[i]), 0.0, 1.0)
         light += share * (_column(blurred, weights, i + 1, e, y, x) - light)
+    focused[e, y, x] = light
+
+
+@wp.func
+def _shifted(
+    focused: wp.array3d(dtype=wp.vec2), shift: float, e: int, y: int, x: int
+) -> wp.vec2:  # pragma: no cover - compiled
+    """Light that a shift to the right moves to a pixel; see `alignment.misalign`."""
+    last = focused.shape[2] - 1
+    place = wp.clamp(float(x) - shift, 0.0, float(last))
+    first = int(place)
+    t = place - float(first)
+    left = (t + 2.0) * (t + 1.0)
+    right = (t - 2.0) * (t - 3.0)
+    middle = t * (t - 1.0)
+    total = middle * (t + 1.0) * right / -120.0 * focused[e, y, wp.max(first - 2, 0)]
+    total += middle * (t + 2.0) * right / 24.0 * focused[e, y, wp.max(first - 1, 0)]
+    total += left * (t - 1.0) * right / -12.0 * focused[e, y, first]
+    total += left * t * right / 12.0 * focused[e, y, wp.min(first + 1, last)]
+    total += left * middle * (t - 3.0) / -24.0 * focused[e, y, wp.min(first + 2, last)]
+    total += left * middle * (t - 2.0) / 120.0 * focused[e, y, wp.min(first + 3, last)]
+    return total
+
+
+@wp.kernel
+def form(
+    focused: wp.array3d(dtype=wp.vec2),
+    shift: wp.array2d(dtype=float),
+    normal: wp.array3d(dtype=float),
+    taps: wp.array(dtype=float),
+    quantiles: wp.array(dtype=float),
+    shading: wp.array2d(dtype=wp.vec2),
+    radiance: wp.array3d(dtype=float),
+):  # pragma: no cover - compiled
+    """Form the image on the imager: shift, speckle, vignetting and filter.
+
+    Args:
+        focused: (n, h, w) of `focus`.
+        shift: (h, w) of the image to the right [px]; () is none.
+        normal: (n, h + taps - 1, w + taps - 1) normal deviates of speckle.
+        taps: (taps,) filter of the deviates.
+        quantiles: gamma variate of deviates from -6 to 6; () without speckle.
+        shading: (h, w) transmission of projector and other light.
+        radiance: (n, h, w) is filled [W m^-2 sr^-1].
+    """
+    e, y, x = wp.tid()
+    light = focused[e, y, x]
+    if shift.shape[0] > 0:
+        light = _shifted(focused, shift[y, x], e, y, x)
     laser = light[0] * _grain(normal, taps, quantiles, e, y, x)
     radiance[e, y, x] = laser * shading[y, x][0] + light[1] * shading[y, x][1]
 
 
 @wp.kernel
 def sum_rows(
-    radiance: wp.array3d(dtype=float), sums: wp.array2d(dtype=wp.float64)
+    radiance: wp.array3d(dtype=float), part: wp.vec4i, sums: wp.array2d(dtype=wp.float64)
 ):  # pragma: no cover - compiled
-    """Sum the rows of images (n, h, w) in a fixed order, so that the sum is reproducible."""
+    """Sum rows of images in a fixed order, so that the sum is reproducible.
+
+    Args:
+        radiance: (n, h, w).
+        part: first row, end of rows, first column and end of columns to sum.
+        sums: (n, rows) is filled.
+    """
     e, y = wp.tid()
     total = wp.float64(0.0)
-    for x in range(radiance.shape[2]):
-        total += wp.float64(radiance[e, y, x])
+    for x in range(part[2], part[3]):
+        total += wp.float64(radiance[e, part[0] + y, x])
     sums[e, y] = total
 
 
@@ -217,22 +265,35 @@ def average(
 @wp.kernel
 def expose(
     means: wp.array(dtype=float),
+    metered: wp.array(dtype=float),
+    veil: float,
     aim: float,
     signal: float,
     longest: float,
+    gains: wp.vec2,
     exposure: wp.array(dtype=float),
+    gain: wp.array(dtype=float),
 ):  # pragma: no cover - compiled
-    """Choose the exposure time of each environment [s].
+    """Choose the exposure time [s] and gain of each environment.
 
     Args:
         means: (n,) mean radiance of the left image [W m^-2 sr^-1].
+        metered: (n,) mean radiance of the part that is metered.
+        veil: share of the mean light that is spread over the image.
         aim: mean signal to reach [DN].
         signal: per radiance and exposure time [DN / (W m^-2 sr^-1 s)].
         longest: largest exposure time [s].
+        gains: the sensor's own gain and the highest, which holds at the longest exposure only.
         exposure: (n,) is filled.
+        gain: (n,) is filled.
     """
     e = wp.tid()
-    exposure[e] = wp.min(aim / wp.max(means[e] * signal, 1.0e-30), longest)
+    level = wp.lerp(metered[e], means[e], veil)
+    wanted = aim / wp.max(level * signal, 1.0e-30)
+    exposure[e] = wp.min(wanted, longest)
+    gain[e] = gains[0]
+    if gains[1] > gains[0]:
+        gain[e] = wp.min(gains[0] * wp.max(wanted / longest, 1.0), gains[1])
 
 
 @wp.func
@@ -256,6 +317,7 @@ def collect(
     radiance: wp.array3d(dtype=float),
     means: wp.array(dtype=float),
     exposure: wp.array(dtype=float),
+    gain: wp.array(dtype=float),
     die: PixelChain,
     fixed: wp.array2d(dtype=wp.vec4),
     noise_seed: int,
@@ -269,6 +331,7 @@ def collect(
         radiance: (n, h, w) [W m^-2 sr^-1].
         means: (n,) mean radiance.
         exposure: (n,) exposure time [s].
+        gain: (n,) of the left imager.
         die: the electronics.
         fixed: (h, w) deviates of the device: PRNU, DSNU, column (normal), hot pixels (uniform).
         noise_seed, row_seed: of the frame's shot and read noise, and of its row noise.
@@ -303,7 +366,8 @@ def collect(
     charge += die.dsnu * device[1] + die.column * device[2]
     if device[3] < die.hot:
         charge = wp.max(charge, die.full_well)
-    signal[e, y, x] = die.gain * wp.min(charge, die.full_well)
+    conversion = die.conversion * (gain[e] / die.own_gain)
+    signal[e, y, x] = conversion * wp.min(charge, die.full_well)
 
 
 @wp.kernel

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from starling.sim.batch import checks, cost, handoff, paths, refinement
+from starling.sim.batch.dark_table import PER_OCTAVE, DarkTable
 from starling.sim.batch.handoff import launch
-from starling.sim.imaging.imager import DarkWindow
 from starling.sim.sensor.matcher import CensusSemiGlobal, Matcher, Refinement
 from starling.sim.stereo import census, support
 from starling.sim.stereo.matching import left_right_mean
@@ -38,19 +38,22 @@ class MatchRig:
     penalties: tuple[int, int]
     peaks: Any  # `paths.Peaks`
     limits: Any  # `checks.Limits`
+    dark: Any  # Deviations and means of windows without light by gain [codes]; () is off.
+    own_gain: float  # Of the first entry.
 
 
-def match_rig(matcher: Matcher, bits: int, dark: DarkWindow, device: Any) -> MatchRig:
+def match_rig(matcher: Matcher, bits: int, dark: DarkTable, device: Any) -> MatchRig:
     """Copy a matcher with the CensusSemiGlobal engine to a device.
 
     Args:
         matcher: the matcher.
         bits: bits of the codes; more than 8 count as 10.
-        dark: what a window of the left image shows without light.
+        dark: what windows of the left image show without light.
         device: Warp device.
     """
     engine = matcher.engine
     assert isinstance(engine, CensusSemiGlobal)  # `refuse_unsupported` refuses the others.
+    codes_per_dn = 1 if bits == 8 else _TEN_BIT_CODES
     search = cost.Search()
     search.least, search.search = matcher.min_disparity_px, matcher.search_px
     search.tolerance = round(engine.tolerance_dn * census.SUBLEVELS)
@@ -85,15 +88,18 @@ def match_rig(matcher: Matcher, bits: int, dark: DarkWindow, device: Any) -> Mat
             round(engine.large_penalty * support.COST_SCALE),
         ),
         peaks=peaks,
-        limits=_limits(matcher, dark, 1 if bits == 8 else _TEN_BIT_CODES),
+        limits=_limits(matcher, codes_per_dn),
+        dark=wp.array(_darkness(matcher, dark, codes_per_dn), dtype=wp.vec2, device=device),
+        own_gain=dark.own_gain,
     )
 
 
-def match(left: Any, right: Any, rig: MatchRig) -> tuple[Any, Any]:
+def match(left: Any, right: Any, gain: Any, rig: MatchRig) -> tuple[Any, Any]:
     """Match rectified pairs.
 
     Args:
         left, right: (n, h, w) uint16 codes on the rig's device.
+        gain: (n,) of the left imager.
         rig: the matcher.
 
     Returns:
@@ -108,10 +114,10 @@ def match(left: Any, right: Any, rig: MatchRig) -> tuple[Any, Any]:
     else:
         views = tuple(_as_float(each) for each in (winners.left_best, winners.right_best))
     texture = wp.empty((0, 0, 0), dtype=wp.vec2i, device=device)
-    if setting.texture_dn > 0 or rig.limits.dark > 0:
+    if setting.texture_dn > 0 or rig.dark.shape[0]:
         texture = wp.empty(shape, dtype=wp.vec2i, device=device)
         launch(checks.sum_texture, shape, device, left, texture)
-    dark = _dark(texture, rig)
+    dark = _dark(texture, gain, rig)
     compared, reason = (wp.empty(shape, dtype=wp.uint8, device=device) for _ in range(2))
     matches = (winners.left_best, winners.ambiguous, *views, rig.limits, winners.bend)
     launch(checks.compare_views, shape, device, *matches, compared)
@@ -124,13 +130,16 @@ def match(left: Any, right: Any, rig: MatchRig) -> tuple[Any, Any]:
     return disparity, reason
 
 
-def _dark(texture: Any, rig: MatchRig) -> Any:
+def _dark(texture: Any, gain: Any, rig: MatchRig) -> Any:
     """Mark (n, h, w) all pixels of windows without light; () if the check is off."""
-    if not rig.limits.dark:
+    if not rig.dark.shape[0]:
         return wp.empty((0, 0, 0), dtype=wp.uint8, device=rig.device)
     shape, device = texture.shape, rig.device
     dark, spread = (wp.empty(shape, dtype=wp.uint8, device=device) for _ in range(2))
-    launch(checks.find_dark, shape, device, texture, rig.limits, dark)
+    limits = wp.empty(shape[0], dtype=wp.vec2, device=device)
+    table = (rig.dark, rig.own_gain, float(PER_OCTAVE))
+    launch(checks.limit_darkness, limits.shape, device, gain, *table, limits)
+    launch(checks.find_dark, shape, device, texture, limits, dark)
     launch(checks.spread_dark, shape, device, dark, 0, spread)
     launch(checks.spread_dark, shape, device, spread, 1, dark)
     return dark
@@ -260,12 +269,23 @@ def _gaussian(sigma_px: float) -> np.ndarray[Any, Any]:
     return np.asarray(cv2.getGaussianKernel(side, sigma_px, cv2.CV_32F), np.float32).ravel()
 
 
-def _limits(matcher: Matcher, dark: DarkWindow, codes_per_dn: int) -> Any:
+def _darkness(matcher: Matcher, dark: DarkTable, codes_per_dn: int) -> np.ndarray[Any, Any]:
+    """Largest deviation and mean of windows without light by gain [codes]; () if all pass."""
+    rows = [
+        (
+            matcher.checks.dark_noise * window.deviation_dn * codes_per_dn,
+            window.ceiling_dn * codes_per_dn,
+        )
+        for window in dark.windows
+    ]
+    used = any(deviation > 0 for deviation, _ in rows)
+    return np.array(rows if used else np.zeros((0, 2)), np.float32)
+
+
+def _limits(matcher: Matcher, codes_per_dn: int) -> Any:
     limits, setting = checks.Limits(), matcher.checks
     limits.left_right, limits.jump = setting.left_right_px, setting.jump_px
     limits.texture = (setting.texture_dn * codes_per_dn) ** 2
-    limits.dark = (setting.dark_noise * dark.deviation_dn * codes_per_dn) ** 2
-    limits.dark_mean = dark.ceiling_dn * codes_per_dn
     limits.border = setting.border_px
     limits.support, limits.like = setting.support_share, setting.support_step_px
     limits.reach = matcher.min_disparity_px + matcher.search_px

@@ -10,9 +10,10 @@ import numpy as np
 from starling.sim.batch import batch_scene, handoff, images, matching, refusals, result, rig
 from starling.sim.batch.batch_reading import BatchReading
 from starling.sim.batch.batch_scene import BatchScene
+from starling.sim.batch.dark_table import dark_table
 from starling.sim.batch.handoff import launch
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.imaging.imager import dark_window, electrons_per_radiance, noise
+from starling.sim.imaging.imager import electrons_per_radiance, noise
 from starling.sim.scene.scene import Ambient, Scene
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import LARGEST_CODE
@@ -22,7 +23,7 @@ from starling.sim.warp import depth_input, suspicions
 wp: Any = handoff.import_warp()
 
 SLICE_BYTES = 2 * 2**30  # Memory of the environments that are computed together.
-_PIXEL_BYTES = 268  # Of images, for each pixel of an environment.
+_PIXEL_BYTES = 276  # Of images, for each pixel of an environment.
 _VOLUME_BYTES = 4  # Of both volumes, for each pixel and disparity.
 
 
@@ -62,7 +63,7 @@ def build(sensor: Sensor, scene: Scene, device: Any) -> BatchRig:
         left=rig.side_rig(sensor, "left", device),
         right=rig.side_rig(sensor, "right", device),
         exposure=rig.exposure_rule(sensor),
-        matching=matching.match_rig(sensor.matcher, bits, dark_window(sensor.left, bits), device),
+        matching=matching.match_rig(sensor.matcher, bits, dark_table(sensor.left, bits), device),
         outcome=_triangulation(sensor),
     )
 
@@ -105,6 +106,7 @@ def corrupt(
             ir_left=wp.empty(shape, dtype=code, device=device),
             ir_right=wp.empty(shape, dtype=code, device=device),
             exposure_s=wp.empty(shape[0], dtype=float, device=device),
+            gain=wp.empty(shape[0], dtype=float, device=device),
         )
         step = constants.environments()
         for first in range(0, shape[0], step):
@@ -124,14 +126,15 @@ def _corrupt_slice(
     left, right = images.light_views(scene, constants.light)
     formed_l = images.form(left, "left", constants.left, draws)
     formed_r = images.form(right, "right", constants.right, draws)
-    time_s = out.exposure_s
-    images.expose(formed_l, constants.exposure, time_s)
-    codes_l = images.read_out(formed_l, time_s, "left", constants.left, draws, out.ir_left)
-    codes_r = images.read_out(formed_r, time_s, "right", constants.right, draws, out.ir_right)
-    accepted, reason = matching.match(codes_l.matched, codes_r.matched, constants.matching)
+    exposures = images.Exposures(out.exposure_s, out.gain)
+    images.expose(formed_l, constants.exposure, exposures)
+    codes_l = images.read_out(formed_l, exposures, "left", constants.left, draws, out.ir_left)
+    codes_r = images.read_out(formed_r, exposures, "right", constants.right, draws, out.ir_right)
+    codes = (codes_l.matched, codes_r.matched)
+    accepted, reason = matching.match(*codes, out.gain, constants.matching)
     wp.copy(out.reason, reason)
     surfaces = (accepted, left.disparity, right.disparity, left.lit)
-    light = (formed_l.radiance, out.ir_left, time_s)
+    light = (formed_l.radiance, out.ir_left, out.exposure_s, out.gain)
     results = (constants.outcome, out.depth_m, out.reason)
     launch(result.conclude, scene.depth.shape, constants.device, *surfaces, *light, *results)
 
@@ -146,8 +149,7 @@ def _triangulation(sensor: Sensor) -> Any:
     outcome.power = sensor.projector.power_w
     outcome.electrons = electrons_per_radiance(imager, sensor.projector.wavelength_nm, 1.0)
     outcome.dark = imager.dark_current_e_s
-    outcome.shot, steady = noise.variances(imager)
-    step_e = 1 / imager.dn_per_electron
-    outcome.steady = steady + step_e * step_e / 12
+    outcome.shot, outcome.steady = noise.variances(imager)
+    outcome.step, outcome.own_gain = 1 / (12 * imager.dn_per_electron**2), imager.gain
     outcome.saturation = float(imager.saturation_dn)
     return outcome

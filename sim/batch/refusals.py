@@ -10,6 +10,8 @@ from starling.sim.sensor.sensor import Sensor
 from starling.sim.warp import depth_input
 
 _LARGEST_VOLUME = 2**31 - 1  # Kernels count with 32 bits.
+# Fields of an alignment that move images along rows by place.
+_SHIFTS: tuple[str, ...] = ("warp_px", "waves_px", "waves_across_deg", "waves_down_deg")
 _ADVICE = "Corrupt each image by itself: corruptor(depth_m)."
 
 
@@ -71,12 +73,9 @@ def refuse_unsupported(sensor: Sensor, camera: depth_input.InputCamera) -> None:
         "post.hole_filling": (sensor.post.hole_filling, "off"),
         "post.registered": (sensor.post.registered, False),
     }
-    control = sensor.left
-    if control.auto_exposure_level and control.auto_exposure_max_gain > control.gain:
-        rule, got = "must be 0.0 in a batch", control.auto_exposure_max_gain
-        raise errors.refuse("left.auto_exposure_max_gain", rule, got, _ADVICE)
     for side, imager in (("left", sensor.left), ("right", sensor.right)):
-        values[f"{side}.alignment"] = (imager.alignment, Alignment())
+        shifted = {name: getattr(imager.alignment, name) for name in _SHIFTS}
+        values[f"{side}.alignment"] = (imager.alignment, Alignment(**shifted))
         values[f"{side}.blooming"] = (imager.blooming, 0.0)
         values[f"{side}.mosaic"] = (imager.mosaic, "none")
     for name, (value, neutral) in values.items():

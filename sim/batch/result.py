@@ -44,7 +44,9 @@ class Triangulation:
     electrons: float  # Per radiance and exposure time.
     dark: float  # Dark current [electrons / s].
     shot: float  # Variance of shot noise per electron.
-    steady: float  # Variance of other noise, the converter's step included [electrons^2].
+    steady: float  # Variance of other noise [electrons^2].
+    step: float  # Variance of the converter's step at the sensor's own gain [electrons^2].
+    own_gain: float  # Of the left imager.
     saturation: float  # Code of a full pixel.
 
 
@@ -68,6 +70,7 @@ def _light_cause(
     radiance: wp.array3d(dtype=float),
     delivered: wp.array3d(dtype=Any),
     exposure: float,
+    gain: float,
     outcome: Triangulation,
     e: int,
     y: int,
@@ -91,7 +94,9 @@ def _light_cause(
                 burnt += 1
     count = float(_WINDOW * _WINDOW)
     mean = total / count * outcome.electrons * exposure
-    noise = wp.sqrt(outcome.shot * (wp.max(mean, 0.0) + outcome.dark * exposure) + outcome.steady)
+    share = outcome.own_gain / gain
+    steady = outcome.steady + outcome.step * share * share
+    noise = wp.sqrt(outcome.shot * (wp.max(mean, 0.0) + outcome.dark * exposure) + steady)
     if mean < _DARK_SNR * noise:
         return _LOW_SIGNAL
     if float(burnt) / count > _BURNT_SHARE:
@@ -108,6 +113,7 @@ def conclude(
     radiance: wp.array3d(dtype=float),
     delivered: wp.array3d(dtype=Any),
     exposure: wp.array(dtype=float),
+    gain: wp.array(dtype=float),
     outcome: Triangulation,
     depth: wp.array3d(dtype=float),
     reason: wp.array3d(dtype=wp.uint8),
@@ -121,6 +127,7 @@ def conclude(
         radiance: (n, h, w) of the left image.
         delivered: (n, h, w) codes of the left image.
         exposure: (n,) exposure time [s].
+        gain: (n,) of the left imager.
         outcome: numbers.
         depth: (n, h, w) is filled [m], NaN without depth.
         reason: (n, h, w) codes of the matcher before, of all causes after.
@@ -137,7 +144,7 @@ def conclude(
     depth[e, y, x] = z
     if code != wp.uint8(0):
         true = disparity[e, y, x]
-        cause = _light_cause(radiance, delivered, exposure[e], outcome, e, y, x)
+        cause = _light_cause(radiance, delivered, exposure[e], gain[e], outcome, e, y, x)
         if lit[e, y, x] == wp.uint8(0) and outcome.power > 0.0:
             cause = _SHADOWED
         if true <= 0.0:

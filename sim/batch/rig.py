@@ -15,7 +15,7 @@ from starling.sim.batch.light import EmitterBeam, PairCamera
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging import imager as electronics
 from starling.sim.imaging.imager import charge, converter
-from starling.sim.imaging.optics import shading, speckle, spot
+from starling.sim.imaging.optics import alignment, shading, speckle, spot
 from starling.sim.render.emission import NEAREST_M
 from starling.sim.scene.scene import Scene
 from starling.sim.sensor.sensor import Imager, Sensor
@@ -46,9 +46,11 @@ class SideRig:
     spot: Any  # `imaging.Spot`
     weights: Any  # (levels, 2 reach + 1) of the uniform blurs.
     steps: Any  # (levels,) their variances [px^2].
+    shift: Any  # (h, w) of the image to the right [px]; () is none.
     taps: Any  # (taps,) of speckle.
     quantiles: Any  # Gamma variates; () without speckle.
     shading: Any  # (h, w) vec2
+    metered: tuple[slice, slice]  # Rows and columns of the exposure control.
     die: Any  # `imaging.PixelChain`
     fixed: Any  # (h, w) vec4
     smoothing: Any  # (2 reach + 1,)
@@ -56,11 +58,13 @@ class SideRig:
 
 @dataclass(frozen=True, slots=True)
 class ExposureRule:
-    """How the exposure time follows the left image."""
+    """How exposure time and gain follow the left image."""
 
+    veil: float  # Share of the mean light that is spread over the left image.
     aim: float  # Mean signal to reach [DN]; infinite for a fixed time.
     signal: float  # [DN / (W m^-2 sr^-1 s)]
     longest_s: float
+    gains: tuple[float, float]  # The sensor's own, and the highest.
 
 
 def light_rig(sensor: Sensor, scene: Scene, device: Any) -> LightRig:
@@ -128,21 +132,26 @@ def side_rig(sensor: Sensor, side: Side, device: Any) -> SideRig:
         spot=blur,
         **{name: wp.array(values, dtype=float, device=device) for name, values in arrays.items()},
         shading=wp.array(_shading(sensor, imager, pinhole), dtype=wp.vec2, device=device),
+        metered=electronics.metered_rows_columns(
+            (sensor.height, sensor.width), imager.auto_exposure_roi
+        ),
         die=_die(sensor, imager),
+        shift=wp.array(_shift(sensor, imager, side), dtype=float, device=device),
         fixed=wp.array(_fixed(sensor, imager, side), dtype=wp.vec4, device=device),
     )
 
 
 def exposure_rule(sensor: Sensor) -> ExposureRule:
-    """Return how the left imager sets the exposure time; see `choose_exposure`."""
-    imager = sensor.left
+    """Return how the left imager sets exposure time and gain; see `choose_exposure`."""
+    imager, veil = sensor.left, sensor.left.lens.veil
     signal = imager.dn_per_electron * electronics.electrons_per_radiance(
         imager, sensor.projector.wavelength_nm, 1.0
     )
     if imager.auto_exposure_level == 0:
-        return ExposureRule(math.inf, signal, imager.exposure_s)
+        return ExposureRule(veil, math.inf, signal, imager.exposure_s, (imager.gain, imager.gain))
     aim = imager.auto_exposure_level * imager.ceiling_dn - imager.black_level_dn
-    return ExposureRule(max(aim, 1.0), signal, imager.auto_exposure_max_s)
+    gains = (imager.gain, max(imager.auto_exposure_max_gain, imager.gain))
+    return ExposureRule(veil, max(aim, 1.0), signal, imager.auto_exposure_max_s, gains)
 
 
 def _widest_px2(sensor: Sensor, imager: Imager) -> float:
@@ -184,7 +193,8 @@ def _die(sensor: Sensor, imager: Imager) -> Any:
     die.crosstalk, die.prnu, die.hot = imager.crosstalk, imager.prnu, imager.hot_pixels
     die.dark, die.shot, die.read = imager.dark_current_e_s, imager.shot_noise, imager.read_noise_e
     die.dsnu, die.row, die.column = imager.dsnu_e, imager.row_noise_e, imager.column_noise_e
-    die.full_well, die.gain = imager.full_well_e, imager.dn_per_electron
+    die.full_well, die.conversion = imager.full_well_e, imager.dn_per_electron
+    die.own_gain = sensor.left.gain
     die.low, die.high = (float(end) for end in converter.clipping_range(imager))
     die.gamma, die.black = 1 / imager.gamma, imager.black_level_dn
     die.ceiling = float(imager.ceiling_dn)
@@ -192,6 +202,13 @@ def _die(sensor: Sensor, imager: Imager) -> Any:
     die.matched_ceiling = 2.0**imager.matched_bits - 1
     die.excess = max(imager.matched_bits - TEN_BITS.bit_length(), 0)
     return die
+
+
+def _shift(sensor: Sensor, imager: Imager, side: Side) -> Image:
+    if alignment.is_aligned(imager.alignment):
+        return np.zeros((0, 0), np.float32)
+    die, pinhole = charge.Die(sensor.unit, side), Pinhole.from_camera(sensor)
+    return alignment.shift(imager.alignment, pinhole, die)
 
 
 def _fixed(sensor: Sensor, imager: Imager, side: Side) -> Image:

@@ -17,6 +17,7 @@ from starling.sim.arrays import Image
 from starling.sim.differentiable.light import PARAMETERS, Linearised, TracedView
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging.imager import converter
+from starling.sim.imaging.imager.charge import Die
 from starling.sim.imaging.optics import alignment, shading, spot
 from starling.sim.sensor.imager import Alignment
 
@@ -89,9 +90,14 @@ def flow(traced: TracedView, names: tuple[str, ...]) -> dict[str, NDArray[np.flo
         flows[name] = np.zeros((*traced.depth_m.shape, 2), np.float32)
         if name in ALIGNMENT and traced.side == "right":
             aligned, pinhole = traced.sensor.right.alignment, Pinhole.from_camera(traced.sensor)
-            slope = _map_slope(aligned, pinhole, name.rpartition(".")[2])
+            field = name.rpartition(".")[2]
+            slope = _map_slope(aligned, pinhole, _die(traced), field)
             flows[name] = -np.stack(slope, axis=-1)
     return flows
+
+
+def _die(traced: TracedView) -> Die:
+    return Die(traced.sensor.unit, traced.side)
 
 
 def _apply_alignment(
@@ -99,7 +105,7 @@ def _apply_alignment(
 ) -> tuple[Image, ...]:
     """Apply alignment, vignetting and resampling to images."""
     imager, pinhole = traced.imager, Pinhole.from_camera(traced.sensor)
-    parts = alignment.misalign(parts, aligned, pinhole)
+    parts = alignment.misalign(parts, aligned, pinhole, _die(traced))
     if imager.lens.vignetting > 0:
         dimmed = shading.vignetting(imager.lens.vignetting, pinhole)
         parts = tuple(part * dimmed for part in parts)
@@ -122,25 +128,27 @@ def _slope(traced: TracedView, blurred: Image, field: str) -> Image:
 
 
 def _map_slope(
-    aligned: Alignment, pinhole: Pinhole, name: str
+    aligned: Alignment, pinhole: Pinhole, die: Die, name: str
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Derivative of the map from image to ideal pixels, x and y (h, w)."""
     step = _STEPS[name]
     ends = [
-        _ideal(dataclasses.replace(aligned, **{name: getattr(aligned, name) + change}), pinhole)
+        _ideal(
+            dataclasses.replace(aligned, **{name: getattr(aligned, name) + change}), pinhole, die
+        )
         for change in (step, -step)
     ]
     x, y = ((ends[0][i] - ends[1][i]) / (2 * step) for i in range(2))
     return x.astype(np.float32), y.astype(np.float32)
 
 
-def _ideal(aligned: Alignment, pinhole: Pinhole) -> tuple[NDArray, NDArray]:
+def _ideal(aligned: Alignment, pinhole: Pinhole, die: Die) -> tuple[NDArray, NDArray]:
     """Ideal image positions of a misaligned imager's pixels, x and y (h, w) [px].
 
     This is the map of `starling.sim.imaging.optics.alignment`, steps 1 to 3, in double precision.
     """
     y, x = np.mgrid[: pinhole.height, : pinhole.width].astype(np.float64)
-    x = x - aligned.offset_x_px - alignment.warp(aligned, (pinhole.height, pinhole.width))
+    x = x - aligned.offset_x_px - alignment.shift(aligned, pinhole, die)
     y = y - aligned.offset_y_px
     across, down = x - pinhole.cx_px, y - pinhole.cy_px
     inwards = aligned.distortion_px / pinhole.half_diagonal_px**3

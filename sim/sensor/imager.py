@@ -33,8 +33,13 @@ _FROM_ZERO = {  # Upper limits of fields that are neutral at 0.
     "smoothing_px": 5.0,
 }
 
+SHORTEST_WAVE_DEG = 1.0  # Shortest length of waves.
+
 # Fields that set the exposure of both imagers; the right imager's are not used.
-EXPOSURE = ("exposure_s", "auto_exposure_level", "auto_exposure_max_s", "auto_exposure_max_gain")
+EXPOSURE = (
+    *("exposure_s", "auto_exposure_level", "auto_exposure_roi"),
+    *("auto_exposure_max_s", "auto_exposure_max_gain"),
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -92,8 +97,15 @@ class Alignment:
     distortion_px: float = 0.0  # Outward shift at half the diagonal, cubic in the radius [px].
     # Rightward shift per cell of an even grid over the image, rows from the top [px]; () is none.
     warp_px: tuple[tuple[float, ...], ...] = ()
+    waves_px: float = 0.0  # RMS of a random rightward shift, drawn for each unit [px].
+    waves_across_deg: float = 9.0  # Their length along rows [deg].
+    waves_down_deg: float = 18.0  # Their length along columns [deg].
 
     def __post_init__(self) -> None:
+        errors.in_interval("alignment.waves_px", self.waves_px, 0.0, 5.0)
+        for name in ("waves_across_deg", "waves_down_deg"):
+            value = getattr(self, name)
+            errors.in_interval(f"alignment.{name}", value, SHORTEST_WAVE_DEG, 180.0)
         for name in ("offset_x_px", "offset_y_px", "distortion_px"):
             errors.in_interval(f"alignment.{name}", getattr(self, name), -50.0, 50.0)
         for name in ("roll_deg", "pitch_deg", "yaw_deg"):
@@ -118,6 +130,7 @@ class Imager:
     exposure_s: float = 8.5e-3  # Integration time with auto exposure off [s].
     gain: float = 1.0  # Analog gain, times the base conversion.
     auto_exposure_level: float = 0.0  # Auto exposure target: mean signal over full scale; 0 is off.
+    auto_exposure_roi: float = 1.0  # Share of rows and columns, in the middle, that it meters.
     auto_exposure_max_s: float = 33e-3  # Longest exposure time of auto exposure [s].
     auto_exposure_max_gain: float = 0.0  # Highest gain at the longest exposure; 0 keeps the gain.
     rolling_shutter_s: float = 0.0  # Delay from the first to the last row [s]; 0 is global.
@@ -147,6 +160,7 @@ class Imager:
             errors.in_interval(f"imager.{name}", getattr(self, name), 0.0, high)
         errors.in_interval("imager.quantum_efficiency", self.quantum_efficiency, 1e-6, 1.0)
         errors.in_interval("imager.auto_exposure_level", self.auto_exposure_level, 0.0, 0.9)
+        errors.in_interval("imager.auto_exposure_roi", self.auto_exposure_roi, 0.05, 1.0)
         for name, high in _FROM_ZERO.items():
             errors.in_interval(f"imager.{name}", getattr(self, name), 0.0, high)
         errors.in_interval("imager.gamma", self.gamma, 0.2, 5.0)

@@ -145,6 +145,7 @@ def _alignment(alignment: Alignment, zoom: _Zoom) -> Alignment:
         offset_y_px=alignment.offset_y_px * zoom.ratio,
         distortion_px=alignment.distortion_px * zoom.ratio * zoom.radius**3,
         warp_px=tuple(tuple(value * zoom.ratio for value in row) for row in alignment.warp_px),
+        waves_px=alignment.waves_px * zoom.ratio,
     )
 
 

@@ -18,6 +18,7 @@ from starling.sim.imaging.imager.exposure import at_gain as at_gain
 from starling.sim.imaging.imager.exposure import choose_exposure as choose_exposure
 from starling.sim.imaging.imager.exposure import electrons_per_radiance as electrons_per_radiance
 from starling.sim.imaging.imager.exposure import mean_electrons as mean_electrons
+from starling.sim.imaging.imager.exposure import metered_rows_columns as metered_rows_columns
 from starling.sim.imaging.imager.noise import DarkWindow as DarkWindow
 from starling.sim.imaging.imager.noise import dark_window as dark_window
 from starling.sim.imaging.imager.noise import noise_e as noise_e

@@ -25,7 +25,7 @@ class Die:
     side: Side
 
     def normal(self, effect: str, shape: tuple[int, ...]) -> Image:
-        """Return standard normal deviates of the pixels (h, w), or of the columns (w,).
+        """Return standard normal deviates of pixels or grid points (h, w), or of columns (w,).
 
         Another image size has an independent pattern: it models a readout mode, not a crop.
         """
@@ -36,7 +36,7 @@ class Die:
         return _drawn(self, effect, shape, "uniform")
 
 
-@lru_cache(maxsize=12)  # Three patterns, two imagers, two image sizes.
+@lru_cache(maxsize=14)  # Three patterns of two image sizes and the waves, two imagers.
 def _drawn(die: Die, effect: str, shape: tuple[int, ...], law: Literal["normal", "uniform"]):
     rng = randomness.generator(die.unit, 0, "imager", f"fixed {effect} {die.side}")
     draw = rng.standard_normal if law == "normal" else rng.random

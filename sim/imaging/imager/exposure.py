@@ -67,13 +67,15 @@ def choose_exposure(imager: Imager, radiance: Image, wavelength_nm: float) -> Ex
     """Choose the exposure: the fixed one, or one that brings the mean signal to the set level.
 
     Auto exposure changes the integration time up to `auto_exposure_max_s`, and then the gain up to
-    `auto_exposure_max_gain`. It meters the light before noise and gamma.
+    `auto_exposure_max_gain`. It meters the light before noise and gamma, in the middle of the
+    image (`metered_rows_columns`).
 
     Source: librealsense#3925, gain takes over at the exposure's limit; #8220, gain codes 16 to 248.
     """
     if imager.auto_exposure_level == 0:
         return Exposure(exposure_s=imager.exposure_s, gain=imager.gain)
-    per_second = electrons_per_radiance(imager, wavelength_nm, 1.0) * float(radiance.mean())
+    metered = radiance[metered_rows_columns(radiance.shape, imager.auto_exposure_roi)]
+    per_second = electrons_per_radiance(imager, wavelength_nm, 1.0) * float(metered.mean())
     aim_dn = imager.auto_exposure_level * imager.ceiling_dn - imager.black_level_dn
     wanted = max(aim_dn, 1.0) / max(per_second * imager.dn_per_electron, 1e-30)
     exposure_s = min(wanted, imager.auto_exposure_max_s)
@@ -81,6 +83,16 @@ def choose_exposure(imager: Imager, radiance: Image, wavelength_nm: float) -> Ex
         return Exposure(exposure_s=exposure_s, gain=imager.gain)
     gain = min(imager.gain * wanted / exposure_s, imager.auto_exposure_max_gain)
     return Exposure(exposure_s=exposure_s, gain=gain)
+
+
+def metered_rows_columns(shape: tuple[int, ...], share: float) -> tuple[slice, slice]:
+    """Return the rows and columns of the middle of an image (h, w) that are metered."""
+    rows, columns = (
+        slice(first, max(side - first, first + 1))
+        for side in shape
+        for first in (round(side * (1 - share) / 2),)
+    )
+    return rows, columns
 
 
 def at_gain(sensor: Sensor, exposure: Exposure) -> Sensor:

@@ -2,8 +2,9 @@
 
 A point with the ideal position p lands at q. The inverse map from q to p is:
 
-1. Subtract the offset and the warp. The warp is a shift to the right, given at the cell centres of
-   a regular grid. It is interpolated by a cubic and constant beyond the outer centres.
+1. Subtract the offset, the warp and the unit's waves (`waves`). The warp is a shift to the right,
+   given at the cell centres of a regular grid. It is interpolated by a cubic and constant beyond
+   the outer centres.
 2. Remove the distortion. The radius r = |q - c| from the principal point c becomes
    r - s (r / r_h)^3. Here s is `distortion_px` (positive outwards) and r_h half the diagonal.
 3. p = K R K_m^-1 q. K_m has m times K's focal lengths; R turns the imager: x_ideal = R x_imager.
@@ -29,6 +30,8 @@ sec. 8.4.2; radial distortion: sec. 7.4, first term.
 
 from __future__ import annotations
 
+import dataclasses
+
 import cv2
 import numba as nb
 import numpy as np
@@ -37,6 +40,8 @@ from numpy.typing import NDArray
 from starling.sim.arrays import Image
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.imaging.imager.charge import Die
+from starling.sim.imaging.optics import waves
 from starling.sim.sensor.imager import Alignment
 
 _ALIGNED = Alignment()
@@ -52,7 +57,9 @@ def homography(alignment: Alignment, pinhole: Pinhole) -> NDArray[np.float64]:
     return camera @ turned @ np.linalg.inv(camera @ np.diag([m, m, 1.0]))
 
 
-def misalign(parts: tuple[Image, ...], alignment: Alignment, pinhole: Pinhole) -> tuple[Image, ...]:
+def misalign(
+    parts: tuple[Image, ...], alignment: Alignment, pinhole: Pinhole, die: Die
+) -> tuple[Image, ...]:
     """Resample images as a misaligned imager records them; aligned images are returned as they are.
 
     Interpolation uses Lagrange polynomials through six by six samples. Its first five moments equal
@@ -63,13 +70,14 @@ def misalign(parts: tuple[Image, ...], alignment: Alignment, pinhole: Pinhole) -
         parts: images (h, w) of separate lights.
         alignment: misalignment of the imager.
         pinhole: ideal intrinsics after rectification.
+        die: unit and side, which select the waves.
 
     Source: Laakso et al., IEEE Signal Processing Magazine 13(1), 1996, sec. 3.3 (the Lagrange
     fractional delay is maximally flat at low frequencies).
     """
-    if alignment == _ALIGNED:
+    if is_aligned(alignment):
         return parts
-    warp_px = warp(alignment, parts[0].shape)
+    warp_px = shift(alignment, pinhole, die)
     ideal_from_seen = homography(alignment, pinhole)
     inwards = alignment.distortion_px / pinhole.half_diagonal_px**3
     centre = np.array([pinhole.cx_px, pinhole.cy_px])
@@ -91,6 +99,19 @@ def undone(alignment: Alignment) -> Alignment:
         roll_deg=-alignment.roll_deg,
         warp_px=tuple(tuple(-cell for cell in row) for row in alignment.warp_px),
     )
+
+
+def is_aligned(alignment: Alignment) -> bool:
+    """Return whether an alignment leaves images as they are."""
+    names = ("waves_across_deg", "waves_down_deg")  # Neutral without waves.
+    lengths = {name: getattr(_ALIGNED, name) for name in names}
+    return dataclasses.replace(alignment, **lengths) == _ALIGNED
+
+
+def shift(alignment: Alignment, pinhole: Pinhole, die: Die) -> Image:
+    """Return the shift to the right [px] of every pixel (h, w): warp and waves."""
+    shape = (pinhole.height, pinhole.width)
+    return warp(alignment, shape) + waves.field(alignment, pinhole, die)
 
 
 def warp(alignment: Alignment, shape: tuple[int, ...]) -> Image:

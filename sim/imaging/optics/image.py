@@ -8,6 +8,7 @@ import numpy as np
 
 from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.imaging.imager.charge import Die
 from starling.sim.imaging.lens_input import LensInput
 from starling.sim.imaging.optics import alignment, shading, speckle, spot
 from starling.sim.sensor.sensor import Imager, Sensor
@@ -37,7 +38,7 @@ def image(
     separate = sensor.projector.speckle_contrast > 0 or imager.lens.filter_width_nm > 0
     parts = (light.laser, light.rest) if separate else (np.asarray(light.laser + light.rest),)
     parts = spot.blur_by_spot(parts, depth_m, imager.lens, pinhole)
-    parts = alignment.misalign(parts, imager.alignment, pinhole)
+    parts = alignment.misalign(parts, imager.alignment, pinhole, Die(sensor.unit, side))
     if separate:
         laser, rest = parts
         laser = speckle.apply_speckle(laser, imager, sensor.projector, side, seed=seed)

@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 from starling.patterns.errors import InputError
 from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.imaging.imager.charge import Die
 from starling.sim.imaging.lens_input import LensInput
 from starling.sim.imaging.optics import alignment, image, shading, spot
 from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Alignment, Imager, Lens, Sensor
 
 PINHOLE = Pinhole(width=161, height=121, fx_px=100.0, fy_px=110.0, cx_px=70.3, cy_px=50.8)
+DIE = Die(0, "right")  # Selects waves, which no test here has.
 SHAPE = (PINHOLE.height, PINHOLE.width)
 SIGMA = st.floats(0.05, 3.0)
 
@@ -121,7 +123,7 @@ def test_defocus_of_a_surface_in_the_lens_is_finite() -> None:
 
 
 def seen_at(settings: Alignment, column: int, row: int) -> tuple[float, float]:
-    (moved,) = alignment.misalign((spot.blur(point(column, row), 1.0),), settings, PINHOLE)
+    (moved,) = alignment.misalign((spot.blur(point(column, row), 1.0),), settings, PINHOLE, DIE)
     x, y, *_ = moments(moved)
     return x, y
 
@@ -178,7 +180,7 @@ def test_a_shifted_dot_is_as_wide_as_before(dx: float, dy: float) -> None:
     Does not show that fine texture keeps its contrast: near the pixels' limit it loses some.
     """
     dot = spot.blur(point(80, 60), 0.8)
-    (moved,) = alignment.misalign((dot,), Alignment(offset_x_px=dx, offset_y_px=dy), PINHOLE)
+    (moved,) = alignment.misalign((dot,), Alignment(offset_x_px=dx, offset_y_px=dy), PINHOLE, DIE)
     x, y, across, down = moments(moved)
     assert (x - 80, y - 60) == pytest.approx((dx, dy), abs=1e-3)
     assert (across, down) == pytest.approx((0.64, 0.64), rel=0.01)
@@ -186,7 +188,7 @@ def test_a_shifted_dot_is_as_wide_as_before(dx: float, dy: float) -> None:
 
 def test_whole_pixels_are_exact_and_the_edge_repeats() -> None:
     seen = texture()
-    (moved,) = alignment.misalign((seen,), Alignment(offset_x_px=3, offset_y_px=-2), PINHOLE)
+    (moved,) = alignment.misalign((seen,), Alignment(offset_x_px=3, offset_y_px=-2), PINHOLE, DIE)
     assert np.array_equal(moved[:-2, 3:], seen[2:, :-3])
     assert np.array_equal(moved[:-2, 0], seen[2:, 0])
     assert np.array_equal(moved[-1, 3:], seen[-1, :-3])
@@ -214,8 +216,8 @@ def test_an_undone_alignment_brings_a_dot_back() -> None:
 
 def test_a_warp_of_one_value_is_an_offset() -> None:
     dot = spot.blur(point(80, 60), 1.0)
-    warped = alignment.misalign((dot,), Alignment(warp_px=((0.37,),)), PINHOLE)
-    shifted = alignment.misalign((dot,), Alignment(offset_x_px=0.37), PINHOLE)
+    warped = alignment.misalign((dot,), Alignment(warp_px=((0.37,),)), PINHOLE, DIE)
+    shifted = alignment.misalign((dot,), Alignment(offset_x_px=0.37), PINHOLE, DIE)
     np.testing.assert_allclose(warped, shifted, atol=1e-6)
 
 
@@ -323,7 +325,7 @@ def test_neutral_stages_return_the_input() -> None:
         a is b
         for a, b in zip(spot.blur_by_spot(parts, depth_m, focused, PINHOLE), parts, strict=True)
     )
-    assert alignment.misalign(parts, Alignment(), PINHOLE) is parts
+    assert alignment.misalign(parts, Alignment(), PINHOLE, DIE) is parts
     assert image.add_veiling_glare(parts[0], 0.0) is parts[0]
     assert spot.blur(parts[0], 0.0) is parts[0]
     formed = form(sensor_with(focused), *parts)

@@ -10,6 +10,7 @@ from starling.sim import simulate
 from starling.sim.batch import batch_scene, handoff, images, reading
 from starling.sim.causes import geometric_causes, photometric_causes
 from starling.sim.corrupt import Corruptor
+from starling.sim.imaging import imager
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.measurement import measure
 from tests.unit.sim.batch import steps
@@ -58,10 +59,12 @@ def equal_shares(sensor: Sensor, **inputs: Any) -> tuple[float, float, float]:
     formed_l = images.form(lit[0], "left", rig.left, draws)
     formed_r = images.form(lit[1], "right", rig.right, draws)
     seen = corruptor.batch(wp.array(depth[None], dtype=float), **batched(inputs))
-    codes_l = images.read_out(formed_l, seen.exposure_s, "left", rig.left, draws, seen.ir_left)
-    codes_r = images.read_out(formed_r, seen.exposure_s, "right", rig.right, draws, seen.ir_right)
+    exposures = images.Exposures(seen.exposure_s, seen.gain)
+    codes_l = images.read_out(formed_l, exposures, "left", rig.left, draws, seen.ir_left)
+    codes_r = images.read_out(formed_r, exposures, "right", rig.right, draws, seen.ir_right)
     compiled = corruptor.light(depth, **inputs)
     pair = simulate.infrared(compiled.layers, compiled.scene, sensor)
+    sensor = imager.at_gain(sensor, pair.exposure)
     causes = geometric_causes(compiled.layers.truth, sensor) | photometric_causes(
         sensor.left,
         pair.electrons,

@@ -28,6 +28,7 @@ from tests.unit.sim.batch.both_paths import views as both_views  # noqa: E402
 
 CORRELATION = 0.999  # Least correlation of the light of both paths.
 ROUNDED_SHARE = 0.005  # Largest share of codes that differ, by one, as rounding differs.
+RAISED = ("left.auto_exposure_max_s=0.0003", "left.auto_exposure_max_gain=6.0")  # Gain 6.
 DARK = ("imager.auto_exposure_level=0.0", "imager.exposure_s=0.0001")
 
 
@@ -76,6 +77,9 @@ def test_light_is_that_of_the_compiled_path(name: str, changes: tuple[str, ...])
         ("d435", ("imager.lens.corner_blur_px=1.0", "imager.dsnu_e=30.0", "imager.prnu=0.05")),
         ("d435", ("imager.bit_depth=10", "imager.dropped_bits=0", "imager.dark_current_e_s=5e3")),
         ("d435", ("imager.lens.blur_px=0.0", "imager.lens.defocus_px_m=0.0", "imager.gamma=1.6")),
+        ("d435", RAISED),
+        ("d435", ("imager.auto_exposure_roi=0.4", "imager.lens.veil=0.1")),
+        ("d435", ("left.alignment.warp_px=[[0.4, -0.3]]", "right.alignment.waves_px=0.5")),
     ],
 )
 def test_images_without_noise_are_those_of_the_compiled_path(
@@ -93,10 +97,12 @@ def test_images_without_noise_are_those_of_the_compiled_path(
         assert np.corrcoef(ours.numpy().ravel(), theirs.ravel())[0, 1] >= CORRELATION
         assert off.max() <= 1
         assert (off > 0).mean() <= ROUNDED_SHARE
-    assert seen.exposure_s.numpy()[0] == pytest.approx(expected.exposure.exposure_s, rel=1e-3)
+    for name in ("exposure_s", "gain"):
+        chosen = getattr(expected.exposure, name)
+        assert getattr(seen, name).numpy()[0] == pytest.approx(chosen, rel=1e-3)
 
 
-@pytest.mark.parametrize("changes", [(), ("post.far_m=1.4",), DARK])
+@pytest.mark.parametrize("changes", [(), ("post.far_m=1.4",), DARK, RAISED])
 def test_reasons_and_depth_are_those_of_the_compiled_path(changes: tuple[str, ...]) -> None:
     noisy = steps.sensor(*changes)
     reasons, depths, _ = equal_shares(
@@ -116,9 +122,13 @@ def test_the_matcher_reads_ten_bits(bits: int) -> None:
     left, _ = both_views(rig, depth)
     draws = images.SliceDraws(0, 0, 0)
     formed = images.form(left, "left", rig.left, draws)
-    time_s = wp.array([pair.exposure.exposure_s], dtype=float)
+    exposures = images.Exposures(
+        wp.array([pair.exposure.exposure_s], dtype=float),
+        wp.array([pair.exposure.gain], dtype=float),
+    )
     delivered = wp.empty(formed.radiance.shape, dtype=wp.uint8)
-    matched = images.read_out(formed, time_s, "left", rig.left, draws, delivered).matched.numpy()
+    codes = images.read_out(formed, exposures, "left", rig.left, draws, delivered)
+    matched = codes.matched.numpy()
     assert matched.max() > 255 and matched.max() <= 1023
     assert np.abs(matched[0].astype(int) - expected).max() <= 2
 
@@ -214,7 +224,7 @@ def test_rows_share_row_noise() -> None:
     sensor = plain(steps.sensor("imager.row_noise_e=100.0", "imager.bit_depth=12"))
     corruptor, rig = build(dataclasses.replace(sensor, projector=sensor.projector.steady()))
     noise = residuals(corruptor).reshape(2, steps.HEIGHT, steps.WIDTH).mean(2)
-    assert noise.std() == pytest.approx(100.0 * rig.left.die.gain, rel=0.2)
+    assert noise.std() == pytest.approx(100.0 * rig.left.die.conversion, rel=0.2)
 
 
 def test_speckle_has_the_contrast_of_the_projector() -> None:

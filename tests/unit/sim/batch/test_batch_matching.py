@@ -20,6 +20,7 @@ from tests.unit.sim.batch import steps
 wp: Any = pytest.importorskip("warp", reason="warp-lang is not installed")
 
 from starling.sim.batch import handoff, matching, refinement  # noqa: E402
+from starling.sim.batch.dark_table import dark_table  # noqa: E402
 
 EQUAL_SHARE = 0.999  # Least share of pixels with the same reason.
 UNIT_PX = 1 / 32  # Largest difference of disparities: the device's step [px].
@@ -44,8 +45,9 @@ def assert_equal(sensor: Sensor, depth_m: Image) -> Image:
     )
     bits = min(sensor.left.matched_bits, 10)
     dark = dark_window(sensor.left, bits)
-    rig = matching.match_rig(sensor.matcher, bits, dark, "cpu")
-    disparity, reason = (each.numpy() for each in matching.match(left, right, rig))
+    rig = matching.match_rig(sensor.matcher, bits, dark_table(sensor.left, bits), "cpu")
+    gain = wp.array([sensor.left.gain] * 2, dtype=float)
+    disparity, reason = (each.numpy() for each in matching.match(left, right, gain, rig))
     for number, pair in enumerate(pairs):
         expected = match(*pair, sensor.matcher, dark=dark)
         assert (reason[number] == expected.reason).mean() >= EQUAL_SHARE
