@@ -29,6 +29,8 @@ Side = Literal["left", "right"]
 _PASSES = 10  # Iterations of the unmixing; 20 give no visible change.
 _WITHIN = 2 / 3  # Smoothing within surfaces in the unmixing, relative to that of the image.
 _JUMP_PX = 2.0  # Disparity steps well above this separate surfaces; smaller slopes do not [px].
+_DARK_PX = 25  # Side of a place that bounds the black level [px].
+_DRIFT_DN = 1.5  # Largest drift of a black level, of a D415 1 DN (docs/results/simulation.md).
 _DARKEST = 1e-4  # Least divisor of the unmixing, relative to the brightest pixel.
 
 
@@ -263,10 +265,18 @@ def _reflectance_level(scene: CapturedScene, frame: Frame, black_dn: float) -> I
 
 
 def _level(scene: CapturedScene, image: GreyImage, black_dn: float) -> Image:
-    """Image (h, w) [DN above black]; `black_dn` applies if the captures state no black level."""
+    """Image (h, w) [DN above black]; `black_dn` applies if the captures state no black level.
+
+    A device's black level drifts by a code. No place is darker than it, so the image's darkest
+    place bounds it from above. Otherwise dark surfaces seem to reflect nothing.
+    """
     stated = scene.info.black_level_dn
-    black = np.float32(black_dn if stated is None else stated)
-    return np.maximum(image.astype(np.float32) - black, 0)
+    black = black_dn if stated is None else stated
+    level = image.astype(np.float32)
+    darkest = float(cv2.blur(level, (_DARK_PX, _DARK_PX)).min())
+    if darkest >= black - _DRIFT_DN:  # Darker places are borders without an image.
+        black = min(black, darkest)
+    return np.maximum(level - np.float32(black), 0)
 
 
 def _disparity_px(scene: CapturedScene) -> Image:

@@ -32,20 +32,26 @@ def test_units_and_imagers_have_their_own_waves() -> None:
     assert not waves.field(Alignment(), PINHOLE, Die(0, "right")).any()
 
 
-def test_size_and_lengths_are_those_asked_for() -> None:
+@pytest.mark.parametrize("unit", [0, 1, 5])
+def test_size_is_that_asked_for_in_the_view_of_a_d415(unit: int) -> None:
+    whole = Pinhole(width=1280, height=720, fx_px=900, fy_px=900, cx_px=639.5, cy_px=359.5)
+    shift = waves.field(WAVES, whole, Die(unit, "right"))
+    assert shift.std() == pytest.approx(SIZE_PX, rel=0.05)
+    assert abs(shift.mean()) < 0.1 * SIZE_PX
+
+
+def test_lengths_are_those_asked_for() -> None:
     """Rationale: normal noise of known covariance.
 
-    Expected behaviour: over many units the deviation is `waves_px`, and the correlation of two
-    pixels falls to 1/e over the length along each axis, measured as an angle.
+    Expected behaviour: over many units the correlation of two pixels falls to 1/e over the length
+    along each axis, measured as an angle. Each unit's mean is removed, which lowers it a little.
     """
     fields = np.stack([drawn(unit) for unit in range(300)])
     middle = fields[:, 160, 190]
-    assert fields.std() == pytest.approx(SIZE_PX, rel=0.05)
-    assert abs(fields.mean()) < 0.02
     right = fields[:, 160, 190 + round(np.tan(np.radians(ACROSS_DEG)) * PINHOLE.fx_px)]
     below = fields[:, 160 - round(np.tan(np.radians(DOWN_DEG)) * PINHOLE.fy_px), 190]
     for place in (right, below):
-        assert np.corrcoef(middle, place)[0, 1] == pytest.approx(np.exp(-1), abs=0.12)
+        assert np.corrcoef(middle, place)[0, 1] == pytest.approx(np.exp(-1), abs=0.15)
 
 
 def test_all_modes_show_one_field() -> None:
