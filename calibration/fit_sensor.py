@@ -89,7 +89,8 @@ def fit(
 
     Args:
         scenes: scenes captured by one camera.
-        sensor: initial sensor, with the captures' intrinsics.
+        sensor: initial sensor, with the captures' intrinsics. The waves of a unit are dropped: the
+            group `warp` measures those of this camera.
         free: names in `GROUPS`; without infrared, in
             `starling.calibration.depth.depth_only.GROUPS`.
         folder: folder for a recovered pattern's images.
@@ -107,6 +108,7 @@ def fit(
 
     seconds: dict[str, float] = {}
     _check_groups(free)
+    sensor = without_waves(sensor)
     most = errors.whole_number("most_scenes", most_scenes, 1, 10_000)
     outside = _held_out(scenes, heldout)
     all_inside = [scene for scene in scenes if scene.room not in outside]
@@ -161,7 +163,7 @@ def fit(
             fitted = solutions["geometry"].sensor
     if PHOTOMETRY in free or NOISE in free:
         with _timed(seconds, PHOTOMETRY):
-            solutions |= _levels(observations, fitted, recovered, free)
+            solutions |= _levels(observations, fitted, recovered, free, track)
             fitted = list(solutions.values())[-1].sensor
     if WARP in free:
         from starling.calibration.geometry.warp_fit import fit_warp
@@ -171,7 +173,7 @@ def fit(
                 observation.with_surface(item, scene, fitted, smoothing_px=SMOOTHING_PX)
                 for item, scene in zip(read_observations, track(inside, "warp"), strict=True)
             ]
-            solutions[WARP] = fit_warp(smooth, fitted)
+            solutions[WARP] = fit_warp(smooth, fitted, track=track)
             fitted = solutions[WARP].sensor
     with _timed(seconds, "held out"):
         before, after = _scored(to_score, sensor, fitted, recovered, folder, track)
@@ -185,6 +187,15 @@ def fit(
         recovered=recovered,
         seconds=seconds,
     )
+
+
+def without_waves(sensor: Sensor) -> Sensor:
+    """Return a sensor without the random waves of a unit, which are not those of the camera."""
+    sides = {}
+    for name, imager in (("left", sensor.left), ("right", sensor.right)):
+        still = dataclasses.replace(imager.alignment, waves_px=0.0)
+        sides[name] = dataclasses.replace(imager, alignment=still)
+    return dataclasses.replace(sensor, **sides)
 
 
 def _check_groups(free: Sequence[str]) -> None:
@@ -236,6 +247,7 @@ def _levels(
     sensor: Sensor,
     recovered: RecoveredPattern | None,
     free: Sequence[str],
+    track: progress.Progress,
 ) -> dict[str, Solution]:
     """Fit image levels and noise; each scene is rendered with its own pattern scale."""
     from starling.calibration.photometry.noise import fit_noise
@@ -249,7 +261,9 @@ def _levels(
     if parameters_to_fit:  # Held levels come from the initial sensor, and so does the map.
         observations = [_evenly_lit(item) for item in observations]
     layers = _layers(observations, sensor, recovered)
-    levels = fit_photometry(observations, sensor, layers=layers, free=parameters_to_fit)
+    levels = fit_photometry(
+        observations, sensor, layers=layers, free=parameters_to_fit, track=track
+    )
     solutions = {PHOTOMETRY: levels.solution} if parameters_to_fit else {}
     fitted = levels.solution.sensor
     exposure = fit_exposure_level(observations, fitted) if parameters_to_fit else None

@@ -16,6 +16,9 @@ from starling.sim.arrays import filled
 EDGE_JUMP_PX = 1.0  # A larger disparity step between neighbours is a depth edge [px].
 EDGE_MARGIN_PX = 2  # Margin around depth edges, where the reference is uncertain [px].
 LEFT_BAND_PX = 128  # Left columns that a search of 128 disparities may not reach.
+_LEAST_COMPARED = 1000  # Pixels that a ratio of two maps needs.
+_SAME_RATIO = 3e-3  # Ratios of calibrations of one device differ from 1 by less.
+_CLEARLY = 0.7  # A factor explains a difference if it leaves less of it than an offset does.
 MAD_TO_SIGMA = 1.4826  # Standard deviation / median absolute deviation of a normal law.
 
 
@@ -142,6 +145,34 @@ def disparity_figures(
         fill=np.count_nonzero(np.isfinite(disparity_px) & scored) / np.count_nonzero(scored),
         ndp_iou=overlap,
     )
+
+
+def constant_ratio(disparity_px: NDArray, reference_px: NDArray) -> float | None:
+    """Ratio of two disparity maps, if they differ by one factor and not by one offset.
+
+    Args:
+        disparity_px: (h, w) [px], NaN = no depth.
+        reference_px: (h, w) [px], NaN = unknown.
+
+    Returns:
+        Median of `disparity_px` over `reference_px`, or None: if it is within 0.3 % of 1, if too
+        few pixels are known, or if an offset explains the difference as well.
+    """
+    known = np.isfinite(disparity_px + reference_px) & (reference_px > 0)
+    if known.sum() < _LEAST_COMPARED:
+        return None
+    disparity, reference = disparity_px[known], reference_px[known]
+    ratio = float(np.median(disparity / reference))
+    difference = disparity - reference
+
+    def spread(rest: NDArray) -> float:
+        return float(np.median(np.abs(rest)))
+
+    scaled, moved = (
+        spread(disparity - ratio * reference),
+        spread(difference - np.median(difference)),
+    )
+    return ratio if abs(ratio - 1) > _SAME_RATIO and scaled < _CLEARLY * moved else None
 
 
 def shift_px(

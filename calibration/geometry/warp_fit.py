@@ -20,6 +20,7 @@ from starling.calibration.observation import Observation
 from starling.calibration.solution import Estimate, Solution
 from starling.patterns import errors
 from starling.sim.arrays import mean_known
+from starling.sim.console import progress
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.matching import match, readable
 from starling.sim.stereo.memory import Memory
@@ -41,12 +42,18 @@ _OPEN = (
 Cells = NDArray[np.float64]
 
 
-def fit_warp(observations: Sequence[Observation], sensor: Sensor) -> Solution:
+def fit_warp(
+    observations: Sequence[Observation],
+    sensor: Sensor,
+    *,
+    track: progress.Progress = progress.silent,
+) -> Solution:
     """Fit the right image's warp to the disparities of captured pairs.
 
     Args:
         observations: observations of at least two rooms, loaded with `heldout.SMOOTHING_PX`.
         sensor: sensor with all other geometry calibrated.
+        track: progress callback around the simulations.
 
     Returns:
         The sensor with the warp. The estimate is the warp's root mean square over the image, with
@@ -70,10 +77,10 @@ def fit_warp(observations: Sequence[Observation], sensor: Sensor) -> Solution:
         )
     memory = Memory(most=len(usable))
     fitted, room_cells = sensor, np.empty(0)
-    for _ in range(_ROUNDS):
+    for number in range(1, _ROUNDS + 1):
         differences = [
             (observation.room, difference(observation, fitted, memory=memory))
-            for observation in usable
+            for observation in track(usable, f"warp, round {number} of {_ROUNDS}")
         ]
         room_cells = np.stack(
             [

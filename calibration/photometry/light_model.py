@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -109,7 +109,7 @@ def start(sensor: Sensor, strengths: Mapping[str, float]) -> dict[str, float]:
 
 
 def images(
-    observations: Sequence[Observation], sensor: Sensor, layers: Mapping[str, Layers]
+    observations: Iterable[Observation], sensor: Sensor, layers: Mapping[str, Layers]
 ) -> tuple[CapturedImage, ...]:
     """Return the images of all observations with a surface, with their layers.
 

@@ -40,6 +40,7 @@ from starling.calibration.photometry.photometry_open import BLACK_DN, sentences
 from starling.calibration.photometry.prediction import Prediction
 from starling.calibration.solution import Estimate, Solution
 from starling.patterns import errors
+from starling.sim.console import progress
 from starling.sim.imaging.imager import metered_rows_columns
 from starling.sim.render.layers import Layers
 from starling.sim.sensor.edits import with_values
@@ -92,6 +93,7 @@ def fit_photometry(
     *,
     layers: Mapping[str, Layers] | None = None,
     free: Sequence[str] = PARAMETERS,
+    track: progress.Progress = progress.silent,
 ) -> Photometry:
     """Fit levels to captures with calibrated geometry.
 
@@ -105,6 +107,7 @@ def fit_photometry(
         sensor: sensor with geometry, projector, pattern, noise and all fixed parameters.
         layers: layers rendered with this sensor, by scene; missing ones are rendered.
         free: names in `PARAMETERS`.
+        track: progress callback around the simulations.
 
     Returns:
         Estimates, with one ambient irradiance for each scene. An unidentifiable parameter keeps
@@ -116,7 +119,7 @@ def fit_photometry(
     for name in free:
         errors.one_of("free", name, PARAMETERS)
     _refuse_gamma(sensor)
-    images = light_model.images(observations, sensor, layers or {})
+    images = light_model.images(track(observations, "levels"), sensor, layers or {})
     if not images:
         raise errors.refuse(
             "captures",

@@ -16,7 +16,7 @@ from starling.patterns import errors
 from starling.sim import files, quantities
 from starling.sim.geometry import frames
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.sensor import structure
+from starling.sim.sensor import scaling, structure
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import disparity_from_depth
 
@@ -90,7 +90,14 @@ class CaptureInfo:
         )
 
     def geometry_into(self, sensor: Sensor) -> Sensor:
-        """Return a sensor with the image size, intrinsics and baseline of these captures."""
+        """Return a sensor with the image size, intrinsics and baseline of these captures.
+
+        Images of another size show the middle of the imager in larger or smaller pixels. All that
+        depends on the pixels follows, the nearest depth too (`starling.sim.sensor.scaling`).
+        """
+        if (sensor.width, sensor.height) != (self.width, self.height):
+            ratio = self.fx_px / sensor.fx_px
+            sensor = scaling.scaled(sensor, ratio, self.width, self.height)
         changes: dict[str, Any] = dataclasses.asdict(Pinhole.from_camera(self))
         changes["baseline_m"] = self.baseline_m
         if sensor.kind == "structured_light":  # Its projector is at the end of the baseline.

@@ -54,7 +54,8 @@ def match_captures(
         pixels with depth, and `left_right_agreement`, the share of matches that both directions
         confirm; both need no reference. `ours` and `device` compare with
         the reference depth, `agreement` compares ours with the device. Only `agreement` has
-        `ndp_iou`. Figures without reference or device depth are None.
+        `ndp_iou`, without reference depth over all pixels right of the left band. Figures without
+        reference or device depth are None. A warning reports depths of a constant ratio.
 
     Raises:
         InputError: captures that cannot be read or have no infrared pair, or a folder that
@@ -119,13 +120,32 @@ def _figures(scene: CapturedScene, ours: depth.DepthMap) -> dict[str, dict[str, 
     device = _disparity(scene, scene.frame(scene.frames[0]).depth_m)
     truth = _disparity(scene, scene.truth_m())
     known = device if truth is None else truth
-    holes = None if known is None else metrics.reached_pixels(known)
+    holes = None if device is None else _compared(device, truth)
+    _warn_of_scale(scene, ours.disparity_px, device)
     return {
         "pair": _pair_figures(ours),
         "ours": _compare(ours.disparity_px, truth, known),
         "device": _compare(device, truth, known),
         "agreement": _compare(ours.disparity_px, device, known, holes_where=holes),
     }
+
+
+def _compared(device: _Map, truth: _Map | None) -> NDArray[np.bool_]:
+    """Pixels where no-depth pixels are compared: right of the band, with truth if it is known."""
+    return metrics.reached_pixels(np.zeros_like(device) if truth is None else truth)
+
+
+def _warn_of_scale(scene: CapturedScene, ours_px: _Map, device_px: _Map | None) -> None:
+    """Warn of a constant ratio of depths: both were computed with different f b."""
+    ratio = None if device_px is None else metrics.constant_ratio(ours_px, device_px)
+    if ratio is not None:
+        stated = scene.info.focal_baseline_px_m
+        warnings.warn(
+            f"{scene.path}: the device's depth is {ratio:.4f} times ours at all distances. It was "
+            f"computed with f b = {ratio * stated:.2f} px m; capture.toml states {stated:.2f}. "
+            "Check fx_px and baseline_m.",
+            stacklevel=2,
+        )
 
 
 def _pair_figures(ours: depth.DepthMap) -> dict[str, float | None]:

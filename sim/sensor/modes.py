@@ -19,7 +19,7 @@ import dataclasses
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 from starling.patterns import errors
 from starling.sim.sensor import structure
@@ -163,9 +163,18 @@ def changes_of(entry: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in entry.items() if key not in ("scale", "fps")}
 
 
-def name_of(sensor: Sensor) -> str:
-    """Return the name of the mode of a sensor's image size: `848x480`."""
-    return f"{sensor.width}x{sensor.height}"
+class Sized(Protocol):
+    """A sensor or captures with an image size [px]."""
+
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+
+
+def name_of(camera: Sized) -> str:
+    """Return the name of the mode of an image size: `848x480`."""
+    return f"{camera.width}x{camera.height}"
 
 
 def listed(modes: Modes) -> str:

@@ -10,7 +10,7 @@ from starling.patterns import errors
 from starling.sim.captures import capture
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.console.progress import Note, ignore_note
-from starling.sim.sensor import omissions, overlaps, presets
+from starling.sim.sensor import modes, omissions, overlaps, presets
 from starling.sim.sensor.edits import apply, path_of
 from starling.sim.sensor.sensor import Sensor
 
@@ -29,7 +29,8 @@ def load(
     """Load a sensor; apply the geometry of its captures, then device controls, then edits.
 
     A sensor file that was calibrated on the captures' camera keeps its own geometry. It is more
-    accurate than the geometry stored with the captures.
+    accurate than the geometry stored with the captures. Without `mode`, the mode of the captures'
+    image size is used, if the camera has it.
 
     Image files of patterns get absolute paths, so that the sensor works in any directory. A path
     in a sensor file starts at the file's folder, a path in an edit at the working directory.
@@ -63,6 +64,8 @@ def load(
         info = captured.info
         if mode:
             refuse_other_size(sensor, info)
+        elif modes.name_of(info) in file.modes and modes.name_of(sensor) != modes.name_of(info):
+            sensor = presets.load_file(name, mode=modes.name_of(info)).sensor
         if not (name.endswith(".toml") and info.are_of(sensor)):
             sensor = info.geometry_into(sensor)
     if device_preset is not None or emitter is not None:
