@@ -69,6 +69,7 @@ class EvaluationPlan:
     methods: tuple[str, ...]  # Trained for each held-out room on other rooms.
     models: tuple[Path, ...] = ()  # Folders of `starling train`, evaluated without training.
     held: tuple[str, ...] | None = None  # Held-out rooms; None evaluates all.
+    heldout: str | None = None  # Capture set of the held-out rooms; None is that of the training.
     learn_from: int | None = None  # Number of training rooms; None uses all others.
     steps: int | None = None  # Training steps of a network.
     start: tuple[Path, ...] = ()  # Trained models as initial weights of the same methods.
@@ -86,6 +87,7 @@ def evaluate_captures(
     plan: EvaluationPlan,
     *,
     simulations: Simulations | None = None,
+    heldout_simulations: Simulations | None = None,
     force: bool = False,
     options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
@@ -97,6 +99,7 @@ def evaluate_captures(
         out: output folder for models, probabilities, figures and pictures.
         plan: settings.
         simulations: for methods that use physics.
+        heldout_simulations: of the scenes in `plan.heldout`; None takes `simulations`.
         force: delete earlier results in the folder.
         options: further arguments for the record.
         track: wraps long loops.
@@ -111,18 +114,20 @@ def evaluate_captures(
     start_time = time.perf_counter()
     opened = capture.open_set(captures)
     output.refuse_own_input(out, opened.path)
-    rooms = tuple(dict.fromkeys(scene.room for scene in opened.scenes))
-    held_out = plan.held or rooms
-    captured.check_rooms(opened, held_out)
+    tested = opened if plan.heldout is None else _other_captures(plan.heldout, opened, out)
+    rooms = _rooms(opened)
+    held_out = plan.held or _rooms(tested)
+    captured.check_rooms(tested, held_out)
     trained_models = [trained(folder) for folder in plan.models]
+    for (_, predictor), folder in zip(trained_models, plan.models, strict=True):
+        _refuse_other_size(predictor, folder, tested, held_out)
     names = (*plan.methods, *(name for name, _ in trained_models))
     methods, models = _methods(names, plan), dict(trained_models)
     training_rooms = {
-        held: choose_training_rooms(rooms, held, plan.learn_from) if plan.methods else ()
-        for held in held_out
+        held: _training_rooms(rooms, held, plan) if plan.methods else () for held in held_out
     }
     if plan.icp:
-        case_study.check_objects(scene for scene in opened.scenes if scene.room in held_out)
+        case_study.check_objects(scene for scene in tested.scenes if scene.room in held_out)
     on_physics = [name for name in names if name in registry.ON_PHYSICS]
     if on_physics and simulations is None:
         raise refuse("sensor", f"must be given for {on_physics[0]}", "none", "Give --sensor.")
@@ -130,6 +135,11 @@ def evaluate_captures(
         held: captured.caching(simulations(held), out / PHYSICS)
         for held in held_out
         if on_physics and simulations
+    }
+    tested_by = heldout_simulations if plan.heldout else None
+    simulated_tests = {
+        held: captured.caching(tested_by(held), out / PHYSICS) if tested_by else simulation
+        for held, simulation in simulated.items()
     }
     arguments = {
         "captures": captures,
@@ -143,18 +153,21 @@ def evaluate_captures(
     with work_folder.opened(out, arguments, force=force):
         stored: dict[str, list[_Stored]] = {name: [] for name in names}
         for held in track(held_out, "rooms"):
-            fold = _Fold(opened, held, training_rooms[held], simulated.get(held))
+            learning = _Part(opened, training_rooms[held], simulated.get(held), track)
+            testing = _Part(tested, (held,), simulated_tests.get(held), track)
             for name in names:
                 folder = out / FOLDS / file_name(held) / name
                 fit = partial(methods[name].fit, folder=folder, seed=plan.seed, track=track)
-                stored[name] += _predictions(fold, folder, models.get(name), fit)
+                stored[name] += _predictions(learning, testing, folder, models.get(name), fit)
+                if plan.heldout is not None and name in plan.methods and name not in models:
+                    models[name] = methods[name].load(folder)  # All rooms learn from the same.
         predictions = {name: OnDemand(items, _Stored.read) for name, items in stored.items()}
         scores = {name: evaluate.scores(scenes) for name, scenes in predictions.items()}
         figures = evaluate.figures(scores, seed=plan.seed)
         figures["icp"] = {}
         if plan.icp:
             outcomes = case_study.case_study(
-                opened, predictions, trials=plan.icp, seed=plan.seed, track=track
+                tested, predictions, trials=plan.icp, seed=plan.seed, track=track
             )
             figures["icp"] = case_study.figures(outcomes)
         output.write_file(out / "curves.png", pictures.curves(scores), force=True)
@@ -163,22 +176,67 @@ def evaluate_captures(
     return {**figures, "out": str(out), "seconds": round(time.perf_counter() - start_time, 3)}
 
 
+def _rooms(captures: CaptureSet) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(scene.room for scene in captures.scenes))
+
+
+def _other_captures(path: str, training: CaptureSet, out: Path) -> CaptureSet:
+    """Open the captures of the held-out rooms.
+
+    Raises:
+        InputError: if they are those of the training, or the output folder is theirs.
+    """
+    opened = capture.open_set(path)
+    output.refuse_own_input(out, opened.path)
+    if opened.path.resolve() == training.path.resolve():
+        raise refuse("heldout", "must be other captures", path, "Leave it out, or give --rooms.")
+    return opened
+
+
+def _training_rooms(rooms: Sequence[str], held: str, plan: EvaluationPlan) -> tuple[str, ...]:
+    if plan.heldout is None:
+        return choose_training_rooms(rooms, held, plan.learn_from)
+    wanted = len(rooms) if plan.learn_from is None else plan.learn_from
+    errors.in_interval("rooms to learn from", wanted, 1, len(rooms))
+    return tuple(rooms[:wanted])
+
+
+def _refuse_other_size(
+    predictor: Predictor, model: Path, captures: CaptureSet, rooms: Sequence[str]
+) -> None:
+    """Refuse scenes of another size than a model needs, before anything is simulated.
+
+    Raises:
+        InputError: if the sizes differ.
+    """
+    shape = getattr(predictor, "only_shape", None)
+    for scene in captures.scenes:
+        if shape is not None and scene.room in rooms and scene.info.shape != shape:
+            rule = f"must be for the size of the scenes, {scene.info.width}x{scene.info.height}"
+            got = f"{shape[1]}x{shape[0]} in {model}"
+            raise refuse("model", rule, got, "Train it for this size, or take a network.")
+
+
 @dataclass(frozen=True, eq=False)
-class _Fold:
-    """A held-out room and its training rooms."""
+class _Part:
+    """Rooms of captures, to learn from or to predict."""
 
     captures: CaptureSet
-    held: str
-    rooms: tuple[str, ...]  # Training rooms.
+    rooms: tuple[str, ...]
     simulation: Simulation | None
+    track: progress.Progress
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the scenes."""
+        return [scene.name for scene in self.captures.scenes if scene.room in self.rooms]
 
     @cached_property
-    def training_examples(self) -> Sequence[Example]:
-        return captured.examples(self.captures, rooms=self.rooms, simulation=self.simulation)
-
-    @cached_property
-    def held_out_examples(self) -> Sequence[Example]:
-        return captured.examples(self.captures, rooms=(self.held,), simulation=self.simulation)
+    def examples(self) -> Sequence[Example]:
+        """The scenes; reading them simulates them."""
+        return captured.examples(
+            self.captures, rooms=self.rooms, simulation=self.simulation, track=self.track
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -212,7 +270,8 @@ def _methods(names: Sequence[str], plan: EvaluationPlan) -> dict[str, Method]:
 
 
 def _predictions(
-    fold: _Fold,
+    learning: _Part,
+    testing: _Part,
     folder: Path,
     model: Predictor | None,
     fit: Callable[[Sequence[Example]], Predictor],
@@ -221,14 +280,13 @@ def _predictions(
 
     Without a trained model, the method is trained on the fold's rooms.
     """
-    names = [scene.name for scene in fold.captures.scenes if scene.room == fold.held]
-    paths = [folder / f"{name}.png" for name in names]
+    paths = [folder / f"{name}.png" for name in testing.names]
     if not all(path.is_file() for path in paths):
-        predictor = fit(fold.training_examples) if model is None else model
-        for path, example in zip(paths, fold.held_out_examples, strict=True):
+        predictor = fit(learning.examples) if model is None else model
+        for path, example in zip(paths, testing.examples, strict=True):
             code = probability_code(predictor.probability(example))
             output.write_file(path, png.encode(code), force=True)
-    examples = fold.held_out_examples
+    examples = testing.examples
     return [
         _Stored(examples=examples, number=number, path=path) for number, path in enumerate(paths)
     ]

@@ -95,6 +95,7 @@ def evaluate(
     sensor: str | None = None,
     mode: ModeName = "",
     rooms: tuple[str, ...] | None = None,
+    heldout: str | None = None,
     learn_from: int | None = None,
     steps: int | None = None,
     start: tuple[Path, ...] = (),
@@ -123,6 +124,8 @@ def evaluate(
         sensor: preset or sensor file, for the methods that use physics. `{room}` in its name
             stands in for the held-out room. The sensor can then be calibrated without it.
         rooms: held-out rooms; all if not given.
+        heldout: another capture set with the held-out rooms. Methods are trained once, on all rooms
+            of the first.
         learn_from: number of training rooms, the next ones in order; all others if not given.
         steps: training steps of a network; its default if not given.
         start: trained models as initial weights of the same methods (see `starling train`).
@@ -134,17 +137,18 @@ def evaluate(
     from starling.learning.commands import evaluate_captures
     from starling.sim.console import progress
 
-    def simulations(held: str) -> Simulation:
+    def simulate_as(held: str, seen: str) -> Simulation:
         assert sensor is not None  # Called only with a sensor.
         camera = sensor.replace(ROOM, held)
         return _simulation(
-            camera, captures, mode=mode, draws=draws, seed=seed, even=even, edits=edits, cache=cache
+            camera, seen, mode=mode, draws=draws, seed=seed, even=even, edits=edits, cache=cache
         )
 
     plan = evaluate_captures.EvaluationPlan(
         methods=methods,
         models=models,
         held=rooms,
+        heldout=heldout,
         learn_from=learn_from,
         steps=steps,
         start=start,
@@ -156,7 +160,10 @@ def evaluate(
             captures,
             out,
             plan,
-            simulations=simulations if sensor else None,
+            simulations=(lambda held: simulate_as(held, captures)) if sensor else None,
+            heldout_simulations=(lambda held: simulate_as(held, heldout or captures))
+            if sensor
+            else None,
             force=force,
             options={"sensor": sensor, "mode": mode, "draws": draws, "even": even, "set": edits},
             track=track,

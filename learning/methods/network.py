@@ -22,9 +22,17 @@ from torch.nn import functional
 from starling.learning.data.example import Example, Image, Mask
 from starling.learning.data.physics import physics_probability
 from starling.learning.networks import checkpoint, samples
-from starling.learning.networks.channels import LOGIT_SCALE, ODD, channels, names, uninformative
+from starling.learning.networks.channels import (
+    LOGIT_SCALE,
+    ODD,
+    channels,
+    names,
+    require_physics,
+    uninformative,
+)
 from starling.learning.networks.device import initialised, mixed_precision, run_network
-from starling.learning.networks.samples import Batch, check_same_size
+from starling.learning.networks.resampling import at_training_scale
+from starling.learning.networks.samples import Batch
 from starling.learning.networks.training import (
     STEEPEST,
     Draw,
@@ -77,15 +85,17 @@ class NetworkPredictor:
     shape: tuple[int, int]  # (h, w) of the training images.
 
     def probability(self, example: Example) -> Image:
-        """Run the network, (h, w).
+        """Run the network, (h, w), in pixels of the training images.
 
         Raises:
-            InputError: if the example has another size than the training images, no reference depth
-                is known, or its reflectance is required but missing.
+            InputError: if no reference depth is known, or its reflectance is required but missing.
         """
-        check_same_size(example, self.shape)
-        inputs = channels(example, with_reflectance=self.with_reflectance, with_physics=False)
-        return expit(run_network(self.network, inputs))
+
+        def logit(seen: Example) -> Image:
+            inputs = channels(seen, with_reflectance=self.with_reflectance, with_physics=False)
+            return run_network(self.network, inputs)
+
+        return expit(at_training_scale(example, self.shape, logit))
 
 
 class LogitCorrection(nn.Module):
@@ -120,17 +130,20 @@ class HybridPredictor:
     shape: tuple[int, int]  # (h, w) of the training images.
 
     def probability(self, example: Example) -> Image:
-        """Correct the simulated probability, (h, w).
+        """Correct the simulated probability, (h, w), in pixels of the training images.
 
         Raises:
-            InputError: if the example has no physics or another size than the training images; no
-                reference depth is known; its reflectance is required but missing.
+            InputError: if the example has no physics, no reference depth is known, or its
+                reflectance is required but missing.
         """
-        check_same_size(example, self.shape)
-        inputs = channels(example, with_reflectance=self.with_reflectance, with_physics=True)
-        correction = run_network(self.network.correction, inputs)
-        assert example.physics is not None  # Checked by `channels`.
-        return corrected(physics_probability(example.physics), correction)
+
+        def correction(seen: Example) -> Image:
+            inputs = channels(seen, with_reflectance=self.with_reflectance, with_physics=True)
+            return run_network(self.network.correction, inputs)
+
+        physics = require_physics(example)
+        change = at_training_scale(example, self.shape, correction)
+        return corrected(physics_probability(physics), change)
 
 
 def corrected(probability: Image, correction: Image) -> Image:

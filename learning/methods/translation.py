@@ -92,6 +92,11 @@ class TranslationPredictor:
     shape: tuple[int, int]  # (h, w) of the training images.
     inputs: TranslatorInput
 
+    @property
+    def only_shape(self) -> tuple[int, int]:
+        """The only image size (h, w) that it predicts."""
+        return self.shape
+
     def depth_m(self, example: Example) -> Image:
         """Predict the device's depth (h, w) [m]; values may be negative.
 
