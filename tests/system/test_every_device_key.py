@@ -44,6 +44,7 @@ IMAGER = {
     **{"alignment.offset_x_px": 0.1, "alignment.offset_y_px": 0.1, "alignment.roll_deg": 0.2},
     **{"alignment.pitch_deg": 0.2, "alignment.yaw_deg": 0.2, "alignment.magnification": 1.01},
     **{"alignment.distortion_px": 0.3, "alignment.warp_px": [[0.1, 0.2], [0.2, 0.3]]},
+    "alignment.waves_px": 0.2,
     **{"rolling_shutter_s": 0.01, "crosstalk": 0.05, "column_noise_e": 3.0, "row_noise_e": 3.0},
     **{"hot_pixels": 0.002, "blooming": 0.1, "smoothing_px": 0.4, "gamma": 1.2},
     **{"auto_exposure_level": 0.0, "exposure_s": 0.03},
@@ -80,7 +81,7 @@ VALUES: dict[str, Any] = {
     **{"matcher.refinement.smooth_rows_px": 3, "post.near_m": 1.0, "post.hole_filling": "nearest"},
     **{f"{side}.alignment.warp_px": [[0.2, 0.1], [0.3, 0.2]] for side in ("left", "right")},
     **{"left.mosaic": "rggb", "right.mosaic": "rggb"},
-    "left.auto_exposure_max_gain": 4.0,
+    **{"left.auto_exposure_max_gain": 4.0, "left.auto_exposure_roi": 0.5},
     **{"left.bit_depth": 10, "right.bit_depth": 10, "left.auto_exposure_level": 0.5},
     **{"post.temporal_persistence": 8, "matcher.refinement.smooth_step_px": 0.1},
 }
@@ -97,6 +98,7 @@ WITH: dict[str, dict[str, Any]] = {
     "matcher.checks.support_step_px": {"matcher.checks.support_share": 0.5},
     "matcher.checks.near_end": {**LARGER, "baseline_m": 0.08, "matcher.search_px": 16},
     "left.auto_exposure_max_s": {"left.auto_exposure_level": 0.5},
+    "left.auto_exposure_roi": {"left.auto_exposure_level": 0.5},
     "left.auto_exposure_max_gain": {
         "left.auto_exposure_level": 0.5,
         "left.auto_exposure_max_s": 1e-3,

@@ -34,13 +34,14 @@ def test_the_target_is_the_mean_level() -> None:
     assert estimate.start == SENSOR.left.auto_exposure_level
 
 
-def test_a_level_is_the_mean_of_all_pixels() -> None:
-    """The mean includes bright dots."""
+@pytest.mark.parametrize(("row", "wanted_dn"), [(3, 50.0), (0, 10.0)])
+def test_a_level_is_the_mean_of_all_metered_pixels(row: int, wanted_dn: float) -> None:
+    """The mean includes bright dots, and excludes the border that the sensor does not meter."""
     dotted = _seen("dots", 10.0)
-    assert dotted.left is not None
-    dotted.left[0] = 250.0
+    assert dotted.left is not None and SENSOR.left.auto_exposure_roi == 0.8
+    dotted.left[row] = 250.0
     solution = fit_exposure_level([dotted, replace(dotted, name="again")], SENSOR)
-    assert solution is not None and solution.estimates[0].value == pytest.approx(40 / 255)
+    assert solution is not None and solution.estimates[0].value == pytest.approx(wanted_dn / 255)
 
 
 def test_one_scene_or_a_fixed_exposure_gives_no_level() -> None:

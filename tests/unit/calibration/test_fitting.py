@@ -153,6 +153,11 @@ def test_haze_is_not_biased_by_the_initial_ambient_map(tmp_path: Path) -> None:
     assert estimates["scene.ambient.irradiance_w_m2[table]"] == pytest.approx(1.0, rel=0.2)
 
 
+def test_waves_of_a_random_unit_are_dropped(small: Sensor) -> None:
+    waving = with_values(small, [("imager.alignment.waves_px", 0.2)])
+    assert waving != small and fitting.without_waves(waving) == small
+
+
 @pytest.mark.long
 def test_a_warp_is_fitted_last(captures: Path, small: Sensor, tmp_path: Path) -> None:
     """The captures have no warp; `test_warp_fit.py` covers a nonzero warp."""

@@ -22,13 +22,47 @@ from starling.learning.networks.device import run_network
 from starling.learning.networks.training import TrainingSettings
 from starling.learning.networks.unet import UNet
 from starling.patterns.errors import InputError
-from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
+from tests.unit.learning.step_scenes import SHAPE, step_scene
 
 pytestmark = pytest.mark.long  # These tests train networks.
 
 LEARNT_FROM = [step_scene(number) for number in range(24)]
 UNSEEN = [step_scene(number) for number in range(100, 116)]
 QUICK = TrainingSettings(steps=60, batch=4, rate=5e-3, averaging=0.9)
+
+
+def doubled(example: Example) -> Example:
+    """The same scene in an image of twice the size."""
+
+    def larger(image: Any) -> Any:
+        return np.repeat(np.repeat(image, 2, axis=0), 2, axis=1)
+
+    physics = example.physics
+    assert physics is not None
+    images = {
+        field.name: getattr(physics, field.name)
+        for field in dataclasses.fields(physics)
+        if field.name != "draws"
+    }
+    images = {
+        name: larger(image) * (2 if name.endswith("_px") else 1) for name, image in images.items()
+    }
+    info = example.info
+    return dataclasses.replace(
+        example,
+        info=dataclasses.replace(
+            info,
+            width=2 * info.width,
+            height=2 * info.height,
+            fx_px=2 * info.fx_px,
+            fy_px=2 * info.fy_px,
+            cx_px=2 * info.cx_px + 0.5,
+            cy_px=2 * info.cy_px + 0.5,
+        ),
+        depth_m=larger(example.depth_m),
+        reflectance=None if example.reflectance is None else larger(example.reflectance),
+        physics=dataclasses.replace(physics, **images),
+    )
 
 
 def _area(predictor: Predictor) -> float:
@@ -156,17 +190,19 @@ def test_inference_is_the_network(width: int) -> None:
 
 
 @pytest.mark.parametrize("method", [Network(), Hybrid()], ids=lambda method: method.name)
-def test_refuses_a_scene_of_another_size(method: Any, tmp_path: Path) -> None:
-    short = dataclasses.replace(QUICK, steps=1)
+def test_scenes_of_another_size_are_predicted_at_the_training_scale(
+    method: Any, tmp_path: Path
+) -> None:
+    """Every pixel of a scene becomes 2x2 pixels: the same prediction, but for interpolation."""
+    short = dataclasses.replace(QUICK, steps=8)
     predictor = dataclasses.replace(method, settings=short).fit(
-        LEARNT_FROM[:2], folder=tmp_path, seed=0
+        LEARNT_FROM[:4], folder=tmp_path, seed=0
     )
-    info = dataclasses.replace(INFO, width=80)
-    wide = dataclasses.replace(UNSEEN[0], info=info, depth_m=np.ones((48, 80), np.float32))
-    with pytest.raises(
-        InputError, match="size of the training scenes, 64x48; got 80x48 in scene100"
-    ):
-        predictor.probability(wide)
+    small, large = UNSEEN[0], doubled(UNSEEN[0])
+    predicted = predictor.probability(large)
+    assert predicted.shape == large.depth_m.shape
+    means = predicted.reshape(SHAPE[0], 2, SHAPE[1], 2).mean((1, 3))
+    assert np.corrcoef(means.ravel(), predictor.probability(small).ravel())[0, 1] > 0.9
 
 
 def test_scenes_without_an_input_are_refused(tmp_path: Path) -> None:

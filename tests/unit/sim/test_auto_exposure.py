@@ -42,3 +42,18 @@ def test_gain_follows_the_longest_exposure(radiance, most):
         electrons = imager.mean_electrons(part, image, 850.0, chosen)
         level = float(electrons.mean()) * part.dn_per_electron * chosen.gain + part.black_level_dn
         assert level == pytest.approx(0.25 * part.ceiling_dn, rel=1e-4)
+
+
+def test_the_middle_is_metered():
+    image = np.full((20, 40), 5.0, np.float32)
+    rows, columns = imager.metered_rows_columns(image.shape, 0.5)
+    image[rows, columns] = 1.0
+    assert (image == 1.0).sum() == image.size / 4
+    part = dataclasses.replace(REAL, auto_exposure_level=0.25, auto_exposure_roi=0.5)
+    even = imager.choose_exposure(part, np.ones_like(image), 850.0)
+    assert imager.choose_exposure(part, image, 850.0) == even
+
+
+def test_a_pixel_is_metered_at_least():
+    rows, columns = imager.metered_rows_columns((2, 3), 0.05)
+    assert np.ones((2, 3))[rows, columns].size >= 1

@@ -313,6 +313,20 @@ def test_sensor_takes_the_captures_geometry(small_set: Path) -> None:
     assert (sensor.width, sensor.fx_px, sensor.baseline_m) == (160, 90.0, 0.05)
 
 
+def test_captures_of_another_size_have_other_pixels(small_set: Path) -> None:
+    """The nearest depth follows the focal length, as the search has a fixed number of pixels."""
+    from starling.sim.sensor import presets
+
+    info, device = capture.open_set(small_set).info, presets.load("d415")
+    ratio = info.fx_px / device.fx_px
+    sensor = info.geometry_into(device)
+    assert sensor.post.near_m == pytest.approx(ratio * device.post.near_m)
+    assert sensor.left.pixel_pitch_m == pytest.approx(device.left.pixel_pitch_m / ratio)
+    same_size = dataclasses.replace(info, width=1280, height=720, fx_px=899.8, fy_px=899.8)
+    same = same_size.geometry_into(device)
+    assert (same.left, same.post) == (device.left, device.post)
+
+
 def test_fullest_frame_is_the_first_with_a_pair_and_depth(small_set: Path) -> None:
     scene = small_set / "a"
     for number in "123":

@@ -172,3 +172,24 @@ def test_refusals_name_all_arrays_and_a_remedy() -> None:
         metrics.disparity_figures(truth, truth, np.zeros(truth.shape, bool))
     with pytest.raises(InputError, match="disparity_px and holes_of_px and holes_where must"):
         metrics.disparity_figures(truth, truth, scored, holes_of_px=truth[:5])
+
+
+@pytest.mark.parametrize(
+    ("factor", "offset_px", "wanted"),
+    [(1.02, 0.0, 1.02), (0.97, 0.0, 0.97), (1.0, 0.4, None), (1.001, 0.0, None)],
+)
+def test_a_constant_ratio_is_told_from_an_offset(
+    factor: float, offset_px: float, wanted: float | None
+) -> None:
+    rng = np.random.default_rng(0)
+    reference = np.linspace(8, 60, 40000).reshape(200, 200)
+    disparity = factor * reference + offset_px + rng.normal(0, 0.1, reference.shape)
+    disparity[:20] = np.nan
+    found = metrics.constant_ratio(disparity, reference)
+    assert found == (None if wanted is None else pytest.approx(wanted, abs=1e-3))
+
+
+def test_a_ratio_of_few_pixels_is_unknown() -> None:
+    reference = np.full((200, 200), np.nan)
+    reference[:4, :4] = 20.0
+    assert metrics.constant_ratio(1.1 * reference, reference) is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import cv2
@@ -219,3 +220,20 @@ def test_without_ambient_light_the_estimate_is_the_lower_limit():
     ).delivered.astype(np.float32)
     estimated = room_light.ambient_w_m2(read - np.float32(left.black_level_dn), light, left)
     assert estimated < 0.0105
+
+
+@pytest.mark.parametrize(
+    ("darkest_dn", "wanted_dn"),
+    [(3.0, 1.0), (6.0, 2.0), (0.0, 0.0)],  # A drifted black level, a lit place, a blank border.
+)
+def test_the_darkest_place_bounds_the_black_level(tmp_path, darkest_dn, wanted_dn):
+    """A cloth 1 DN above a black level of 3 is no mirror of nothing, although 4 DN are stated."""
+    scene = room(tmp_path / "set", 1.0)
+    stated = dataclasses.replace(scene.info, black_level_dn=4.0)
+    seen = dataclasses.replace(scene, info=stated)
+    image = np.full(SHAPE, 200, np.uint8)
+    image[20:60, 20:60] = darkest_dn
+    cloth = slice(100, 140), slice(100, 140)
+    image[cloth] = 4 if darkest_dn < 4 else 6
+    level = captured_scene._level(seen, image, 0.0)
+    assert level[cloth].mean() == pytest.approx(wanted_dn)
