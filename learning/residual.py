@@ -77,7 +77,7 @@ def load(model: Path | str) -> LearnedHoles:
     """Load a residual.
 
     Args:
-        model: `hybrid`, the shipped model for 640x360, or a folder of `starling train`.
+        model: `hybrid`, the shipped model, or a folder of `starling train`.
 
     Raises:
         InputError: if there is no such model.

@@ -1,12 +1,17 @@
 """Test whether the disparity error of a real D415 is fixed in the camera, and fit models to it.
 
     python benchmarks/matcher/disparity_field.py [--picture FILE]
+    python benchmarks/matcher/disparity_field.py --waves ROOM ... [--depth FOLDER]
     python benchmarks/matcher/disparity_field.py --sensor FILE --held ROOM ...
 
 The errors are medians of blocks of 40 x 40 px against the laser scanner, on the 15 scenes of
 `d415-faro`. They are computed for the device's depth and for our matcher's depth on the same
 infrared images. Each model is fitted to all rooms except one, and scored on that room. An error
 that both depths share comes from the images, not from the device's matcher.
+
+With --waves, it prints the size and the correlation of what repeats in these rooms: covariances of
+the block medians of different rooms, less each scene's median. FOLDER is a capture set with another
+depth of the same scenes, such as a simulated one.
 
 With --sensor, the script runs `starling calibrate --free warp` without the held-out rooms. It then
 prints the remaining difference between captured and simulated pairs in these rooms.
@@ -27,6 +32,7 @@ from numpy.typing import NDArray
 from starling.calibration import heldout, observation
 from starling.calibration.geometry import warp_fit
 from starling.sim.captures import capture
+from starling.sim.metrics import LEFT_BAND_PX
 from starling.sim.plotting import sheet
 from starling.sim.sensor import resolve
 from starling.sim.sensor.matcher import named
@@ -150,6 +156,43 @@ def draw(fields: dict[str, NDArray], path: Path) -> None:
     path.write_bytes(sheet.encode(figure))
 
 
+def repeated(scenes: Sequence[Blocks], down: int, across: int) -> float:
+    """Return the mean product [px^2] of blocks some blocks apart, in different rooms."""
+    products = []
+    for first in scenes:
+        for second in scenes:
+            if first.room != second.room:
+                rows, columns = first.error_px.shape
+                near = first.error_px[: rows - down, : columns - across]
+                far = second.error_px[down:, across:]
+                both = (near - np.nanmedian(first.error_px)) * (far - np.nanmedian(second.error_px))
+                products.append(both[np.isfinite(both)])
+    return float(np.concatenate(products).mean())
+
+
+def waves(where: Path, rooms: Sequence[str], depth: Path) -> None:
+    """Print size and correlation of the errors that repeat from room to room."""
+    seen = []
+    for scene in capture.open_set(where).scenes:
+        place = depth / scene.name
+        if scene.room not in rooms or not place.is_dir():
+            continue
+        depth_m = capture.open_set(place).scenes[0].frame(0).depth_m
+        truth_m = scene.truth_m()
+        assert depth_m is not None and truth_m is not None
+        pair = (scene.info.disparity_px(each) for each in (depth_m, truth_m))
+        found_px, truth_px = pair
+        found_px[:, :LEFT_BAND_PX] = np.nan
+        seen.append(blocks(scene.room, found_px, truth_px))
+    spread = np.mean([np.nanvar(scene.error_px) for scene in seen])
+    size = repeated(seen, 0, 0)
+    print(f"block medians: RMS {spread**0.5:.3f} px, repeated {max(size, 0) ** 0.5:.3f} px")
+    steps = range(0, 12, 2)
+    for label, places in (("across", [(0, k) for k in steps]), ("down", [(k, 0) for k in steps])):
+        shares = " ".join(f"{repeated(seen, *place) / size:5.2f}" for place in places)
+        print(f"correlation {label}, by {2 * BLOCK_PX} px: {shares}")
+
+
 def warped(where: Path, file: str, held: Sequence[str]) -> None:
     """Print the residual of a fitted warp in held-out rooms."""
     sensor = resolve.load(file, captures=str(where))
@@ -185,8 +228,12 @@ def main() -> None:
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--sensor", help="preset or sensor file, calibrated except for the warp")
     parser.add_argument("--held", nargs="+", default=[], help="rooms to hold out from the warp fit")
+    parser.add_argument("--waves", nargs="+", default=[], help="rooms to measure what repeats in")
+    parser.add_argument("--depth", type=Path, help="capture set with another depth for --waves")
     options = parser.parse_args()
     where = match_faro.folder()
+    if options.waves:
+        return waves(where, options.waves, options.depth or where)
     if options.sensor:
         return warped(where, options.sensor, options.held)
     device, ours = [], []

@@ -53,7 +53,7 @@ def captures(folder: Path, scale: float = 1.0) -> str:
 
 
 def test_holes_are_compared_without_reference_depth(tmp_path: Path) -> None:
-    """Only the device has a hole, which is known although no truth tells it."""
+    """Only the device has a hole, outside the pixels that both maps know."""
     figures = match_captures(captures(tmp_path / "set"), sensor())["scenes"]["wall"]
     assert figures["ours"]["ndp_iou"] is None
     assert figures["agreement"]["ndp_iou"] < 0.5
@@ -61,9 +61,7 @@ def test_holes_are_compared_without_reference_depth(tmp_path: Path) -> None:
 
 
 def test_depths_of_another_focal_length_are_noticed(tmp_path: Path) -> None:
-    line = (
-        r"wall: the device's depth is 1\.03\d+ times ours .* f b = 15\.4\d px m; .* 15\.00"
-    )
+    line = r"wall: the device's depth is 1\.03\d+ times ours .* f b = 15\.4\d px m; .* 15\.00"
     with pytest.warns(UserWarning, match=line):
         match_captures(captures(tmp_path / "set", scale=1.03), sensor())
 

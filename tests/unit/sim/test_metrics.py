@@ -185,8 +185,8 @@ def test_a_constant_ratio_is_told_from_an_offset(
     reference = np.linspace(8, 60, 40000).reshape(200, 200)
     disparity = factor * reference + offset_px + rng.normal(0, 0.1, reference.shape)
     disparity[:20] = np.nan
-    found = metrics.constant_ratio(disparity, reference)
-    assert found == (None if wanted is None else pytest.approx(wanted, abs=1e-3))
+    ratio = metrics.constant_ratio(disparity, reference)
+    assert ratio == (None if wanted is None else pytest.approx(wanted, abs=1e-3))
 
 
 def test_a_ratio_of_few_pixels_is_unknown() -> None:

@@ -27,8 +27,8 @@ def drawn(unit: int, side: Literal["left", "right"] = "right") -> np.ndarray:
 def test_units_and_imagers_have_their_own_waves() -> None:
     first = drawn(0)
     assert np.array_equal(first, drawn(0))
-    for other in (drawn(1), drawn(0, "left")):
-        assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.6
+    for second in (drawn(1), drawn(0, "left")):
+        assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.6
     assert not waves.field(Alignment(), PINHOLE, Die(0, "right")).any()
 
 
