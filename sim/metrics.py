@@ -155,8 +155,8 @@ def constant_ratio(disparity_px: NDArray, reference_px: NDArray) -> float | None
         reference_px: (h, w) [px], NaN = unknown.
 
     Returns:
-        Median of `disparity_px` over `reference_px`, or None: if it is within 0.3 % of 1, if too
-        few pixels are known, or if an offset explains the difference as well.
+        Median of `disparity_px` over `reference_px`. None if it is within 0.3 % of 1, too few
+        pixels are known, or an offset explains the difference as well.
     """
     known = np.isfinite(disparity_px + reference_px) & (reference_px > 0)
     if known.sum() < _LEAST_COMPARED:

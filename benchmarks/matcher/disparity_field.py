@@ -9,9 +9,9 @@ The errors are medians of blocks of 40 x 40 px against the laser scanner, on the
 infrared images. Each model is fitted to all rooms except one, and scored on that room. An error
 that both depths share comes from the images, not from the device's matcher.
 
-With --waves, it prints the size and the correlation of what repeats in these rooms: covariances of
-the block medians of different rooms, less each scene's median. FOLDER is a capture set with another
-depth of the same scenes, such as a simulated one.
+With --waves, it prints the size and the correlation of what repeats in these rooms. These are
+covariances of the block medians of different rooms, less each scene's median. FOLDER is a capture
+set with another depth of the same scenes, such as a simulated one.
 
 With --sensor, the script runs `starling calibrate --free warp` without the held-out rooms. It then
 prints the remaining difference between captured and simulated pairs in these rooms.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from starling.sim.batch import handoff, imaging, light, views
+from starling.sim.batch import handoff, imaging, light, metering, views
 from starling.sim.batch.batch_scene import BatchScene
 from starling.sim.batch.handoff import launch
 from starling.sim.batch.rig import ExposureRule, LightRig, Side, SideRig
@@ -142,8 +142,8 @@ def _mean(radiance: Any, part: tuple[slice, slice]) -> Any:
     sums = wp.empty((n, height), dtype=wp.float64, device=device)
     mean = wp.empty(n, dtype=float, device=device)
     ends = wp.vec4i(rows.start, rows.stop, columns.start, columns.stop)
-    launch(imaging.sum_rows, sums.shape, device, radiance, ends, sums)
-    launch(imaging.average, n, device, sums, width, mean)
+    launch(metering.sum_rows, sums.shape, device, radiance, ends, sums)
+    launch(metering.average, n, device, sums, width, mean)
     return mean
 
 
@@ -160,7 +160,7 @@ def expose(left: Formed, rule: ExposureRule, exposures: Exposures) -> None:
     numbers = (rule.veil, rule.aim, rule.signal, rule.longest_s, wp.vec2(*rule.gains))
     filled = (exposures.exposure_s, exposures.gain)
     means = (left.mean, left.metered)
-    launch(imaging.expose, left.mean.shape, left.mean.device, *means, *numbers, *filled)
+    launch(metering.expose, left.mean.shape, left.mean.device, *means, *numbers, *filled)
 
 
 def read_out(

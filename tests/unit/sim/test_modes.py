@@ -11,9 +11,7 @@ import pytest
 
 import starling
 from starling.patterns.errors import InputError
-from starling.sim.captures import info as capture_info
-from starling.sim.captures import writer
-from starling.sim.sensor import presets, resolve, scaling
+from starling.sim.sensor import presets, scaling
 from starling.sim.sensor.sensor import Alignment, Imager, Lens, Sensor
 
 # Depth intrinsics (fx, cx, cy) [px] by mode, as devices list them.
@@ -390,14 +388,3 @@ def test_python_takes_a_mode() -> None:
     assert starling.load_sensor("d435", mode="640x480@60") == presets.load(
         "d435", mode="640x480@60"
     )
-
-
-def test_captures_choose_the_mode_of_their_size(tmp_path: Path) -> None:
-    """Without `mode`, keys of the mode hold as well as its scale."""
-    mode = presets.load("d415", mode="640x360")
-    info = writer.info_of(mode, source="-", licence="-", notes="")
-    (tmp_path / "capture.toml").write_text(capture_info.dumps(info))
-    (tmp_path / "a" / "0").mkdir(parents=True)
-    (tmp_path / "a" / "room").write_text("a")
-    assert resolve.load("d415", captures=str(tmp_path)) == mode
-    assert mode.post.near_m == pytest.approx(0.195)
