@@ -2,11 +2,11 @@
 
     python benchmarks/simulation/exposure_and_dots.py $STARLING_CAPTURES/d415-faro [SIMULATED ...]
 
-For each scene and folder it prints four figures of the left image: the mean level, that of the
-middle (0.8 of rows and columns), and the darkest mean of 25 x 25 px. The fourth is how dots differ
-between both imagers. A dot differs by the logarithm of its height on the left over that on the right, less
-the median of nine neighbouring dots. The figure is the standard deviation over sqrt(2). Speckle and
-noise are independent in both imagers, and the pattern is the same.
+It prints four figures of each scene and folder. Three are of the left image: the mean level, the
+mean of its middle (0.8 of rows and columns), and the darkest mean of 25 x 25 px. The fourth is how
+dots differ between both imagers. A dot differs by the logarithm of its height on the left over that
+on the right, less the median of nine neighbouring dots. The figure is the standard deviation over
+sqrt(2). Speckle and noise are independent in both imagers, and the pattern is the same.
 """
 
 from __future__ import annotations

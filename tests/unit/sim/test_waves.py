@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -92,6 +92,6 @@ def test_lengths_without_waves_leave_images_as_they_are() -> None:
         ({"waves_down_deg": 190.0}, r"alignment.waves_down_deg must be in \[1, 180\]; got 190"),
     ],
 )
-def test_impossible_waves_are_refused(changes: dict[str, float], message: str) -> None:
+def test_impossible_waves_are_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Alignment(**changes)
