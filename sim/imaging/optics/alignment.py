@@ -90,7 +90,8 @@ def misalign(
 def undone(alignment: Alignment) -> Alignment:
     """Return the opposite offset, roll and warp, which bring an image back to its ideal places.
 
-    The other errors stay; they are zero in calibrated sensors. Roll and warp are opposite to first
+    The other errors stay; they are zero in calibrated sensors. Waves are random, so that they are
+    none of a captured image. Roll and warp are opposite to first
     order.
     """
     return Alignment(

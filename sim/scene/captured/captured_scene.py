@@ -15,6 +15,7 @@ from starling.sim.arrays import Image, filled
 from starling.sim.captures.capture import CapturedScene, Frame, GreyImage, open_set
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging.imager import mix_pixels
+from starling.sim.imaging.imager.charge import Die
 from starling.sim.imaging.optics import alignment
 from starling.sim.imaging.signals import Signals, signals
 from starling.sim.render.layers import Layers, ViewLayers
@@ -197,7 +198,8 @@ def _seen_views(
             else:
                 share = share * share_left
         undone = alignment.undone(imager.alignment)
-        (ideal,) = alignment.misalign((image,), undone, Pinhole.from_camera(sensor))
+        die, pinhole = Die(sensor.unit, side), Pinhole.from_camera(sensor)
+        (ideal,) = alignment.misalign((image,), undone, pinhole, die)
         views.append(
             detail.SeenView(
                 image=np.maximum(ideal, 0),

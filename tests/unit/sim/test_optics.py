@@ -208,8 +208,8 @@ def test_an_undone_alignment_brings_a_dot_back() -> None:
     """Offset, roll and warp, to first order: a dot returns to its place within 0.02 px."""
     shifted = Alignment(offset_x_px=0.6, offset_y_px=-0.4, roll_deg=0.1, warp_px=((0.3,),))
     dot = spot.blur(point(80, 60), 1.0)
-    seen = alignment.misalign((dot,), shifted, PINHOLE)
-    (back,) = alignment.misalign(seen, alignment.undone(shifted), PINHOLE)
+    seen = alignment.misalign((dot,), shifted, PINHOLE, DIE)
+    (back,) = alignment.misalign(seen, alignment.undone(shifted), PINHOLE, DIE)
     assert moments(back)[:2] == pytest.approx((80, 60), abs=0.02)
     assert moments(seen[0])[0] > 80.5
 
