@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from starling.learning.data.captured import Simulation
 
 ROOM = "{room}"  # Placeholder of the held-out room in a sensor's name.
+Kind = Literal["depth", "holes", "infrared"]  # What the judge sees.
 Draws = Annotated[int, arg(help="Simulated draws of noise and speckle for the physics.")]
 Even = Annotated[bool, arg(help="Simulate with a uniform reflectance, without the captured image.")]
 Cache = Annotated[Path | None, arg(help="Folder for simulations, reused by other runs.")]
@@ -179,6 +181,8 @@ def compare(
     sensor: str | None = None,
     mode: ModeName = "",
     out: Path | None = None,
+    judge: bool = False,
+    judge_kinds: tuple[Kind, ...] = ("depth", "holes", "infrared"),
     draws: Draws = 8,
     cache: Cache = None,
     seed: int = 0,
@@ -190,6 +194,8 @@ def compare(
 
     Example: starling compare out/check out/check-simulated --json
 
+    Example: starling compare out/real out/simulated --judge --out out/judged
+
     Example: starling compare out/real --methods physics out/hybrid --sensor d435
     --out out/methods.png
 
@@ -199,23 +205,28 @@ def compare(
         methods: instead of `sim`: perfect, physics, folders of `starling train`, or the shipped
             hybrid-varied, network-varied.
         sensor: preset or sensor file, for the methods that use physics.
-        out: NAME.png for the depth images of the device and of the methods.
-        seed: seed of the drawn holes.
+        out: NAME.png for the depth images of the device and of the methods; with `judge`, a folder
+            for figures, scores by place and the windows that convict most.
+        judge: also train networks to tell simulated windows from real ones, and report how well
+            they do in rooms that they did not learn from (AUC; 0.5 = indistinguishable).
+        judge_kinds: what the networks see: depth with holes, holes alone, infrared pairs.
+        seed: seed of the drawn holes, and of the judge.
         force: replace earlier results.
     """
     from starling.sim.captures import capture
-    from starling.sim.commands import compare as comparison
     from starling.sim.console import output, progress
 
     if bool(sim) == bool(methods):
         got = "both" if sim else "neither"
         rule = "must be one of the two"
         raise refuse("sim and methods", rule, got, "Give simulated captures, or --methods.")
-    if sim and out is not None:
-        raise refuse("out", "must come with methods", out, "`starling show` draws two captures.")
+    if methods and judge:
+        raise refuse("judge", "must come with simulated captures", "methods", "Give one of them.")
+    if sim and out is not None and not judge:
+        advice = "`starling show` draws two captures."
+        raise refuse("out", "must come with methods or judge", out, advice)
     if not methods:
-        with progress.on_stderr() as track:
-            result = comparison.compare(capture.open_set(real), capture.open_set(sim), track=track)
+        result = _compare_sets(real, sim, judge_kinds if judge else (), out, seed, force)
         shell.say(result, json=common.json)
         return
     from starling.learning.commands import compare_methods
@@ -238,6 +249,25 @@ def compare(
     if out is not None:
         output.write_file(out, picture, force=force)
     shell.say(result, json=common.json)
+
+
+def _compare_sets(
+    real: str, sim: str, kinds: Sequence[str], out: Path | None, seed: int, force: bool
+) -> dict[str, Any]:
+    """Compare two sets, and judge them by networks if kinds are given."""
+    from starling.sim.captures import capture
+    from starling.sim.commands import compare as comparison
+    from starling.sim.console import progress
+
+    sets = capture.open_set(real), capture.open_set(sim)
+    with progress.on_stderr() as track:
+        if not kinds:
+            return comparison.compare(*sets, track=track)
+        from starling.learning.commands import judge_captures
+
+        return judge_captures.compare_and_judge(
+            *sets, kinds, out, seed=seed, force=force, track=track
+        )
 
 
 def _simulation(

@@ -42,6 +42,7 @@ PICTURE_MAKERS: dict[str, str] = {
     "sim/commands/sweep/picture.py": "the curves of a sweep",
     "sim/commands/check_sensors/picture.py": "noise of cameras against distance",
     "learning/evaluation/pictures.py": "the curves of an evaluation",
+    "learning/judge/pictures.py": "scores and windows of the judge",
     "learning/completion/evaluation/pictures.py": "errors of completed depth",
 }
 HEAVY = ("mitsuba", "drjit", "torch", "sklearn", "cv2", "matplotlib", "scipy", "numba")

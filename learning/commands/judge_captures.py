@@ -1,0 +1,105 @@
+"""Implementation of `starling compare --judge`: how well a network tells simulated from real."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from starling.learning.judge import pictures
+from starling.learning.judge.figures import summary
+from starling.learning.judge.judge import Judged, judge, room_scores
+from starling.learning.judge.samples import pairs
+from starling.sim.captures.capture import CaptureSet
+from starling.sim.commands.compare import compare, pair_scenes
+from starling.sim.console import output, progress, record
+from starling.sim.console.names import file_name
+from starling.sim.console.output import Folder, OutputFolder
+
+
+def compare_and_judge(
+    real: CaptureSet,
+    sim: CaptureSet,
+    kinds: Sequence[str],
+    out: Path | None = None,
+    *,
+    seed: int = 0,
+    force: bool = False,
+    track: progress.Progress = progress.silent,
+) -> dict[str, Any]:
+    """Compare two sets and judge them.
+
+    Args:
+        real: captures of a device.
+        sim: simulated captures of the same scenes.
+        kinds: see `judge_captures`.
+        out: folder for record and pictures; None writes nothing.
+        seed: see `judge_captures`.
+        force: replace an earlier folder.
+        track: wraps the long loops.
+
+    Returns:
+        The figures of `starling.sim.commands.compare.compare`, and `judge` with those of
+        `judge_captures`.
+
+    Raises:
+        InputError: as `compare` and `judge_captures`, or if the folder is taken.
+    """
+    if out is None:
+        figures = compare(real, sim, track=track)
+        return figures | {"judge": judge_captures(real, sim, kinds, seed=seed, track=track)}
+    for source in (real, sim):
+        output.refuse_own_input(out, source.path)
+    with OutputFolder(out, force=force) as folder:
+        figures = compare(real, sim, track=track)
+        judged = judge_captures(real, sim, kinds, seed=seed, track=track, folder=folder)
+        result = figures | {"judge": judged}
+        arguments = {"real": real.path, "sim": sim.path, "kinds": list(kinds), "seed": seed}
+        folder.write(output.RECORD, record.of_run("compare", arguments, result))
+    return result | {"out": str(out)}
+
+
+def judge_captures(
+    real: CaptureSet,
+    sim: CaptureSet,
+    kinds: Sequence[str],
+    *,
+    seed: int = 0,
+    track: progress.Progress = progress.silent,
+    folder: Folder | None = None,
+) -> dict[str, dict[str, Any]]:
+    """Judge the first frames of all scenes that both sets hold.
+
+    Args:
+        real: captures of a device.
+        sim: simulated captures of the same scenes.
+        kinds: `depth`, `holes`, `infrared`.
+        seed: seed of folds, weights and draws.
+        track: wraps the long loops.
+        folder: gets the pictures of each kind.
+
+    Returns:
+        By kind: `{"auc", "interval", "p_value", "rooms": {ROOM: auc}, "windows", "seconds"}`.
+
+    Raises:
+        InputError: if there are fewer than three rooms, sizes differ, or images are missing.
+    """
+    result: dict[str, dict[str, Any]] = {}
+    for kind in kinds:
+        start_s = time.perf_counter()
+        judged = judge(pairs(kind, real, sim, track=track), seed=seed, track=track)
+        result[kind] = summary(room_scores(judged), seed)
+        if folder is not None:
+            _draw(kind, judged, real, sim, folder)
+        result[kind]["seconds"] = time.perf_counter() - start_s
+    return result
+
+
+def _draw(
+    kind: str, judged: Sequence[Judged], real: CaptureSet, sim: CaptureSet, folder: Folder
+) -> None:
+    sides = [[pictures.view(kind, scene) for scene in scenes] for scenes in pair_scenes(real, sim)]
+    folder.write(f"{kind}-windows.png", pictures.crops(judged, sides))
+    for each, views in zip(judged, sides, strict=True):
+        folder.write(f"{kind}/{file_name(each.pair.scene)}.png", pictures.maps(each, views))

@@ -1,0 +1,1 @@
+"""A judge that learns to tell simulated captures from real ones."""

@@ -1,0 +1,121 @@
+"""The judge: a classifier two-sample test of simulated against real captures, by room."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from starling.learning.judge.figures import RoomScores
+from starling.learning.judge.samples import Pair, counted_windows
+from starling.learning.judge.training import JudgeSettings, scores, trained
+from starling.patterns import errors
+from starling.sim.console import progress
+from starling.sim.randomness import generator
+
+FOLDS = 5  # Groups of rooms, each judged by a network that saw none of its rooms.
+_LEAST_ROOMS = 3  # One to learn from, one to stop by, one to judge.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Fold:
+    """Rooms to learn from, to end the training by, and to judge; they share none."""
+
+    learn: tuple[str, ...]
+    stop: tuple[str, ...]
+    held: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        listed = (*self.learn, *self.stop, *self.held)
+        if len(set(listed)) < len(listed):
+            repeated = sorted({room for room in listed if listed.count(room) > 1})
+            rule, advice = "must be in one part of a fold only", "Split by room."
+            raise errors.refuse("rooms", rule, ", ".join(repeated), advice)
+
+
+def folds(rooms: Sequence[str], seed: int) -> tuple[Fold, ...]:
+    """Split rooms in random order; the rooms of the next group end the training.
+
+    Raises:
+        InputError: if there are fewer than three rooms.
+    """
+    names = sorted(set(rooms))
+    if len(names) < _LEAST_ROOMS:
+        rule = f"must be at least {_LEAST_ROOMS} to be judged"
+        raise errors.refuse("rooms", rule, len(names), "Take captures of more rooms.")
+    order = [names[n] for n in generator(seed, 0, "judge", "folds").permutation(len(names))]
+    count = min(FOLDS, len(order))
+    groups = [tuple(order[number::count]) for number in range(count)]
+    result = []
+    for number, held in enumerate(groups):
+        stop = groups[(number + 1) % count][:1]
+        learn = tuple(name for name in order if name not in (*held, *stop))
+        result.append(Fold(learn=learn, stop=stop, held=held))
+    return tuple(result)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Judged:
+    """Held-out scores of a scene's windows; NaN where a window is not judged."""
+
+    pair: Pair
+    scores: Tensor  # (2 sides, rows, columns)
+
+
+def judge(
+    pairs: Sequence[Pair],
+    *,
+    settings: JudgeSettings | None = None,
+    seed: int = 0,
+    track: progress.Progress = progress.silent,
+) -> list[Judged]:
+    """Score every scene by a network that learned from other rooms.
+
+    Raises:
+        InputError: if there are fewer than three rooms.
+    """
+    result: dict[str, Judged] = {}
+    settings = settings or JudgeSettings()
+    with _one_thread():
+        for fold in track(folds([pair.room for pair in pairs], seed), "judge"):
+            parts = [
+                [pair for pair in pairs if pair.room in rooms]
+                for rooms in (fold.learn, fold.stop, fold.held)
+            ]
+            network = trained(parts[0], parts[1], settings, seed=seed)
+            for pair in parts[2]:
+                score = scores(network, pair)
+                score[:, ~counted_windows(pair.shown)[0]] = float("nan")
+                result[pair.scene] = Judged(pair=pair, scores=score)
+    return [result[pair.scene] for pair in pairs]
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Limit PyTorch to one thread: its layers here are too small to share."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def room_scores(judged: Sequence[Judged]) -> list[RoomScores]:
+    """Collect the judged windows of each room."""
+    rooms = dict.fromkeys(each.pair.room for each in judged)
+    result = []
+    for room in rooms:
+        sides = []
+        for side in (0, 1):
+            values = [
+                each.scores[side].flatten().numpy() for each in judged if each.pair.room == room
+            ]
+            joined = np.concatenate(values).astype(np.float64)
+            sides.append(joined[np.isfinite(joined)])
+        result.append(RoomScores(room=room, real=sides[0], sim=sides[1]))
+    return result

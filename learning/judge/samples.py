@@ -1,0 +1,113 @@
+"""Pairs of a real and a simulated scene, as the judge's network reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from starling.learning.judge import cells
+from starling.learning.judge.network import WINDOW, WINDOW_PX
+from starling.patterns.errors import refuse
+from starling.sim.arrays import Image, Mask
+from starling.sim.captures.capture import CapturedScene, CaptureSet, Frame
+from starling.sim.commands.compare import pair_scenes
+from starling.sim.console import progress
+from starling.sim.metrics import LEFT_BAND_PX
+
+_GAP_PX = 9  # Areas without reference depth that are narrower still count [px].
+_EVERY = 7  # Step between the cells that means and deviations are taken from.
+LEAST_SHOWN = 0.5  # Windows with a smaller share of shown cells are not judged.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Pair:
+    """Cell statistics of one scene: real first, then simulated; upright first, then flipped."""
+
+    scene: str
+    room: str
+    cells: Tensor  # (2 sides, 2 flips, c, rows, columns)
+    shown: Tensor  # (2 flips, 1, rows, columns), 1 where cells count on both sides, else 0.
+
+
+def pairs(
+    kind: str, real: CaptureSet, sim: CaptureSet, *, track: progress.Progress = progress.silent
+) -> list[Pair]:
+    """Compute the statistics of the first frames of all scenes that both sets hold.
+
+    Raises:
+        InputError: if a frame lacks the images of this kind, sizes differ, or images are too small.
+    """
+    return [_pair(kind, a, b) for a, b in track(pair_scenes(real, sim), f"read {kind}")]
+
+
+def _pair(kind: str, real: CapturedScene, sim: CapturedScene) -> Pair:
+    if real.info.shape != sim.info.shape:
+        got = f"{real.info.shape} and {sim.info.shape} in {real.name}"
+        rule, advice = "must have one image size", "Simulate with the geometry of the captures."
+        raise refuse("real and simulated", rule, got, advice)
+    height, width = real.info.shape
+    if height < WINDOW_PX or width < LEFT_BAND_PX + WINDOW_PX:
+        rule = f"must be at least {LEFT_BAND_PX + WINDOW_PX} x {WINDOW_PX} px to be judged"
+        raise refuse("images", rule, f"{width} x {height}", "Take larger images.")
+    shown = _shown(real)
+    sides = []
+    for scene in (real, sim):
+        frame = scene.frame(scene.frames[0])
+        upright = cells.statistics(kind, frame, scene.info)
+        upside_down = cells.statistics(kind, _flipped(frame), scene.info)
+        sides.append(torch.stack([_cut(upright), _cut(upside_down)]))
+    known = torch.stack([_cut(cells.cell_means(image)[None]) for image in (shown, shown[::-1])])
+    return Pair(
+        scene=real.name,
+        room=real.room,
+        cells=torch.stack(sides),
+        shown=(known > LEAST_SHOWN).float(),
+    )
+
+
+def _cut(image: Image) -> Tensor:
+    """Leave out the columns that the search for matches may not reach."""
+    return torch.from_numpy(np.ascontiguousarray(image[..., LEFT_BAND_PX // cells.CELL_PX :]))
+
+
+def _shown(scene: CapturedScene) -> Mask:
+    """Pixels (h, w) with reference depth nearby: elsewhere nothing says what a simulation holds."""
+    truth_m = scene.truth_m()
+    if truth_m is None:
+        return np.ones(scene.info.shape, bool)
+    unknown = np.isnan(truth_m).astype(np.uint8)
+    wide = cv2.morphologyEx(unknown, cv2.MORPH_OPEN, np.ones((_GAP_PX, _GAP_PX), np.uint8))
+    return wide == 0
+
+
+def _flipped(frame: Frame) -> Frame:
+    """Flip a frame up-down, which keeps the order of the imagers."""
+    images: dict[str, Any] = {
+        name: None if image is None else np.ascontiguousarray(image[::-1])
+        for name in ("ir_left", "ir_right", "depth_m")
+        for image in (getattr(frame, name),)
+    }
+    return Frame(number=frame.number, **images)
+
+
+def counted_windows(shown: Tensor) -> Tensor:
+    """Windows (..., rows, columns) of the grid at the first cell that are judged."""
+    means = torch.nn.functional.avg_pool2d(shown, WINDOW)
+    return means[..., 0, :, :] >= LEAST_SHOWN
+
+
+def moments(samples: Sequence[Pair]) -> tuple[Tensor, Tensor]:
+    """Mean and inverse deviation (c, 1, 1) of each statistic over shown cells of several pairs."""
+    rows = [
+        pair.cells[:, 0].movedim(1, -1)[:, pair.shown[0, 0] > 0].flatten(0, 1)[::_EVERY]
+        for pair in samples
+    ]
+    values = torch.cat(rows)
+    scale = 1 / (values.std(0) + 1e-3)
+    return values.mean(0)[:, None, None], scale[:, None, None]
