@@ -189,4 +189,4 @@ def _areas(mask: Mask) -> Image:
     """Area of the connected part that each pixel of a mask belongs to [px]."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
     areas = np.asarray(stats[:, cv2.CC_STAT_AREA], np.float32)
-    return areas[np.asarray(labels)]
+    return np.take(areas, np.asarray(labels, np.intp))

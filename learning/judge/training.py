@@ -24,7 +24,7 @@ from starling.sim.randomness import generator
 class JudgeSettings:
     """Length and rate of a training; steps count pairs of whole images."""
 
-    steps: int = 160
+    steps: int = 120
     pairs: int = 3  # Scenes a step, each real and simulated.
     rate: float = 3e-3
     weight_decay: float = 0.05
