@@ -18,7 +18,7 @@ from starling.sim.captures.capture import Frame
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.captures.png import GreyImage
 
-CELL_PX = 8  # Side of a cell.
+CELL_PX = 16  # Side of a cell.
 _STEPS_PX = (1, 2, 4, 8)  # Distances of the differences.
 _SMOOTHINGS_PX = (1.0, 2.0, 4.0, 8.0)  # Standard deviations of the band passes.
 # Bins of absolute responses [px]; the first holds equal values of a quantised map.
@@ -32,7 +32,7 @@ _DARKEST_DN = 1.0  # Added to the local contrast, so that flat areas do not beco
 
 
 def cell_means(image: Image | Mask) -> Image:
-    """Average an image (h, w) over whole cells (h // 8, w // 8)."""
+    """Average an image (h, w) over whole cells (h // 16, w // 16)."""
     rows, columns = (side // CELL_PX for side in image.shape)
     whole = np.ascontiguousarray(image[: rows * CELL_PX, : columns * CELL_PX], np.float32)
     means = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
@@ -104,7 +104,7 @@ KINDS: dict[str, Callable[[Frame, CaptureInfo], Iterator[Image]]] = {
 
 
 def statistics(kind: str, frame: Frame, info: CaptureInfo) -> Image:
-    """Return the cell statistics of one kind, (c, h // 8, w // 8).
+    """Return the cell statistics of one kind, (c, h // 16, w // 16).
 
     Raises:
         InputError: if the frame lacks the images of this kind.

@@ -21,7 +21,7 @@ from starling.sim.console import progress
 from starling.sim.metrics import LEFT_BAND_PX
 
 _GAP_PX = 9  # Areas without reference depth that are narrower still count [px].
-_EVERY = 7  # Step between the cells that means and deviations are taken from.
+_EVERY = 2  # Step between the cells that means and deviations are taken from.
 LEAST_SHOWN = 0.5  # Windows with a smaller share of shown cells are not judged.
 
 
@@ -31,7 +31,7 @@ class Pair:
 
     scene: str
     room: str
-    cells: Tensor  # (2 sides, 2 flips, c, rows, columns)
+    cells: Tensor  # (2 sides, 2 flips, c, rows, columns), 0 where cells do not count.
     shown: Tensor  # (2 flips, 1, rows, columns), 1 where cells count on both sides, else 0.
 
 
@@ -56,18 +56,19 @@ def _pair(kind: str, real: CapturedScene, sim: CapturedScene) -> Pair:
         rule = f"must be at least {LEFT_BAND_PX + WINDOW_PX} x {WINDOW_PX} px to be judged"
         raise refuse("images", rule, f"{width} x {height}", "Take larger images.")
     shown = _shown(real)
+    flips = (shown, shown[::-1])
+    known = torch.stack([_cut(cells.cell_means(image)[None]) for image in flips]) > LEAST_SHOWN
     sides = []
     for scene in (real, sim):
         frame = scene.frame(scene.frames[0])
         upright = cells.statistics(kind, frame, scene.info)
         upside_down = cells.statistics(kind, _flipped(frame), scene.info)
         sides.append(torch.stack([_cut(upright), _cut(upside_down)]))
-    known = torch.stack([_cut(cells.cell_means(image)[None]) for image in (shown, shown[::-1])])
     return Pair(
         scene=real.name,
         room=real.room,
-        cells=torch.stack(sides),
-        shown=(known > LEAST_SHOWN).float(),
+        cells=torch.stack(sides) * known,
+        shown=known.float(),
     )
 
 
