@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from starling.patterns.errors import refuse
 from starling.sim.arrays import Image, Mask
@@ -27,6 +28,7 @@ _INFRARED_EDGES = (-np.inf, -1.5, -0.8, -0.4, -0.15, 0.15, 0.4, 0.8, 1.5, np.inf
 _RUN_EDGES_PX = (1, 2, 3, 5, 9, 17, 33, 10**6)  # Lengths of runs along rows and columns.
 _AREA_EDGES_PX = (1, 2, 4, 8, 16, 31, 101, 1001, 10**9)  # Areas of holes and of islands.
 _NEAR_EDGES_PX = (0.5, 1.5, 2.5, 4.5, 8.5)  # Distances to the next hole.
+_PATTERNS = 16  # Number of 2 x 2 patterns of a mask.
 _NORMALISATION_PX = 8.0  # Standard deviation of the window of local contrast.
 _DARKEST_DN = 1.0  # Added to the local contrast, so that flat areas do not become noise [DN].
 
@@ -124,9 +126,21 @@ def _missing(what: str) -> Exception:
 
 def _shares(values: Image, valid: Mask, edges: Sequence[float]) -> Iterator[Image]:
     """Yield the share of a cell's pixels in each bin."""
-    number = np.where(valid, np.searchsorted(np.asarray(edges, np.float32), values, "right"), 0)
-    for place in range(1, len(edges)):
-        yield cell_means(number == place)
+    number = np.zeros(values.shape, np.uint8)
+    for edge in edges:
+        number += values >= np.float32(edge)
+    yield from _counts(number * valid, len(edges))[1:]
+
+
+def _counts(number: NDArray[np.uint8], count: int) -> Image:
+    """Share of a cell's pixels that hold each number below a count, (count, rows, columns)."""
+    rows, columns = (side // CELL_PX for side in number.shape)
+    whole = number[: rows * CELL_PX, : columns * CELL_PX].astype(np.int32)
+    cell = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns) * count
+    place = whole.reshape(rows, CELL_PX, columns, CELL_PX) + cell[:, None, :, None]
+    counts = np.bincount(place.ravel(), minlength=rows * columns * count)
+    shares = counts.reshape(rows, columns, count) / CELL_PX**2
+    return np.asarray(np.moveaxis(shares, -1, 0), np.float32)
 
 
 def _differences(values: Image, known: Mask) -> Iterator[tuple[Image, Mask]]:
@@ -166,11 +180,11 @@ def _patterns(hole: Mask) -> Iterator[Image]:
     for step in _STEPS_PX:
         down = np.roll(hole, -step, 0)
         corners = (hole, np.roll(hole, -step, 1), down, np.roll(down, -step, 1))
-        code = sum(np.left_shift(corner, bit, dtype=np.uint8) for bit, corner in enumerate(corners))
-        code = np.asarray(code)
+        code = np.zeros(hole.shape, np.uint8)
+        for bit, corner in enumerate(corners):
+            code |= corner.astype(np.uint8) << bit
         code[-step:], code[:, -step:] = 0, 0
-        for pattern in range(1, 15):
-            yield cell_means(code == pattern)
+        yield from _counts(code, _PATTERNS)[1:-1]
 
 
 def _run_lengths(mask: Mask) -> Image:

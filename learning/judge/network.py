@@ -64,7 +64,7 @@ class WindowJudge(nn.Module):
 
 
 def _windows(layer: Tensor, weight: Tensor, side: int) -> list[Tensor]:
-    """Return means of a layer, which is 0 where the weight is, over windows of a side and contexts."""
+    """Return means over windows and contexts of a layer, which is 0 where the weight is."""
     means = []
     for kernel, padding in ((side, 0), (2 * side, (side + 1) // 2)):
         # A context is cut at the border of the image.

@@ -27,7 +27,7 @@ LEAST_SHOWN = 0.5  # Windows with a smaller share of shown cells are not judged.
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Pair:
-    """Cell statistics of one scene: real first, then simulated; upright first, then flipped."""
+    """Cell statistics of one scene: real first, upright first."""
 
     scene: str
     room: str
@@ -43,31 +43,50 @@ def pairs(
     Raises:
         InputError: if a frame lacks the images of this kind, sizes differ, or images are too small.
     """
-    return [_pair(kind, a, b) for a, b in track(pair_scenes(real, sim), f"read {kind}")]
+    return [
+        pair(a, read(kind, a), b, read(kind, b))
+        for a, b in track(pair_scenes(real, sim), f"read {kind}")
+    ]
 
 
-def _pair(kind: str, real: CapturedScene, sim: CapturedScene) -> Pair:
+def read(kind: str, scene: CapturedScene) -> Tensor:
+    """Compute the statistics (2 flips, c, rows, columns) of a scene's first frame.
+
+    Raises:
+        InputError: if the frame lacks the images of this kind, or they are too small.
+    """
+    height, width = scene.info.shape
+    if height < WINDOW_PX or width < LEFT_BAND_PX + WINDOW_PX:
+        rule = f"must be at least {LEFT_BAND_PX + WINDOW_PX} x {WINDOW_PX} px to be judged"
+        raise refuse("images", rule, f"{width} x {height}", "Take larger images.")
+    frame = scene.frame(scene.frames[0])
+    frames = (frame, _flipped(frame))
+    return torch.stack([_cut(cells.statistics(kind, each, scene.info)) for each in frames])
+
+
+def pair(real: CapturedScene, real_cells: Tensor, sim: CapturedScene, sim_cells: Tensor) -> Pair:
+    """Join both sides of a scene; cells without reference depth are hidden on both.
+
+    Args:
+        real: scene of a device.
+        real_cells: its statistics, as `read` returns them.
+        sim: the same scene, simulated.
+        sim_cells: its statistics.
+
+    Raises:
+        InputError: if sizes differ.
+    """
     if real.info.shape != sim.info.shape:
         got = f"{real.info.shape} and {sim.info.shape} in {real.name}"
         rule, advice = "must have one image size", "Simulate with the geometry of the captures."
         raise refuse("real and simulated", rule, got, advice)
-    height, width = real.info.shape
-    if height < WINDOW_PX or width < LEFT_BAND_PX + WINDOW_PX:
-        rule = f"must be at least {LEFT_BAND_PX + WINDOW_PX} x {WINDOW_PX} px to be judged"
-        raise refuse("images", rule, f"{width} x {height}", "Take larger images.")
     shown = _shown(real)
     flips = (shown, shown[::-1])
     known = torch.stack([_cut(cells.cell_means(image)[None]) for image in flips]) > LEAST_SHOWN
-    sides = []
-    for scene in (real, sim):
-        frame = scene.frame(scene.frames[0])
-        upright = cells.statistics(kind, frame, scene.info)
-        upside_down = cells.statistics(kind, _flipped(frame), scene.info)
-        sides.append(torch.stack([_cut(upright), _cut(upside_down)]))
     return Pair(
         scene=real.name,
         room=real.room,
-        cells=torch.stack(sides) * known,
+        cells=torch.stack([real_cells, sim_cells]) * known,
         shown=known.float(),
     )
 

@@ -19,6 +19,8 @@ from starling.learning.networks.training import decaying_adam, descend
 from starling.sim.console import progress
 from starling.sim.randomness import generator
 
+_CERTAIN = 0.01  # Mean cross entropy below which training ends: all windows are told apart.
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JudgeSettings:
@@ -72,7 +74,7 @@ def trained(
                 since += 1
                 if loss < lowest:
                     best, lowest, since = copy.deepcopy(averaged), loss, 0
-                if since >= settings.patience:
+                if since >= settings.patience or lowest < _CERTAIN:
                     break
     return best.eval()
 
