@@ -30,7 +30,7 @@ _AREA_EDGES_PX = (1, 2, 4, 8, 16, 31, 101, 1001, 10**9)  # Areas of holes and of
 _NEAR_EDGES_PX = (0.5, 1.5, 2.5, 4.5, 8.5)  # Distances to the next hole.
 _PATTERNS = 16  # Number of 2 x 2 patterns of a mask.
 _NORMALISATION_PX = 8.0  # Standard deviation of the window of local contrast.
-_DARKEST_DN = 1.0  # Added to the local contrast, so that flat areas do not become noise [DN].
+_DARKEST_DN = 0.25  # Added to the local contrast, so that flat areas do not become noise [DN].
 
 
 def cell_means(image: Image | Mask) -> Image:

@@ -1,0 +1,132 @@
+"""`starling compare --judge` on small capture sets."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from starling.learning.judge import judge as judging
+from starling.learning.judge import samples
+from starling.learning.judge.training import JudgeSettings
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from tests.unit.command_line import refused as _refused
+from tests.unit.command_line import run as _run
+from tests.unit.conftest import INFO
+
+SHAPE = (112, 336)  # Two windows right of the left band.
+ROOMS = ("attic", "barn", "cellar", "den")
+
+
+@pytest.fixture(autouse=True)
+def short_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(judging, "JudgeSettings", partial(JudgeSettings, steps=12, pairs=1))
+
+
+def _write(path: Path, *, holes: float, seed: int, shape: tuple[int, int] = SHAPE) -> Path:
+    rng = np.random.default_rng(seed)
+    path.mkdir()
+    info = INFO.replace("width = 160", f"width = {shape[1]}")
+    (path / "capture.toml").write_text(info.replace("height = 48", f"height = {shape[0]}"))
+    for room in ROOMS:
+        frame = path / room / "0"
+        frame.mkdir(parents=True)
+        depth = rng.integers(995, 1005, shape).astype(np.uint16)
+        depth[rng.random(shape) < holes] = 0
+        cv2.imwrite(str(frame / "depth.png"), depth)
+        for side in ("left", "right"):
+            image = rng.integers(20, 90, shape).astype(np.uint8)
+            cv2.imwrite(str(frame / f"ir_{side}.png"), image)
+    return path
+
+
+@pytest.fixture
+def real(tmp_path: Path) -> Path:
+    return _write(tmp_path / "real", holes=0.01, seed=1)
+
+
+@pytest.fixture
+def sim(tmp_path: Path) -> Path:
+    return _write(tmp_path / "sim", holes=0.1, seed=2)
+
+
+def test_the_judge_reports_each_kind_and_draws_it(real, sim, tmp_path, capsys):
+    out = tmp_path / "out"
+    arguments = ("compare", real, sim, "--judge", "--out", out, "--json")
+    code, message, _ = _run(*arguments, capsys=capsys)
+    assert code == 0
+    result = json.loads(message)
+    assert result["metrics"]["ndp_rate"]["gap"] > 0.05
+    assert list(result["judge"]) == ["depth", "holes", "infrared"]
+    for figures in result["judge"].values():
+        keys = {"auc", "interval", "p_value", "rooms", "windows", "seconds"}
+        assert set(figures) == keys
+        assert set(figures["rooms"]) == set(ROOMS) and figures["windows"] == 2 * len(ROOMS)
+    assert result["judge"]["holes"]["auc"] > 0.9
+    for kind in result["judge"]:
+        names = [f"{kind}-windows.png", *(f"{kind}/{room}.png" for room in ROOMS)]
+        assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in names)
+    record = json.loads((out / "starling.json").read_text())
+    assert record["arguments"]["seed"] == 0
+    assert record["figures"]["judge"]["holes"]["auc"] == result["judge"]["holes"]["auc"]
+    assert "--force" in _refused(*arguments, capsys=capsys)
+
+
+def test_one_kind_without_pictures(real, sim, capsys):
+    arguments = ("compare", real, sim, "--judge", "--judge-kinds", "holes", "--json")
+    code, message, _ = _run(*arguments, capsys=capsys)
+    result = json.loads(message)
+    assert code == 0 and list(result["judge"]) == ["holes"] and "out" not in result
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--methods", "physics", "--judge"), "judge must come with simulated captures"),
+        (("sim", "--out", "out"), "out must come with methods or judge"),
+        (("sim", "--judge", "--out", "real"), "out must lie outside its input"),
+    ],
+)
+def test_flags_that_do_not_fit_are_refused(arguments, words, real, sim, tmp_path, capsys):
+    paths = {"sim": sim, "out": tmp_path / "out", "real": real}
+    words_given = [paths.get(word, word) for word in arguments]
+    assert words in _refused("compare", real, *words_given, capsys=capsys)
+
+
+def test_images_of_two_sizes_are_refused(real, tmp_path):
+    other = _write(tmp_path / "other", holes=0.1, seed=2, shape=(128, 336))
+    first, second = (capture.open_set(path).scenes[0] for path in (real, other))
+    cells = torch.zeros(1)
+    with pytest.raises(InputError, match="must have one image size"):
+        samples.pair(first, cells, second, cells)
+
+
+def test_images_smaller_than_a_window_are_refused(tmp_path):
+    small = _write(tmp_path / "small", holes=0.1, seed=2, shape=(90, 336))
+    with pytest.raises(InputError, match="at least 224 x 96 px to be judged; got 336 x 90"):
+        samples.read("holes", capture.open_set(small).scenes[0])
+
+
+def test_areas_without_reference_are_hidden_on_both_sides(real, sim):
+    truth = np.full(SHAPE, 1000, np.uint16)
+    truth[:, 224:] = 0
+    truth[:, 180] = 0  # A thin gap still counts.
+    for room in ROOMS:
+        cv2.imwrite(str(real / room / "truth.png"), truth)
+    pairs = samples.pairs("holes", capture.open_set(real), capture.open_set(sim))
+    shown = pairs[0].shown
+    assert (shown[..., :6] == 1).all() and (shown[..., 6:] == 0).all()
+    assert (pairs[0].cells[..., 6:] == 0).all()
+
+
+def test_the_flip_of_a_scene_is_its_image_upside_down(real):
+    scene = capture.open_set(real).scenes[0]
+    upright, flipped = samples.read("holes", scene)
+    assert torch.equal(upright[0], flipped[0].flip(-2))  # Share of holes.
+    assert not torch.equal(upright, flipped)
