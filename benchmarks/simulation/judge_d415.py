@@ -1,8 +1,8 @@
 r"""Judge common noise models, SAPIEN's matcher, our matcher and the preset against a real D415.
 
-Rows: noise on the scanner's surface (parameters of `noise_models.py`, fitted in five rooms),
-SAPIEN's matcher on simulated images, our matcher on the real images, and simulated captures. With
-`--nuisances`, known changes of the real depth instead: they state what the judge notices.
+Rows: noise on the scanner's surface, SAPIEN's matcher on simulated images, our matcher on the real
+images, and simulated captures. Parameters of noise were fitted in five rooms (`noise_models.py`).
+With `--nuisances`, known changes of the real depth instead: they state what the judge notices.
 Captures: `d415-faro` in the folder $STARLING_CAPTURES.
 
 Usage:

@@ -1,4 +1,4 @@
-"""Implementation of `starling compare --judge`: how well a network tells simulated from real."""
+"""Implementation of `starling compare --judge`: how well networks separate simulated from real."""
 
 from __future__ import annotations
 

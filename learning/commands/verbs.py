@@ -207,8 +207,8 @@ def compare(
         sensor: preset or sensor file, for the methods that use physics.
         out: NAME.png for the depth images of the device and of the methods; with `judge`, a folder
             for figures, scores by place and the windows that convict most.
-        judge: also train networks to tell simulated windows from real ones, and report how well
-            they do in rooms that they did not learn from (AUC; 0.5 = indistinguishable).
+        judge: also train networks to separate simulated windows from real ones. Their AUC in rooms
+            that they did not learn from is reported; 0.5 = indistinguishable.
         judge_kinds: what the networks see: depth with holes, holes alone, infrared pairs.
         seed: seed of the drawn holes, and of the judge.
         force: replace earlier results.

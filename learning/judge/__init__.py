@@ -1,1 +1,1 @@
-"""A judge that learns to tell simulated captures from real ones."""
+"""A judge that learns to separate simulated captures from real ones."""

@@ -1,7 +1,7 @@
 """Statistics of small cells of depth, holes and infrared images, which the judge's network reads.
 
-Fixed filters at several scales replace the first layers of a network, as in the rich models of
-steganalysis (Fridrich and Kodovsky, IEEE TIFS 2012): few rooms train few weights.
+Fixed filters at several scales replace the first layers of a network. Few rooms train few weights.
+The rich models of steganalysis do the same (Fridrich and Kodovsky, IEEE TIFS 2012).
 """
 
 from __future__ import annotations
@@ -120,8 +120,8 @@ def _disparity_px(frame: Frame, info: CaptureInfo) -> Image:
     return info.disparity_px(frame.depth_m)
 
 
-def _missing(what: str) -> Exception:
-    return refuse(what, "must be in every frame to be judged", "none", "Leave this kind out.")
+def _missing(image: str) -> Exception:
+    return refuse(image, "must be in every frame to be judged", "none", "Leave this kind out.")
 
 
 def _shares(values: Image, valid: Mask, edges: Sequence[float]) -> Iterator[Image]:

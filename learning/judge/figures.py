@@ -1,4 +1,4 @@
-"""How well held-out scores tell real from simulated windows, with intervals over rooms."""
+"""How well held-out scores separate real from simulated windows, with intervals over rooms."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from starling.learning.networks.training import decaying_adam, descend
 from starling.sim.console import progress
 from starling.sim.randomness import generator
 
-_CERTAIN = 0.01  # Mean cross entropy below which training ends: all windows are told apart.
+_CERTAIN = 0.01  # Mean cross entropy below which training ends: no window is in doubt.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

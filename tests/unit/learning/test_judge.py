@@ -1,4 +1,4 @@
-"""The judge tells apart what differs, and nothing else; no room is on both sides of a fold."""
+"""The judge separates what differs, and nothing else; no room is on both sides of a fold."""
 
 from __future__ import annotations
 
@@ -68,11 +68,11 @@ def test_a_set_has_no_difference_from_itself():
 
 
 def test_results_depend_on_the_seed_alone():
-    first, again, other = (
+    first, again, changed = (
         judge(_pairs(0.0), settings=SETTINGS, seed=seed)[0].scores for seed in (1, 1, 2)
     )
     assert torch.equal(first, again)
-    assert not torch.equal(first, other)
+    assert not torch.equal(first, changed)
 
 
 def test_torch_keeps_its_threads_and_random_numbers():

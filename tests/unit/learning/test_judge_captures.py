@@ -100,8 +100,8 @@ def test_flags_that_do_not_fit_are_refused(arguments, words, real, sim, tmp_path
 
 
 def test_images_of_two_sizes_are_refused(real, tmp_path):
-    other = _write(tmp_path / "other", holes=0.1, seed=2, shape=(128, 336))
-    first, second = (capture.open_set(path).scenes[0] for path in (real, other))
+    higher = _write(tmp_path / "higher", holes=0.1, seed=2, shape=(128, 336))
+    first, second = (capture.open_set(path).scenes[0] for path in (real, higher))
     cells = torch.zeros(1)
     with pytest.raises(InputError, match="must have one image size"):
         samples.pair(first, cells, second, cells)
