@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from starling.patterns.errors import refuse
+from starling.patterns.errors import needs, refuse
 from starling.sim.console import shell
 from starling.sim.console.flags import Common, Edits, ModeName, Shared
 
@@ -263,8 +263,10 @@ def _compare_sets(
     with progress.on_stderr() as track:
         if not kinds:
             return comparison.compare(*sets, track=track)
-        from starling.learning.commands import judge_captures
-
+        try:
+            from starling.learning.commands import judge_captures
+        except ModuleNotFoundError as error:
+            raise needs("judge", str(error.name), "learning") from error
         return judge_captures.compare_and_judge(
             *sets, kinds, out, seed=seed, force=force, track=track
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -97,6 +98,16 @@ def test_flags_that_do_not_fit_are_refused(arguments, words, real, sim, tmp_path
     paths = {"sim": sim, "out": tmp_path / "out", "real": real}
     words_given = [paths.get(word, word) for word in arguments]
     assert words in _refused("compare", real, *words_given, capsys=capsys)
+
+
+def test_a_missing_package_is_named(real, sim, monkeypatch, capsys):
+    from starling.learning import commands
+
+    monkeypatch.delattr(commands, "judge_captures", raising=False)
+    monkeypatch.setitem(sys.modules, "starling.learning.commands.judge_captures", None)
+    refusal = _refused("compare", real, sim, "--judge", capsys=capsys)
+    assert "judge needs starling.learning.commands.judge_captures" in refusal
+    assert "[learning]" in refusal
 
 
 def test_images_of_two_sizes_are_refused(real, tmp_path):
