@@ -201,6 +201,7 @@ def main() -> None:
     parser.add_argument("--nuisances", action="store_true")
     parser.add_argument("--null", type=Path, help="the preset with another seed")
     parser.add_argument("--kinds", nargs="+", default=["holes", "depth"])
+    parser.add_argument("--rows", nargs="*", help="all if none")
     options = parser.parse_args()
     path = Path(os.environ.get("STARLING_CAPTURES", "")) / "d415-faro"
     if not path.is_dir():
@@ -221,10 +222,14 @@ def main() -> None:
             known = cells_of(kind, real)
             rows = nuisances(kind) if options.nuisances else models(real)
             for number, (name, row) in enumerate(rows.items()):
+                if name not in (options.rows or rows):
+                    continue
                 out = Path(temporary) / f"{kind if options.nuisances else 'model'}-{number}"
                 second = capture.open_set(out) if out.exists() else write(row, real, preset, out)
                 report(name, kind, real, known, second)
             for name, captures in ({} if options.nuisances else simulated).items():
+                if name not in (options.rows or simulated):
+                    continue
                 report(name, kind, real, known, captures)
 
 
