@@ -9,7 +9,7 @@ from typing import Any
 
 from starling.learning.judge import pictures
 from starling.learning.judge.figures import summary
-from starling.learning.judge.judge import Judged, judge, room_scores
+from starling.learning.judge.judge import JudgedScene, judge, room_scores
 from starling.learning.judge.samples import pairs
 from starling.sim.captures.capture import CaptureSet
 from starling.sim.commands.compare import compare, pair_scenes
@@ -97,7 +97,7 @@ def judge_captures(
 
 
 def _draw(
-    kind: str, judged: Sequence[Judged], real: CaptureSet, sim: CaptureSet, folder: Folder
+    kind: str, judged: Sequence[JudgedScene], real: CaptureSet, sim: CaptureSet, folder: Folder
 ) -> None:
     sides = [[pictures.view(kind, scene) for scene in scenes] for scenes in pair_scenes(real, sim)]
     folder.write(f"{kind}-windows.png", pictures.crops(judged, sides))

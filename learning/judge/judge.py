@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from starling.learning.judge.figures import RoomScores
-from starling.learning.judge.samples import Pair, counted_windows
+from starling.learning.judge.samples import ScenePair, counted_windows
 from starling.learning.judge.training import JudgeSettings, scores, trained
 from starling.patterns import errors
 from starling.sim.console import progress
@@ -59,26 +59,26 @@ def folds(rooms: Sequence[str], seed: int) -> tuple[Fold, ...]:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Judged:
+class JudgedScene:
     """Held-out scores of a scene's windows; NaN where a window is not judged."""
 
-    pair: Pair
+    pair: ScenePair
     scores: Tensor  # (2 sides, rows, columns)
 
 
 def judge(
-    pairs: Sequence[Pair],
+    pairs: Sequence[ScenePair],
     *,
     settings: JudgeSettings | None = None,
     seed: int = 0,
     track: progress.Progress = progress.silent,
-) -> list[Judged]:
+) -> list[JudgedScene]:
     """Score every scene by a network that learned from other rooms.
 
     Raises:
         InputError: if there are fewer than three rooms.
     """
-    result: dict[str, Judged] = {}
+    result: dict[str, JudgedScene] = {}
     settings = settings or JudgeSettings()
     with _one_thread():
         for fold in track(folds([pair.room for pair in pairs], seed), "judge"):
@@ -90,7 +90,7 @@ def judge(
             for pair in parts[2]:
                 score = scores(network, pair)
                 score[:, ~counted_windows(pair.shown)[0]] = float("nan")
-                result[pair.scene] = Judged(pair=pair, scores=score)
+                result[pair.scene] = JudgedScene(pair=pair, scores=score)
     return [result[pair.scene] for pair in pairs]
 
 
@@ -105,7 +105,7 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def room_scores(judged: Sequence[Judged]) -> list[RoomScores]:
+def room_scores(judged: Sequence[JudgedScene]) -> list[RoomScores]:
     """Collect the judged windows of each room."""
     rooms = dict.fromkeys(each.pair.room for each in judged)
     result = []

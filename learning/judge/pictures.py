@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from starling.learning.judge.cells import CELL_PX
-from starling.learning.judge.judge import Judged
+from starling.learning.judge.judge import JudgedScene
 from starling.learning.judge.network import WINDOW_PX
 from starling.sim.arrays import Image
 from starling.sim.captures.capture import CapturedScene
@@ -51,7 +51,7 @@ def view(kind: str, scene: CapturedScene) -> Image:
     return colours.astype(np.float32)
 
 
-def maps(judged: Judged, views: Sequence[Image]) -> bytes:
+def maps(judged: JudgedScene, views: Sequence[Image]) -> bytes:
     """Draw both sides of a scene under the scores of their windows, as PNG bytes."""
     row = [
         Panel(
@@ -75,7 +75,7 @@ def _map(axes: Axes, image: Image, scores: Image, title: str) -> None:
     panels.finish(axes, title, f"{real:.0%} of windows taken for real")
 
 
-def crops(judged: Sequence[Judged], views: Sequence[Sequence[Image]]) -> bytes:
+def crops(judged: Sequence[JudgedScene], views: Sequence[Sequence[Image]]) -> bytes:
     """Draw the real windows of highest, and the simulated ones of lowest score, as PNG bytes.
 
     Below each is the other side's window at the same place.

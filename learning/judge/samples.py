@@ -26,7 +26,7 @@ LEAST_SHOWN = 0.5  # Windows with a smaller share of shown cells are not judged.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Pair:
+class ScenePair:
     """Cell statistics of one scene: real first, upright first."""
 
     scene: str
@@ -37,7 +37,7 @@ class Pair:
 
 def pairs(
     kind: str, real: CaptureSet, sim: CaptureSet, *, track: progress.Progress = progress.silent
-) -> list[Pair]:
+) -> list[ScenePair]:
     """Compute the statistics of the first frames of all scenes that both sets hold.
 
     Raises:
@@ -64,7 +64,9 @@ def read(kind: str, scene: CapturedScene) -> Tensor:
     return torch.stack([_cut(cells.statistics(kind, each, scene.info)) for each in frames])
 
 
-def pair(real: CapturedScene, real_cells: Tensor, sim: CapturedScene, sim_cells: Tensor) -> Pair:
+def pair(
+    real: CapturedScene, real_cells: Tensor, sim: CapturedScene, sim_cells: Tensor
+) -> ScenePair:
     """Join both sides of a scene; cells without reference depth are hidden on both.
 
     Args:
@@ -83,7 +85,7 @@ def pair(real: CapturedScene, real_cells: Tensor, sim: CapturedScene, sim_cells:
     shown = _shown(real)
     flips = (shown, shown[::-1])
     known = torch.stack([_cut(cells.cell_means(image)[None]) for image in flips]) > LEAST_SHOWN
-    return Pair(
+    return ScenePair(
         scene=real.name,
         room=real.room,
         cells=torch.stack([real_cells, sim_cells]) * known,
@@ -122,7 +124,7 @@ def counted_windows(shown: Tensor) -> Tensor:
     return means[..., 0, :, :] >= LEAST_SHOWN
 
 
-def moments(samples: Sequence[Pair]) -> tuple[Tensor, Tensor]:
+def moments(samples: Sequence[ScenePair]) -> tuple[Tensor, Tensor]:
     """Mean and inverse deviation (c, 1, 1) of each statistic over shown cells of several pairs."""
     rows = [
         pair.cells[:, 0].movedim(1, -1)[:, pair.shown[0, 0] > 0].flatten(0, 1)[::_EVERY]

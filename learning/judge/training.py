@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from starling.learning.judge.network import WINDOW, WindowJudge
-from starling.learning.judge.samples import Pair, counted_windows, moments
+from starling.learning.judge.samples import ScenePair, counted_windows, moments
 from starling.learning.networks.device import initialised
 from starling.learning.networks.training import decaying_adam, descend
 from starling.sim.console import progress
@@ -36,8 +36,8 @@ class JudgeSettings:
 
 
 def trained(
-    learn: Sequence[Pair],
-    stop: Sequence[Pair],
+    learn: Sequence[ScenePair],
+    stop: Sequence[ScenePair],
     settings: JudgeSettings,
     *,
     seed: int,
@@ -79,14 +79,14 @@ def trained(
     return best.eval()
 
 
-def scores(network: WindowJudge, pair: Pair) -> Tensor:
+def scores(network: WindowJudge, pair: ScenePair) -> Tensor:
     """Score the windows of a pair, the mean of both flips, (2 sides, rows, columns)."""
     with torch.inference_mode():
         total = [_whole(network, pair, flip) for flip in (0, 1)]
     return torch.stack([total[0], total[1].flip(-2)]).mean(0)
 
 
-def _whole(network: WindowJudge, pair: Pair, flip: int) -> Tensor:
+def _whole(network: WindowJudge, pair: ScenePair, flip: int) -> Tensor:
     """Score one flip; upside down, the grid starts where the upright one ends."""
     rows, columns = (side // WINDOW * WINDOW for side in pair.cells.shape[-2:])
     first = (pair.cells.shape[-2] - rows) * flip
@@ -101,7 +101,7 @@ class _Batch:
     shown: Tensor  # (2 b, 1, rows, columns)
 
 
-def _batch(samples: Sequence[Pair], step: int, count: int, seed: int) -> _Batch:
+def _batch(samples: Sequence[ScenePair], step: int, count: int, seed: int) -> _Batch:
     """Draw scenes, a flip and the first cell of the grid of windows of each."""
     random = generator(seed, step, "judge", "batch")
     rows, columns = samples[0].cells.shape[-2:]
@@ -130,7 +130,7 @@ def _loss(network: WindowJudge, batch: _Batch) -> Tensor:
     return (losses * counted).sum() / counted.sum().clamp(min=1)
 
 
-def _stop_loss(network: WindowJudge, stop: Sequence[Pair]) -> float:
+def _stop_loss(network: WindowJudge, stop: Sequence[ScenePair]) -> float:
     network.eval()
     with torch.inference_mode():
         losses = []

@@ -12,7 +12,7 @@ from scipy import stats
 from starling.learning.judge import judge as judging
 from starling.learning.judge.figures import RoomScores, auc, interval, p_value, pooled_auc, summary
 from starling.learning.judge.judge import Fold, folds, judge, room_scores
-from starling.learning.judge.samples import Pair
+from starling.learning.judge.samples import ScenePair
 from starling.learning.judge.training import JudgeSettings
 from starling.patterns.errors import InputError
 
@@ -21,16 +21,16 @@ SETTINGS = JudgeSettings(steps=20, pairs=2)
 SHAPE = (12, 18)  # Cells: 2 x 3 windows.
 
 
-def _pair(room: str, *, excess: float, seed: int) -> Pair:
+def _pair(room: str, *, excess: float, seed: int) -> ScenePair:
     """Draw shares; those of the simulated side are higher by `excess` in one channel."""
     rng = np.random.default_rng(seed)
     shares = rng.uniform(0.2, 0.4, (2, 2, 4, *SHAPE))
     shares[1, :, 1] += excess
     cells = torch.from_numpy(shares.astype(np.float32))
-    return Pair(scene=room, room=room, cells=cells, shown=torch.ones(2, 1, *SHAPE))
+    return ScenePair(scene=room, room=room, cells=cells, shown=torch.ones(2, 1, *SHAPE))
 
 
-def _pairs(excess: float) -> list[Pair]:
+def _pairs(excess: float) -> list[ScenePair]:
     return [_pair(room, excess=excess, seed=number) for number, room in enumerate(ROOMS)]
 
 
