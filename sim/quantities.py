@@ -77,6 +77,12 @@ def check(name: str, value: float, quantity: str) -> None:
     _check(name, value, QUANTITIES[quantity], scale=1)
 
 
+def is_plausible(value: float, quantity: str) -> bool:
+    """Return whether a number is in the plausible range of its quantity."""
+    plausible = QUANTITIES[quantity]
+    return bool(plausible.low <= value <= plausible.high)
+
+
 def check_array(name: str, values: NDArray[Any], quantity: str) -> None:
     """Refuse an array of real numbers with an entry outside the quantity's range.
 

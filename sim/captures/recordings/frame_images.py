@@ -41,7 +41,7 @@ def read(
             continue
         image = read_image()
         if name == "colour":
-            images[name] = _colour(image)
+            images[name] = _colour(image, f"{name} of {place}")
             continue
         image = _single(image, f"{name} of {place}")
         if image.shape != shape:
@@ -67,7 +67,7 @@ def _single(image: NDArray[Any], name: str) -> NDArray[Any]:
     """Return one channel of an image whose channels are equal."""
     if image.ndim == 2:
         return image
-    if not all(np.array_equal(image[..., 0], image[..., n]) for n in (1, 2)):
+    if image.shape[2] < 3 or not all(np.array_equal(image[..., 0], image[..., n]) for n in (1, 2)):
         rule, advice = "must be grey", "Give the infrared stream, or --colour for this one."
         raise errors.refuse(name, rule, "a colour image", advice)
     return np.ascontiguousarray(image[..., 0])
@@ -80,13 +80,13 @@ def _infrared(image: NDArray[Any], name: str) -> GreyImage:
     return image
 
 
-def _colour(image: NDArray[Any]) -> NDArray[np.uint8]:
+def _colour(image: NDArray[Any], name: str) -> NDArray[np.uint8]:
     """Return an image of 8 bits with three channels."""
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
-    if image.ndim == 2:
-        image = np.repeat(image[..., None], 3, axis=2)
-    return image.astype(np.uint8)
+    if image.dtype != np.uint8:
+        raise errors.refuse(name, "must be of 8 or 16 bits", image.dtype, "Save codes, sRGB.")
+    return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
 
 
 def depth_step_m(
@@ -105,9 +105,7 @@ def depth_step_m(
     """
     if not is_float:
         for name, value in largest.items():
-            if value > _LARGEST_CODE:
-                rule = f"must be at most {_LARGEST_CODE}, 16 bits"
-                raise errors.refuse(name, rule, f"{value:g}", "Is it depth? Save it in mm.")
+            _refuse_wide(name, value)
         return unit_m
     farthest_m = max(largest.values(), default=0.0) * unit_m
     if stated_m is not None and farthest_m <= _LARGEST_CODE * stated_m:
@@ -120,6 +118,12 @@ def depth_step_m(
     raise errors.refuse("depth", rule, f"{farthest_m:.4g} m", advice)
 
 
+def _refuse_wide(name: str, value: float) -> None:
+    if value > _LARGEST_CODE:
+        rule = f"must be at most {_LARGEST_CODE}, 16 bits"
+        raise errors.refuse(name, rule, f"{value:g}", "Is it depth? Save it in mm.")
+
+
 def largest_depth(image: NDArray[Any]) -> float:
     """Return the largest finite value of a depth image; 0 without any."""
     known = image[np.isfinite(image)] if image.dtype.kind == "f" else image
@@ -127,8 +131,13 @@ def largest_depth(image: NDArray[Any]) -> float:
 
 
 def codes(image: NDArray[Any], unit_m: float, step_m: float) -> NDArray[np.uint16]:
-    """Return depth as codes; 0, negative and unknown depth is none."""
+    """Return depth as codes; 0, negative and unknown depth is none.
+
+    Raises:
+        InputError: if whole numbers exceed 16 bits.
+    """
     if image.dtype.kind in "iu" and unit_m == step_m:
+        _refuse_wide("depth", largest_depth(image))
         return np.clip(image, 0, None).astype(np.uint16)
     with np.errstate(invalid="ignore"):
         return to_code(image.astype(np.float64) * unit_m, step_m)

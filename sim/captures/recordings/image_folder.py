@@ -23,6 +23,7 @@ _USUAL = {
     "depth": ("depth/*", "depth*", "Depth*"),
     "colour": ("color/*", "colour/*", "rgb/*", "rgb*", "color*", "colour*"),
 }
+_UNLIT = re.compile(r"_off(_?\d+)?$")  # Images without dots, which usual patterns fit too.
 _FLOATS = (".npy", ".tif", ".tiff", ".exr")
 
 
@@ -81,7 +82,11 @@ def _matches(path: Path, name: str, pattern: str) -> list[tuple[str, Path]]:
     flag = f"--{name.replace('_', '-')}"
     if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
         raise errors.refuse(flag, "must be a pattern inside the folder", pattern, "As 'ir1_*.png'.")
-    files = [file for file in path.glob(pattern) if file.is_file()]
+    try:
+        files = [file for file in path.glob(pattern) if file.is_file()]
+    except OSError as error:  # A name that is too long.
+        rule, advice = "must be a pattern of file names", f"{error.strerror}."
+        raise errors.refuse(flag, rule, pattern[:80], advice) from None
     others = [file for file in files if file.suffix.lower() not in SUFFIXES]
     if others:
         rule, listed = "must name images", ", ".join(SUFFIXES)
@@ -107,7 +112,7 @@ def _usual_matches(path: Path, pattern: str) -> list[tuple[str, Path]]:
     for suffix in SUFFIXES:
         if any(path.glob(pattern + suffix)):
             keyed += _matches(path, "", pattern + suffix)
-    return keyed
+    return [(key, file) for key, file in keyed if not _UNLIT.search(file.stem)]
 
 
 def _rows(files: Mapping[str, Sequence[tuple[str, Path]]]) -> list[dict[str, Path]]:

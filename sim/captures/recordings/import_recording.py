@@ -25,6 +25,7 @@ from starling.sim.captures.recordings import (
     sources,
     statement,
     timing,
+    tum_folder,
 )
 from starling.sim.captures.recordings.logs.message_log import LostMessageError
 from starling.sim.captures.recordings.recording import RecordedFrame, Recording
@@ -84,6 +85,9 @@ def import_recording(
     refuse_own_input(out, source)
     pinhole = parse_camera(camera, "--camera") if camera else None
     recording = sources.open_source(source, streams or {}, pinhole)
+    if pinhole is not None and recording.kind != tum_folder.KIND:
+        rule, advice = f"must be given with a {tum_folder.KIND}", "Give --calibration FILE."
+        raise errors.refuse("--camera", rule, recording.kind, advice)
     if not flags.calibration and recording.camera is None and source.is_dir():
         oak = oak_calibration.find(source)
         if oak is not None:
@@ -155,7 +159,7 @@ def import_recording(
             "left_out": {
                 "unpaired": recording.unpaired,
                 "emitter_off": written.unlit,
-                "damaged": written.lost,
+                "damaged": written.lost + recording.lost,
             },
             "damage": recording.damage or None,
             "notes": list(recording.notes),

@@ -67,5 +67,6 @@ class Recording:
     )
     right_from_left: Pose | None = None  # Of the unrectified imagers [m].
     unpaired: int = 0  # Left images without a partner in another stream.
+    lost: int = 0  # Damaged images that belong to no frame.
     damage: str = ""  # What is wrong with the file behind the last frame.
     notes: tuple[str, ...] = ()

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from starling.patterns import errors
+from starling.sim import quantities
 from starling.sim.captures.exchange.ros_types import METADATA
 from starling.sim.captures.recordings import messages, timing, transforms
 from starling.sim.captures.recordings.logs.message_log import (
@@ -71,7 +72,7 @@ def read(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> Recording:
         images = [topic for topic, kind in log.topics.items() if kind in _IMAGES]
         rule, got = "must have a left infrared topic", ", ".join(images) or "no image topic"
         raise errors.refuse(path.name, rule, got, "Name it: --left TOPIC.")
-    heads = _heads(log, topics)
+    heads, lost = _heads(log, topics)
     if not heads["left"]:
         advice = "Record it again."
         raise errors.refuse(topics["left"], "must have whole images", "damaged ones", advice)
@@ -128,8 +129,9 @@ def read(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> Recording:
         if "right" in frame_names
         else None,
         unpaired=len(rows) - len(imported),
+        lost=lost,
         damage=log.damage,
-        notes=_notes(heads),
+        notes=(*_notes(heads), *([f"{lost} images are damaged"] if lost else [])),
     )
 
 
@@ -166,8 +168,9 @@ def _usual(log: MessageLog, path: Path, chosen: Mapping[str, str]) -> dict[str, 
 
 def _heads(
     log: MessageLog, topics: Mapping[str, str]
-) -> dict[str, list[tuple[LoggedMessage, ImageMessage]]]:
-    """Return the images of each stream without their pixels; damaged ones are left out."""
+) -> tuple[dict[str, list[tuple[LoggedMessage, ImageMessage]]], int]:
+    """Return the whole images of each stream without their pixels, and the number of others."""
+    lost = 0
     names = {topic: name for name, topic in topics.items()}
     heads: dict[str, list[tuple[LoggedMessage, ImageMessage]]] = {name: [] for name in topics}
     for entry in log.entries:
@@ -175,9 +178,10 @@ def _heads(
             try:
                 message = messages.image(entry, is_ros1=log.is_ros1)
             except LostMessageError:
+                lost += 1
                 continue
             heads[names[entry.topic]].append((entry, dataclasses.replace(message, data=b"")))
-    return heads
+    return heads, lost
 
 
 def _pixels(entry: LoggedMessage, topic: str, *, is_ros1: bool) -> Any:
@@ -238,8 +242,11 @@ def _baseline_m(
         return float(f"{-between[0, 3]:.12g}")
     space = topics["left"].split("/infra1/")[0]
     entries = by_topic.get(f"{space}/extrinsics/depth_to_infra2", [])
-    if entries and not log.is_ros1:
-        message = messages.parse(entries[0], is_ros1=False)
+    for entry in [] if log.is_ros1 else entries:
+        try:
+            message = messages.parse(entry, is_ros1=False)
+        except LostMessageError:
+            continue
         return float(f"{-message.translation[0]:.9g}")
     return None
 
@@ -266,14 +273,14 @@ def _metadata(
 
 
 def _facts(stated: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of `frame.json`; exposure comes in microseconds."""
-    facts = {}
+    """Return the plausible keys of `frame.json`; exposure comes in microseconds."""
+    facts: dict[str, Any] = {}
     names = {"exposure_s": "actual_exposure", "gain": "gain_level"}
     for key, name in {**names, "laser_power": "frame_laser_power"}.items():
         value = stated.get(name)
         if errors.is_number(value):
             facts[key] = float(f"{value * 1e-6:.12g}") if key == "exposure_s" else value
-    return facts
+    return {key: value for key, value in facts.items() if quantities.is_plausible(value, key)}
 
 
 def _lit(stated: Mapping[str, Any]) -> bool | None:

@@ -65,10 +65,12 @@ def geometry(recording: Recording, flags: GivenFacts, size: tuple[int, int]) -> 
             rule, advice = "must come with distortion of both imagers", "Give --calibration FILE."
             raise errors.refuse("--rectify", rule, "none", advice)
         rectified = rectification(read.lenses, read.right_from_left, size)
-        baseline_m = flags.baseline_m or rectified.baseline_m
+        baseline_m = rectified.baseline_m if flags.baseline_m is None else flags.baseline_m
+        quantities.check("--baseline", baseline_m, "baseline_m")
         return Geometry(camera=rectified.camera, baseline_m=baseline_m, rectification=rectified)
     if recording.lenses is not None and not flags.calibration:
-        shown = ", ".join(f"{value:.4g}" for value in recording.lenses[0].distortion)
+        lens = next(lens for lens in recording.lenses if lens.is_distorted)
+        shown = ", ".join(f"{value:.4g}" for value in lens.distortion)
         rule, advice = "must be rectified", "Add --rectify, or record the rectified images."
         raise errors.refuse("images", rule, f"distortion {shown}", advice)
     if read.camera is None:
@@ -78,7 +80,7 @@ def geometry(recording: Recording, flags: GivenFacts, size: tuple[int, int]) -> 
         rule = f"must be of images of {size[0]}x{size[1]}"
         got = f"{read.camera.width}x{read.camera.height}"
         raise errors.refuse("intrinsics", rule, got, "Give those of this size: --calibration FILE.")
-    baseline_m = flags.baseline_m or read.baseline_m
+    baseline_m = read.baseline_m if flags.baseline_m is None else flags.baseline_m
     if baseline_m is None:
         rule, advice = "must be given", f"Give --baseline METRES{_usual(flags, recording)}."
         raise errors.refuse("baseline", rule, f"none in {recording.path}", advice)
@@ -136,7 +138,8 @@ def depth_unit_m(recording: Recording, flags: GivenFacts, *, has_depth: bool) ->
         try:
             step = float(flags.depth_unit)
         except ValueError:
-            step = float("nan")
+            rule, advice = "must be m, mm or a step in metres", "As 0.0001 for a D405."
+            raise errors.refuse("--depth-unit", rule, repr(flags.depth_unit), advice) from None
         quantities.check("--depth-unit", step, "depth_unit_m")
         return step
     if recording.depth_unit_m is not None:

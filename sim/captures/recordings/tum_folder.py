@@ -15,6 +15,8 @@ from starling.sim.captures.recordings.recording import ReadImage, RecordedFrame,
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.stereo.depth import to_code
 
+KIND = "TUM sequence"
+
 
 def is_sequence(path: Path) -> bool:
     """Whether a folder lists depth images as TUM does."""
@@ -30,7 +32,7 @@ def read(path: Path, camera: Pinhole | None) -> Recording:
     stream = tum.read(path, camera)
     return Recording(
         path=path,
-        kind="TUM sequence",
+        kind=KIND,
         frames=tuple(map(_frame, stream.moments)),
         camera=stream.camera,
         depth_unit_m=tum.UNIT_M,

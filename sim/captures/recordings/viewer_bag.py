@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from starling.patterns import errors
+from starling.sim import quantities
 from starling.sim.captures.recordings import messages, timing
 from starling.sim.captures.recordings.logs.message_log import (
     LoggedMessage,
@@ -174,14 +175,14 @@ def _pixels(entry: LoggedMessage, topic: str, *, is_ros1: bool) -> Any:
 
 
 def _facts(stated: dict[str, str]) -> dict[str, Any]:
-    """Return the keys of `frame.json`; exposure comes in microseconds."""
+    """Return the plausible keys of `frame.json`; exposure comes in microseconds."""
     scales = {"exposure_s": ("Actual Exposure", 1e-6), "gain": ("Gain Level", 1.0)}
     scales["laser_power"] = ("Frame Laser Power", 1.0)
     values = {key: (_float(stated, name), scale) for key, (name, scale) in scales.items()}
     return {
         key: float(f"{value * scale:.9g}")
         for key, (value, scale) in values.items()
-        if value is not None
+        if value is not None and quantities.is_plausible(value * scale, key)
     }
 
 

@@ -74,7 +74,9 @@ def test_an_unknown_depth_unit_is_refused(tmp_path: Path):
     bag = ViewerBag(unit_m=None)
     with pytest.raises(InputError, match=r"unit of the depth values must be given; .*--depth-unit"):
         imported(bag, tmp_path)
-    with pytest.raises(InputError, match=r"--depth-unit must be > 0; got nan"):
+    with pytest.raises(
+        InputError, match=r"--depth-unit must be m, mm or a step in metres; got 'inch'"
+    ):
         imported(bag, tmp_path, flags=GivenFacts(depth_unit="inch"))
     imported(bag, tmp_path, flags=GivenFacts(depth_unit="mm"))
 
