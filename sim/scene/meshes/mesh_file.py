@@ -89,6 +89,9 @@ def _read_obj(path: Path) -> MeshFile:
     lost = sorted(mtl.used_materials(path) - looks.names)
     if lost:
         looks.unused.add(f"materials that cannot be read ({', '.join(lost)})")
+    unread = mtl.unread_files(path)
+    if unread:
+        looks.unused.add(f"textures that cannot be read ({', '.join(unread)})")
     missing = tuple(mtl.missing_files(path))
     return MeshFile(parts=parts, unused=frozenset(looks.unused), missing=missing)
 

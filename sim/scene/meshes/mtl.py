@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import PIL.Image
 
 from starling.patterns import regular_file
 from starling.sim.scene.meshes.appearance import Appearance, alpha_of_shininess
@@ -92,6 +93,22 @@ def missing_files(path: Path) -> list[str]:
             if not (path.parent / texture).is_file():
                 missing.append(texture)
     return missing
+
+
+def unread_files(path: Path) -> list[str]:
+    """Textures of the materials of an OBJ that exist, but are no pictures."""
+    files = [path.parent / name for name in _named(path, "mtllib")]
+    names = [name for file in files if file.is_file() for name in _named(file, "map_Kd")]
+    existing = [name for name in names if (path.parent / name).is_file()]
+    return [name for name in existing if not _is_picture(path.parent / name)]
+
+
+def _is_picture(path: Path) -> bool:
+    try:
+        PIL.Image.open(path).close()
+    except Exception:  # Pillow raises errors of any type.
+        return False
+    return True
 
 
 def used_materials(path: Path) -> set[str]:

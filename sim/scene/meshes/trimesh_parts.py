@@ -49,6 +49,8 @@ def picture(image: Any) -> NDArray[np.uint8]:
             grey = np.asarray(image, np.int64)
             levels = np.clip(grey >> 8, 0, 255).astype(np.uint8)
             return reduced(np.repeat(levels[..., None], 3, axis=2))
+        if image.mode == "F":
+            raise ValueError("it holds floating-point numbers; save 8 bits")
         return reduced(np.asarray(image.convert("RGB"), np.uint8))
     except Exception as error:  # Pillow raises errors of any type.
         raise ValueError(f"a texture cannot be read: {error}") from error

@@ -74,8 +74,11 @@ def read(path: Path) -> MeshFile:
     if not 0 < unit_m < np.inf or up not in _ALONG:
         raise ValueError(f"its unit is {unit_m:g} m, and its up axis {up}")
     reading = _Reading(path, stage)
-    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+    prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()))
+    for prim in prims:
         reading.add(prim)
+        if prim.GetTypeName() == "PointInstancer":
+            prims.PruneChildren()  # Prototypes below it are not drawn themselves.
     return MeshFile(
         parts=reading.parts,
         unit_m=unit_m,
@@ -179,7 +182,10 @@ class _Reading:
         parts: list[Part] = []
         for subset in subsets:
             chosen = np.zeros(len(counts), bool)
-            chosen[np.array(subset.GetIndicesAttr().Get(self._time) or [], np.int64)] = True
+            faces = np.array(subset.GetIndicesAttr().Get(self._time) or [], np.int64)
+            if len(faces) and not 0 <= faces.min() <= faces.max() < len(counts):
+                raise ValueError(f"{subset.GetPath()} has a face that is missing")
+            chosen[faces] = True
             left &= ~chosen
             inner = self.looks.of_prim(subset.GetPrim())
             part = _cut(whole, chosen[polygon], subset.GetPrim().GetPath().pathString)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from starling.patterns import InputError
 from starling.sim.scene import colours
 from tests.unit.sim.square import (
     load,
@@ -45,6 +46,7 @@ def test_materials_of_an_mtl(
         ("Kd 1 1 1\nmap_Ks p.png", "maps of gloss"),
         ("Kd 0.3", r"materials that cannot be read \(paint\)"),
         ("map_Kd other.png", r"files that are missing \(other\.png\)"),
+        ("map_Kd m.mtl", r"textures that cannot be read \(m\.mtl\)"),
     ],
 )
 def test_what_an_mtl_holds_in_vain_is_one_warning(tmp_path: Path, mtl: str, words: str) -> None:
@@ -68,3 +70,10 @@ def test_16_bit_pictures_are_divided(tmp_path: Path) -> None:
     body = only(path)
     assert body.colour is not None
     np.testing.assert_allclose(body.colour[..., 0], colours.linear((grey >> 8).astype(np.uint8)))
+
+
+def test_a_picture_of_floating_point_numbers_is_refused(tmp_path: Path) -> None:
+    path = obj(tmp_path, "map_Kd f.tiff")
+    Image.fromarray(np.full((2, 2), 0.5, np.float32)).save(tmp_path / "f.tiff")
+    with pytest.raises(InputError, match="a texture cannot be read: it holds floating-point"):
+        load(path)

@@ -337,3 +337,21 @@ def test_a_stage_needs_its_reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, "pxr.Usd", None)
     with pytest.raises(InputError, match=r"USD needs usd-core; .*\[scenes\]"):
         load(stage(tmp_path, square()))
+
+
+def test_prototypes_below_an_instancer_are_not_drawn(tmp_path: Path) -> None:
+    below = f'def PointInstancer "many" {{\n{square()}\n}}'
+    path = stage(tmp_path, 'def Cube "box" {}', below)
+    with pytest.warns(UserWarning, match="not used: point instancers"):
+        assert only(path).name == "/box"
+
+
+@pytest.mark.parametrize("face", [-1, 1])
+def test_subsets_of_faces_that_are_missing_are_refused(tmp_path: Path, face: int) -> None:
+    subset = f"""def GeomSubset "some" {{
+      uniform token elementType = "face"
+      uniform token familyName = "materialBind"
+      int[] indices = [{face}]
+    }}"""
+    with pytest.raises(InputError, match="/square/some has a face that is missing"):
+        load(stage(tmp_path, square(subset)))
