@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.patterns import errors
+from starling.sim import quantities
 from starling.sim.reading import Reading
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import Shot
@@ -31,7 +32,8 @@ class DeviceImages:
         """Refuse images that are not the sensor's.
 
         Raises:
-            InputError: if an image has another size or type, or its camera does not exist.
+            InputError: if an image has another size or type, its camera does not exist, or
+                exposure or gain is impossible.
         """
         size = (sensor.height, sensor.width)
         _check("depth_u16", self.depth_u16, size, ("uint16",))
@@ -46,6 +48,9 @@ class DeviceImages:
                     "colour", "needs a colour camera", f"none in {sensor.name}", advice
                 )
             _check("colour", self.colour, (camera.height, camera.width, 3), ("uint8",))
+        for name in ("exposure_s", "gain"):
+            if getattr(self, name) is not None:
+                quantities.check(name, getattr(self, name), name)
 
 
 def images_of(reading: object, sensor: Sensor) -> DeviceImages:

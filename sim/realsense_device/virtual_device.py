@@ -40,7 +40,8 @@ class VirtualDevice:
         """Take the first reading, whose images decide the streams (see `starling.realsense`)."""
         self.sensor = sensor
         self.fps = errors.whole_number("fps", fps, 1, _FASTEST)
-        remaining = iter(readings)
+        advice = "Give a list or a generator."
+        remaining = iter(errors.instance("readings", readings, Iterable, advice))
         first = next(remaining, None)
         if first is None:
             raise errors.refuse("readings", "must not be empty", "none", "Give one or more.")

@@ -274,3 +274,22 @@ def imported_without(failure: ImportError, monkeypatch: pytest.MonkeyPatch) -> N
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setattr(sys, "meta_path", [Refusing(), *sys.meta_path])
     importlib.import_module("starling.realsense")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"exposure_s": float("nan")}, r"exposure_s must be in \[0, 10\]; got nan"),
+        ({"exposure_s": "x"}, r"exposure_s must be in \[0, 10\]; got 'x'"),
+        ({"gain": float("inf")}, r"gain must be in \[0, 100000\]; got inf"),
+        ({"gain": -1.0}, r"gain must be in \[0, 100000\]; got -1"),
+    ],
+)
+def test_impossible_exposures_and_gains_are_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        virtual_device(SENSOR, [images(**changes)])
+
+
+def test_readings_that_cannot_be_taken_one_by_one_are_refused() -> None:
+    with pytest.raises(InputError, match=r"readings must be of type Iterable; got None\. Give a"):
+        virtual_device(SENSOR, None)  # pyright: ignore[reportArgumentType]
