@@ -81,7 +81,10 @@ def _write(
 ) -> None:
     stream = sdk.RecordingStream("starling")
     stream.set_log_time_enabled(False)  # The time of writing is no time line of the frames.
-    stream.save(path, default_blueprint=_blueprint(sdk, rooms))
+    try:
+        stream.save(path, default_blueprint=_blueprint(sdk, rooms))
+    except RuntimeError as error:
+        raise refuse("rerun", "must be writable", path, f"{error}. Choose another place.") from None
     views = {room: _RoomView(sdk=sdk, stream=stream, room=room) for room in rooms}
     for room, frames in rooms.items():
         views[room].log_cameras(frames[0])

@@ -188,6 +188,17 @@ def test_a_full_disk_is_refused(
     assert not list(tmp_path.glob("*rrd*"))
 
 
+def test_a_file_that_cannot_be_made_is_refused(
+    small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise RuntimeError("Failed to create file: No such file or directory")
+
+    monkeypatch.setattr(rerun.RecordingStream, "save", fail)
+    with pytest.raises(InputError, match=r"rerun must be writable; got .*Choose another place"):
+        rerun_recording.write(str(small_set), tmp_path / "set.rrd")
+
+
 def test_the_extra_is_named_where_it_is_missing(small_set: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(InputError, match=r"rerun needs rerun-sdk; got none\..*\[rerun\]"):
