@@ -24,6 +24,7 @@ from starling.sim.effects import Value
 from starling.sim.sensor import edits, presets
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.post.temporal import History
+from starling.sim.warp import depth_input
 
 try:
     import gymnasium
@@ -31,6 +32,7 @@ try:
 except ImportError:
     raise errors.needs("starling.gymnasium", "gymnasium", "gymnasium") from None
 
+_FINAL = "final_obs"  # Last observations of episodes, where a vector resets in the same step.
 _SEEDS = 2**31  # Number of seeds from which an episode without one draws its own.
 
 
@@ -139,7 +141,8 @@ class RealisticDepthVector(_RealisticObservations, gymnasium.vector.VectorWrappe
     """Replaces clean depth images in the observations of a vector of environments.
 
     Torch tensors stay on their device (`starling.Corruptor.batch`). NumPy arrays are computed by
-    the same kernels on the processor.
+    the same kernels on the processor. Where a vector resets in the same step, `final_obs` has
+    realistic depth too.
     """
 
     def __init__(
@@ -191,12 +194,33 @@ class RealisticDepthVector(_RealisticObservations, gymnasium.vector.VectorWrappe
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step the environments."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        return self._corrupted(observation), reward, terminated, truncated, info
+        seen, final = self._corrupted(observation), info.get(_FINAL)
+        if isinstance(final, np.ndarray) and final.dtype == object:
+            info = {**info, _FINAL: self._corrupted_each(final)}
+        return seen, reward, terminated, truncated, info
+
+    def _corrupted_each(self, observations: NDArray[np.object_]) -> NDArray[np.object_]:
+        """Observations of single environments, None where there is none, with realistic depth."""
+        places = [place for place, one in enumerate(observations) if one is not None]
+        if not places:
+            return observations
+        result, parts = observations.copy(), observations[places]
+        rgb = None if self._rgb_key is None else np.stack([one[self._rgb_key] for one in parts])
+        clean = np.stack([one if self._key is None else one[self._key] for one in parts])
+        depth = self._depth(clean, rgb)
+        self._frame += 1
+        for place, image in zip(places, depth, strict=True):
+            one = observations[place]
+            result[place] = image if self._key is None else {**one, self._key: image}
+        return result
 
     def _depth(self, clean: Any, rgb: Any) -> Any:
         flat = clean.reshape(-1, *self._size)
         frame = {"seed": self._seed, "frame": self._frame}
         if isinstance(clean, np.ndarray):
+            known = flat[np.isfinite(flat) & (flat > 0)]
+            if known.size:
+                depth_input.refuse_millimetres("depth", known)
             warp = handoff.import_warp()
             host = warp.array(np.ascontiguousarray(flat, np.float32), device="cpu")
             colours = None if rgb is None else warp.array(np.ascontiguousarray(rgb), device="cpu")
@@ -215,6 +239,9 @@ def _spaces(
         _entry(space, rgb_key)
     if len(clean.shape) == 3 and clean.shape[2] != 1:
         raise errors.refuse("depth", "must be (h, w) or (h, w, 1)", clean.shape, "Give its key.")
+    if clean.dtype is None or clean.dtype.kind != "f":
+        rule = "must be floating-point numbers in metres"
+        raise errors.refuse("depth", rule, clean.dtype, "Divide millimetres by 1000.")
     largest = float(np.finfo(np.float32).max)
     errors.in_interval("missing", missing, -largest, largest, "Give a finite number, such as 0.")
     depth = spaces.Box(min(missing, 0.0), np.inf, clean.shape, np.float32)

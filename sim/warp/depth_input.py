@@ -77,6 +77,20 @@ def checked_depth(
     if nearest < np.float32(NEAREST_SURFACE_M):
         rule = f"must be 0 or >= {NEAREST_SURFACE_M:g} m"
         raise errors.refuse(name, rule, f"{nearest:g}", "Write 0 where there is no surface.")
+    refuse_millimetres(name, known)
+    return out
+
+
+def refuse_millimetres(name: str, known: NDArray[np.floating]) -> None:
+    """Refuse depth that cannot be in metres.
+
+    Args:
+        name: name of the image in error messages.
+        known: depth of its surfaces, at least one.
+
+    Raises:
+        InputError: if the median is too far.
+    """
     middle = float(np.median(known))
     if middle > _METRES:
         advice = (
@@ -84,7 +98,6 @@ def checked_depth(
             "set sky and far plane to NaN."
         )
         raise errors.refuse(name, "must be in metres", f"a median of {middle:g}", advice)
-    return out
 
 
 def reflectance(values: float | NDArray[Any] | None, camera: InputCamera, sensor: Sensor) -> Image:

@@ -136,6 +136,39 @@ def test_vectors_have_depth_of_their_own():
     assert 0 < (depth == 0).float().mean() < 0.5
 
 
+@pytest.mark.parametrize("options", [{}, {"whole": True}])
+def test_last_observations_have_realistic_depth(options):
+    pytest.importorskip("warp", reason="the package warp-lang is not installed")
+    mode = gymnasium.vector.AutoresetMode.SAME_STEP
+    rooms = [lambda: gymnasium.wrappers.TimeLimit(Room(**options), 2), lambda: Room(**options)]
+    vector = gymnasium.vector.SyncVectorEnv(rooms, autoreset_mode=mode)
+    key = None if options else "depth"
+    env = RealisticDepthVector(vector, **DEVICE, key=key, rgb_key=None if key is None else "rgb")
+    env.reset(seed=1)
+    info = [env.step(np.zeros(2, int))[-1] for _ in range(2)][-1]
+    last, other = info["final_obs"]
+    depth = last if key is None else last["depth"]
+    assert other is None and depth.shape == SHAPE
+    assert 0 < (depth == 0).mean() < 0.5
+    assert env._corrupted_each(np.array([None, None])).tolist() == [None, None]
+
+
+def test_millimetres_are_refused():
+    class Coarse(Room):
+        def _observe(self) -> Any:
+            seen = super()._observe()
+            return {**seen, "depth": 1000 * seen["depth"]}
+
+    pytest.importorskip("warp", reason="the package warp-lang is not installed")
+    env = RealisticDepthVector(gymnasium.vector.SyncVectorEnv([Coarse]), **DEVICE)
+    with pytest.raises(InputError, match=r"depth must be in metres; got a median of 1500\."):
+        env.reset(seed=1)
+    room = Room()
+    room.observation_space["depth"] = spaces.Box(0, 9999, SHAPE, np.uint16)
+    with pytest.raises(InputError, match=r"depth must be floating-point numbers in metres; got ui"):
+        RealisticDepth(room, **DEVICE)
+
+
 def test_a_negative_seed_is_refused():
     rooms = gymnasium.vector.SyncVectorEnv([Room])
     with pytest.raises(InputError, match="seed must be an integer"):
