@@ -196,22 +196,21 @@ class RealisticDepthVector(_RealisticObservations, gymnasium.vector.VectorWrappe
         observation, reward, terminated, truncated, info = self.env.step(actions)
         seen, final = self._corrupted(observation), info.get(_FINAL)
         if isinstance(final, np.ndarray) and final.dtype == object:
-            info = {**info, _FINAL: self._corrupted_each(final)}
+            info = {**info, _FINAL: self._corrupted_ends(final)}
         return seen, reward, terminated, truncated, info
 
-    def _corrupted_each(self, observations: NDArray[np.object_]) -> NDArray[np.object_]:
+    def _corrupted_ends(self, observations: NDArray[np.object_]) -> NDArray[np.object_]:
         """Observations of single environments, None where there is none, with realistic depth."""
-        places = [place for place, one in enumerate(observations) if one is not None]
+        places = [place for place, seen in enumerate(observations) if seen is not None]
         if not places:
             return observations
-        result, parts = observations.copy(), observations[places]
-        rgb = None if self._rgb_key is None else np.stack([one[self._rgb_key] for one in parts])
-        clean = np.stack([one if self._key is None else one[self._key] for one in parts])
+        result, key, parts = observations.copy(), self._key, observations[places]
+        rgb = None if self._rgb_key is None else np.stack([seen[self._rgb_key] for seen in parts])
+        clean = np.stack([seen if key is None else seen[key] for seen in parts])
         depth = self._depth(clean, rgb)
         self._frame += 1
         for place, image in zip(places, depth, strict=True):
-            one = observations[place]
-            result[place] = image if self._key is None else {**one, self._key: image}
+            result[place] = image if key is None else {**observations[place], key: image}
         return result
 
     def _depth(self, clean: Any, rgb: Any) -> Any:

@@ -146,11 +146,11 @@ def test_last_observations_have_realistic_depth(options):
     env = RealisticDepthVector(vector, **DEVICE, key=key, rgb_key=None if key is None else "rgb")
     env.reset(seed=1)
     info = [env.step(np.zeros(2, int))[-1] for _ in range(2)][-1]
-    last, other = info["final_obs"]
+    last, running = info["final_obs"]
     depth = last if key is None else last["depth"]
-    assert other is None and depth.shape == SHAPE
+    assert running is None and depth.shape == SHAPE
     assert 0 < (depth == 0).mean() < 0.5
-    assert env._corrupted_each(np.array([None, None])).tolist() == [None, None]
+    assert env._corrupted_ends(np.array([None, None])).tolist() == [None, None]
 
 
 def test_millimetres_are_refused():
