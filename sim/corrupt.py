@@ -165,11 +165,12 @@ class Corruptor:
         right_depth_m: NDArray[np.floating] | None = None,
         projector_depth_m: NDArray[np.floating] | None = None,
         empty: bool = False,
+        is_along_axis: bool = False,
     ) -> LitDepth:
         """Light one depth image, whose frames differ in noise alone.
 
         An image without a surface in the sensor's view is refused; with `empty` all of its depth
-        is missing.
+        is missing. `is_along_axis` says that depth is no depth buffer and no range for certain.
         """
         sensor, clean = self.sensor, depth_input.checked_depth("depth_m", depth_m, empty=empty)
         camera = depth_input.InputCamera(self.camera_matrix, clean.shape)
@@ -181,7 +182,8 @@ class Corruptor:
         if clean.shape != self._warned and seen:
             self._warned = clean.shape
             suspicions.warn_of_cameras(camera, sensor)
-            suspicions.warn_of_depth(clean, camera)
+            if not is_along_axis:
+                suspicions.warn_of_depth(clean, camera)
         others = [
             None
             if image is None

@@ -90,8 +90,10 @@ class DepthCamera:
         self._seed = errors.whole_number("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
         self._number = model_scene.camera_number(model, camera)
         self.sensor = _with_camera(presets.resolved(sensor), model, self._number, size)
+        has_field = size is not None or model_scene.resolution(model, self._number) is not None
+        self._field = model_scene.field_of(model, self._number) if has_field else None
         self._camera_from_left = frames.pose(camera_from_left_m)
-        self._frame, self._open = 0, True
+        self._model, self._frame, self._open = model, 0, True
         self._history: History | None = None
         self._source: _Warp | _Trace
         if by == "warp":
@@ -106,10 +108,15 @@ class DepthCamera:
             data: `mujoco.MjData` with current kinematics, as after `mujoco.mj_step`.
 
         Raises:
-            InputError: if there are no kinematics, or the camera is closed.
+            InputError: if there are no finite kinematics of the camera's model, its field has
+                changed, or the camera is closed.
         """
         if not self._open:
             raise errors.refuse("camera", "must be open", "a closed one", "Make a new one.")
+        model_scene.refuse_data(data, self._model)
+        if self._field not in (None, model_scene.field_of(self._model, self._number)):
+            advice = "Make a new DepthCamera."
+            raise errors.refuse("field of the model's camera", "must stay", "another one", advice)
         pose = model_scene.camera_pose(data, self._number) @ self._camera_from_left
         reading = self._source.read(data, pose, (self._seed, self._frame), self._history)
         self._frame += 1
@@ -166,6 +173,7 @@ class _Warp:
             right_depth_m=right,
             projector_depth_m=projector,
             empty=True,
+            is_along_axis=True,
         )
         seed, frame = number
         return corruptor.read(lit, seed=seed, frame=frame, past=past)
@@ -190,11 +198,16 @@ class _Trace:
         self._model, self._sensor = model, sensor
         self._quality: Quality = quality
         self._ambient_w_m2, self._residual = ambient_w_m2, residual
-        self._geoms = model_scene.shown(model, groups, level=4)
+        self._groups, self._geoms = groups, model_scene.shown(model, groups, level=4)
+        self._looks = model_scene.looks_of(model)
         # One scene, or one for each colour of the sensor; built by the first reading.
         self._stages: tuple[MitsubaScene, ...] = ()
 
     def read(self, data: Any, pose: Pose, number: tuple[int, int], past: History | None) -> Reading:
+        looks = model_scene.looks_of(self._model)
+        if looks != self._looks:
+            self._looks, self._stages = looks, ()
+            self._geoms = model_scene.shown(self._model, self._groups, level=4)
         self._stages = self._placed(data, pose) if self._stages else self._built(data, pose)
         sensor, (seed, frame) = self._sensor, number
         layers = render_views(self._stages, sensor, seed=seed, quality=self._quality)

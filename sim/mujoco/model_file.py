@@ -113,7 +113,7 @@ def _positions(path: Path, count: int) -> NDArray[np.float64]:
         else:
             values = np.loadtxt(path, ndmin=1)
         values = np.asarray(values, np.float64)
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, EOFError) as error:
         raise errors.refuse("qpos", "must be .npy or text", path, str(error)) from None
     if values.shape != (count,) or not np.isfinite(values).all():
         rule = f"must be ({count},) finite numbers, as the model's nq"

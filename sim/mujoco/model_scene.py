@@ -80,6 +80,30 @@ def refuse_model(model: Any, groups: Any) -> None:
         errors.whole_number("entry of groups", group, 0, mujoco().mjNGROUP - 1)
 
 
+def refuse_data(data: Any, model: Any) -> None:
+    """Refuse what is no state of a model, and a state that is not finite.
+
+    Raises:
+        InputError: if one of them is so.
+    """
+    errors.instance("data", data, mujoco().MjData, "Give mujoco.MjData(model).")
+    counts = [(len(data.geom_xpos), len(data.cam_xpos)), (model.ngeom, model.ncam)]
+    if counts[0] != counts[1]:
+        got = "{} geoms and {} cameras, not {} and {}".format(*counts[0], *counts[1])
+        raise errors.refuse("data", "must be of the camera's model", got, "Make a new camera.")
+    if not (np.isfinite(data.geom_xpos).all() and np.isfinite(data.geom_xmat).all()):
+        rule, advice = "must be finite", "The simulation diverged: reset it, or shorten its step."
+        raise errors.refuse("data", rule, "poses of NaN or infinity", advice)
+
+
+def looks_of(model: Any) -> bytes:
+    """Sizes, groups, colours and materials of all geoms, which a program may change."""
+    geoms_have = ("size", "rgba", "matid", "group")
+    materials_have = ("rgba", "metallic", "roughness", "texid", "texrepeat", "texuniform")
+    fields = [f"geom_{name}" for name in geoms_have] + [f"mat_{name}" for name in materials_have]
+    return b"".join(np.asarray(getattr(model, name)).tobytes() for name in fields)
+
+
 def shown(model: Any, groups: tuple[int, ...], *, level: int = 3) -> list[int]:
     """Numbers of the geoms that are in the groups and not fully transparent.
 
@@ -104,6 +128,8 @@ def shown(model: Any, groups: tuple[int, ...], *, level: int = 3) -> list[int]:
         text = f"{', '.join(dropped)} are not shown. Convert them to meshes."
         warnings.warn(text, stacklevel=level)
     numbers = [geom for geom in numbers if int(model.geom_type[geom]) in known]
+    if not model.ngeom:
+        raise errors.refuse("model", "must have geoms", "none", "Are its meshes there?")
     if not numbers:
         rule = f"must have geoms in the groups {', '.join(map(str, groups)) or 'given'}"
         held = sorted({int(group) for group in model.geom_group})
@@ -171,6 +197,12 @@ def intrinsics(model: Any, number: int, size: tuple[int, int]) -> NDArray[np.flo
     else:
         fx = fy = height / 2 / np.tan(np.deg2rad(float(model.cam_fovy[number])) / 2)
     return np.array([[fx, 0, x], [0, fy, y], [0, 0, 1]])
+
+
+def field_of(model: Any, number: int) -> bytes:
+    """Return what the model states of a camera's field of view."""
+    names = ("cam_fovy", "cam_intrinsic", "cam_sensorsize")
+    return b"".join(np.asarray(getattr(model, name)[number]).tobytes() for name in names)
 
 
 def resolution(model: Any, number: int) -> tuple[int, int] | None:

@@ -61,11 +61,13 @@ def test_states_that_do_not_fit_are_refused(path: Path, tmp_path: Path):
     np.save(tmp_path / "short.npy", np.zeros(3))
     np.save(tmp_path / "nan.npy", np.full(7, np.nan))
     (tmp_path / "words.txt").write_text("a b c")
+    (tmp_path / "empty.npy").touch()
     for state, message in (
         ({"keyframe": "home"}, "keyframe must be a known name; got 'home'. Known: lifted"),
         ({"qpos": tmp_path / "short.npy"}, r"qpos must be \(7,\) finite numbers"),
         ({"qpos": tmp_path / "nan.npy"}, r"qpos must be \(7,\) finite numbers"),
         ({"qpos": tmp_path / "words.txt"}, "qpos must be .npy or text"),
+        ({"qpos": tmp_path / "empty.npy"}, "qpos must be .npy or text"),
         ({"qpos": tmp_path / "missing.npy"}, "qpos must be .npy or text"),
         ({"qpos": tmp_path / "short.npy", "keyframe": "lifted"}, "must not be given with keyframe"),
     ):
@@ -88,3 +90,9 @@ def test_missing_files_are_named(path: Path, tmp_path: Path):
         model_file.load(path)
     with pytest.raises(InputError, match="must be a file that exists"):
         model_file.load(tmp_path / "arm.xml")
+
+
+def test_a_model_without_geoms_is_refused(tmp_path: Path):
+    (tmp_path / "bare.xml").write_text("<mujoco/>")
+    with pytest.raises(InputError, match=r"model must have geoms; got none\. Are its meshes there"):
+        model_file.load(tmp_path / "bare.xml")
