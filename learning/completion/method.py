@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -89,6 +90,7 @@ def _unit(rgb: NDArray[Any]) -> Image:
 
 CANNOT = "cannot: no pixel has depth to go by"
 NOTHING = "nothing to complete: every pixel has depth"
+LEVELS = (68, 95)  # Shares of errors that intervals are made for [%].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -98,6 +100,9 @@ class Completed:
     depth_m: Image  # (h, w) z [m]; NaN where the method gives none.
     # (h, w) expected standard deviation of the error of depth_m [m]; NaN where it is not estimated.
     sigma_m: Image
+    # Level of `LEVELS` -> (h, w) half-width of the interval around depth_m that holds this share of
+    # the errors [m]. Empty where the method gives no intervals.
+    half_m: Mapping[int, Image] = field(default_factory=dict)
     note: str = ""  # Reason why the frame was not completed: `CANNOT` or `NOTHING`.
 
 

@@ -23,13 +23,12 @@ from starling.learning.completion.data.layouts import (
 )
 from starling.learning.completion.data.pairs import Pair, Picture
 from starling.learning.completion.evaluation import pictures
+from starling.learning.completion.evaluation.coverage import Coverage, coverage_by_region, pooled
 from starling.learning.completion.evaluation.metrics import (
-    Coverage,
     Figures,
     Score,
     Sums,
     average,
-    coverage_by_region,
     has_depth,
     pool,
     score,
@@ -63,7 +62,8 @@ def judge_captures(
 
     `methods` are means over rooms, where all pixels of a room are pooled. `pooled` pools all
     pixels. `sensor` is the camera's own depth. `sigma` is the coverage of unaligned errors by the
-    predicted standard deviation (`sigma_coverage`).
+    predicted standard deviation and intervals, pooled over pixels (`Coverage`); holes also by
+    cause. `sigma_rooms` has the same by room.
 
     A gain is the relative reduction of the error by a learnt method, compared with the best
     classical method. It is a mean over rooms with a 95 % interval over rooms, over pixels where all
@@ -88,8 +88,8 @@ def judge_captures(
     Returns:
         `{"methods": {WORD: {"all", "hole", "valid", "edge", "reasons"}}, "pooled": {WORD: ...},
         "rooms": {WORD: {ROOM: ...}}, "gains": {WORD: {REGION: {FIGURE: ...}}}, "sigma": {WORD:
-        {REGION: ...}}, "learnt_from": {WORD: [ROOM, ...]}, "seconds_a_frame": {WORD: ...}, "out",
-        "frames", "seconds"}`.
+        {REGION: ...}}, "sigma_rooms": {WORD: {ROOM: {REGION: ...}}}, "learnt_from": {WORD: [ROOM,
+        ...]}, "seconds_a_frame": {WORD: ...}, "out", "frames", "seconds"}`.
 
     Raises:
         InputError: if the captures, the methods or the folder are invalid.
@@ -105,7 +105,7 @@ def judge_captures(
     scores: dict[str, dict[str, list[Score]]] = {word: {} for word in (_GIVEN, *ready)}
     common: dict[str, dict[str, list[Score]]] = {word: {} for word in ready}
     spent: dict[str, list[float]] = {word: [] for word in ready}
-    sigmas: dict[str, dict[str, Coverage]] = {word: {} for word in ready}
+    sigmas: dict[str, dict[str, dict[str, Coverage]]] = {word: {} for word in ready}
     worst = pictures.WorstFrames()
     for pair in read_frames(judged, track, "judge"):
         truth_m, completed = pair.truth(), _complete_by_all(ready, pair, spent)
@@ -116,11 +116,12 @@ def judge_captures(
                 *((word, result.depth_m) for word, result in completed.items()),
             )
         }
-        for word, result in completed.items():
-            for region, part in coverage_by_region(result, truth_m, pair.valid).items():
-                sigmas[word][region] = sigmas[word].get(region, Coverage()) + part
-        judge = partial(score, valid=pair.valid, focal_baseline_px_m=pair.focal_baseline_px_m)
         causes = pair.causes()
+        for word, result in completed.items():
+            regions = sigmas[word].setdefault(pair.room, {})
+            for region, part in coverage_by_region(result, truth_m, pair.valid, causes).items():
+                regions[region] = regions.get(region, Coverage()) + part
+        judge = partial(score, valid=pair.valid, focal_baseline_px_m=pair.focal_baseline_px_m)
         by_all = np.all([has_depth(aligned[word]) for word in ready], axis=0)
         for word, depth_m in aligned.items():
             frame_score = judge(depth_m, truth_m, causes=causes)
@@ -139,9 +140,10 @@ def judge_captures(
             for word, room_scores in by_room.items()
         },
         "gains": _gains(common_by_room, seed),
-        "sigma": {
-            word: {region: part.figures() for region, part in regions.items()}
-            for word, regions in sigmas.items()
+        "sigma": {word: _figures(pooled(room.values())) for word, room in sigmas.items()},
+        "sigma_rooms": {
+            word: {room: _figures(regions) for room, regions in rooms_of_word.items()}
+            for word, rooms_of_word in sigmas.items()
         },
         "learnt_from": {
             word: training_rooms(word, captures, list(by_room[word])) for word in ready
@@ -175,6 +177,10 @@ def _complete_by_all(
         completed[word] = complete(method, pair.image, pair.depth_m, pair.valid)
         spent[word].append(time.perf_counter() - start)
     return completed
+
+
+def _figures(regions: Mapping[str, Coverage]) -> dict[str, dict[str, float | int | None]]:
+    return {region: part.figures() for region, part in regions.items()}
 
 
 def _by_room(scores: Mapping[str, Mapping[str, Sequence[Score]]]) -> dict[str, dict[str, Score]]:
