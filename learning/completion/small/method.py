@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
@@ -13,11 +13,17 @@ from torch import Tensor
 from torch.nn import functional
 
 from starling.learning.completion.method import Completed, CompletionFrame
+from starling.learning.completion.small import expected_error
 from starling.learning.completion.small.crops import (
     FrameCrops,
     FrameSample,
     SmallBatch,
     SmallSettings,
+)
+from starling.learning.completion.small.expected_error import (
+    ExpectedError,
+    calibrated,
+    group_masks,
 )
 from starling.learning.completion.small.network import (
     SmallNetwork,
@@ -100,12 +106,13 @@ class Small:
 
     name: ClassVar[str] = "small"
     network: SmallNetwork
+    error: ExpectedError = field(default_factory=ExpectedError)
 
     def fill(self, frame: CompletionFrame) -> Completed:
         """Complete a frame. The camera's own depth is kept except where it is probably false.
 
-        `sigma_m` is depth times the standard deviation of the Laplace distribution of its
-        logarithm.
+        The network's own sigma is depth times the standard deviation of the Laplace distribution
+        of its logarithm; see `expected_error` for `sigma_m`.
         """
         inputs = small_input(frame)
         device = next(self.network.parameters()).device
@@ -121,7 +128,10 @@ class Small:
         depth_m = np.exp(log_depth) * np.float32(inputs.median_m)
         is_sensor = frame.valid & (log_depth == inputs.sensor)
         depth_m = np.where(is_sensor, frame.depth_m, depth_m).astype(np.float32)  # Bit-identical.
-        return Completed(depth_m=depth_m, sigma_m=_LAPLACE * scale * depth_m)
+        own_sigma_m = _LAPLACE * scale * depth_m
+        masks = group_masks(frame.valid, is_sensor)
+        sigma_m, half_m = calibrated(self.error, depth_m, own_sigma_m, masks)
+        return Completed(depth_m=depth_m, sigma_m=sigma_m, half_m=half_m)
 
 
 def fit(
@@ -157,27 +167,28 @@ def fit(
 
 
 def save(small: Small, folder: Path) -> None:
-    """Save the weights to a folder.
+    """Save the weights to a folder. A calibration of earlier weights there is deleted.
 
     Raises:
         InputError: if they cannot be written.
     """
+    (folder / expected_error.FILE).unlink(missing_ok=True)
     weights = small.network.state_dict()
     checkpoint.save(folder / WEIGHTS, _KIND, {"weights": weights})
 
 
 def load(folder: Path | str) -> Small:
-    """Load the weights that `fit` saved to a folder.
+    """Load the weights that `fit` saved to a folder, and the expected error if it is there.
 
     Raises:
-        InputError: if there are no weights, they are of another method, or damaged.
+        InputError: if there are no weights, they are of another method, or a file is damaged.
     """
     network = SmallNetwork()
     path = Path(folder) / WEIGHTS
     content = checkpoint.load(path, _KIND, {"weights": dict})
     with errors.naming(path):
         checkpoint.restore(network, content["weights"])
-    return Small(to_device(network).eval().requires_grad_(False))
+    return Small(to_device(network).eval().requires_grad_(False), expected_error.load(Path(folder)))
 
 
 def _tensor(images: np.ndarray, device: torch.device) -> torch.Tensor:

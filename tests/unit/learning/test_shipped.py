@@ -12,6 +12,7 @@ from starling.learning import shipped
 from starling.learning.commands.train_captures import trained
 from starling.learning.completion import methods
 from starling.learning.completion.method import complete
+from starling.learning.completion.small import expected_error
 from starling.learning.completion.small import method as small
 from starling.learning.completion.small.method import Small
 from starling.sim import simulate
@@ -43,7 +44,10 @@ def test_the_completion_network_is_loaded_by_name():
     learnt = small.load(shipped.COMPLETION).network.state_dict()
     for name, value in network.network.state_dict().items():
         torch.testing.assert_close(value, learnt[name], rtol=0, atol=0)
-    assert {path.name for path in shipped.COMPLETION.iterdir()} == {RECORD, small.WEIGHTS}
+    names = {RECORD, small.WEIGHTS, expected_error.FILE}
+    assert {path.name for path in shipped.COMPLETION.iterdir()} == names
+    groups = [getattr(network.error, name) for name in expected_error.GROUPS]
+    assert all(group.half_95 > group.half_68 and group.scale >= 1 for group in groups)
     assert "/" not in (shipped.COMPLETION / RECORD).read_text()
     assert f"`{shipped.COMPLETION.name}`" in (FOLDER / "README.md").read_text()
 

@@ -132,6 +132,9 @@ def test_training_and_evaluation(captures: Path, tmp_path: Path, capsys: Capsys)
     for region in ("hole", "valid"):
         pixels = figures["methods"][f"small={model}"][region]["pixels"]
         assert report[region]["pixels"] == pixels and 0 <= report[region]["within_sigma"] <= 1
+        assert report[region]["interval_95"] is None  # The folder has no calibration.
+    rooms = figures["sigma_rooms"][f"small={model}"]
+    assert sum(room["hole"]["pixels"] for room in rooms.values()) == report["hole"]["pixels"]
 
 
 def test_depth_beyond_the_16_bit_range_stays_a_hole(captures: Path, tmp_path: Path, capsys):
