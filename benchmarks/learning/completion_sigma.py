@@ -52,10 +52,10 @@ def calibrated_group(name: str, rooms: list[RoomErrors]) -> GroupError:
         for level in LEVELS
     }
     group = dataclasses.replace(expected_error_fit.fit(rooms), **halves)
-    own = [np.sqrt(np.mean((room.error / room.own_sigma) ** 2)) for room in rooms]
+    own_rms = [np.sqrt(np.mean((room.error / room.own_sigma) ** 2)) for room in rooms]
     rms = [np.sqrt(np.mean(ratio**2)) for ratio in ratios]
     print(name, group)
-    print("  own sigma", np.round(own, 2), "left out", np.round(rms, 2))
+    print("  own sigma", np.round(own_rms, 2), "left out", np.round(rms, 2))
     return group
 
 

@@ -37,10 +37,10 @@ class Coverage:
     inside_68: int = 0
     inside_95: int = 0
 
-    def __add__(self, other: Coverage) -> Coverage:
+    def __add__(self, more: Coverage) -> Coverage:
         """Pool two sets of pixels."""
         names = [item.name for item in fields(self)]
-        return Coverage(**{name: getattr(self, name) + getattr(other, name) for name in names})
+        return Coverage(**{name: getattr(self, name) + getattr(more, name) for name in names})
 
     def figures(self) -> dict[str, float | int | None]:
         """Return shares of pixels, errors over sigma, and `pixels`; None where unknown.

@@ -56,19 +56,19 @@ class ExpectedError:
 
     hole: GroupError = field(default_factory=GroupError)  # Holes with depth on both sides.
     border: GroupError = field(default_factory=GroupError)  # Holes that end at the image border.
-    kept: GroupError = field(default_factory=GroupError)  # The camera's own depth.
+    measured: GroupError = field(default_factory=GroupError)  # The camera's own depth.
     replaced: GroupError = field(default_factory=GroupError)  # Depth that replaces the camera's.
 
 
 GROUPS = tuple(item.name for item in fields(ExpectedError))
 
 
-def group_masks(valid: Mask, kept: Mask) -> dict[str, Mask]:
+def group_masks(valid: Mask, measured: Mask) -> dict[str, Mask]:
     """Return the pixels (h, w) of each of `GROUPS`.
 
     Args:
         valid: (h, w) True where the camera has depth.
-        kept: (h, w) True where the result is the camera's own depth.
+        measured: (h, w) True where the result is the camera's own depth.
     """
     left = np.logical_or.accumulate(valid, axis=1)
     right = np.logical_or.accumulate(valid[:, ::-1], axis=1)[:, ::-1]
@@ -76,8 +76,8 @@ def group_masks(valid: Mask, kept: Mask) -> dict[str, Mask]:
     return {
         "hole": ~valid & between,
         "border": ~between,
-        "kept": valid & kept,
-        "replaced": valid & ~kept,
+        "measured": valid & measured,
+        "replaced": valid & ~measured,
     }
 
 
@@ -92,7 +92,7 @@ def change_m(depth_m: Image, group: str) -> Image:
         cv2.Sobel(logarithm, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1))
     )
     slope = np.hypot(across, down)
-    if group != "kept":
+    if group != "measured":
         slope = np.asarray(cv2.blur(slope, (_WINDOW_PX, _WINDOW_PX)))
     return (slope * depth_m).astype(np.float32)
 

@@ -31,13 +31,13 @@ VALID[:, :10] = VALID[20:40, 30:40] = False
 
 
 def test_groups_are_disjoint_and_complete():
-    kept = VALID.copy()
-    kept[50:] = False
-    masks = group_masks(VALID, kept)
+    measured = VALID.copy()
+    measured[50:] = False
+    masks = group_masks(VALID, measured)
     assert tuple(masks) == expected_error.GROUPS
     np.testing.assert_array_equal(np.sum(list(masks.values()), axis=0), 1)
     counts = {name: int(mask.sum()) for name, mask in masks.items()}
-    assert counts == {"hole": 200, "border": 600, "kept": 3300, "replaced": 700}
+    assert counts == {"hole": 200, "border": 600, "measured": 3300, "replaced": 700}
     assert not masks["border"][:, 10:].any()
 
 
@@ -50,41 +50,41 @@ def test_change_of_an_inclined_surface_is_its_slope(group: str):
 
 
 def test_sigma_is_wider_on_inclined_surfaces_and_intervals_are_known_by_group():
-    own = np.full(SHAPE, 0.01, np.float32)
+    own_sigma = np.full(SHAPE, 0.01, np.float32)
     error = ExpectedError(
-        kept=GroupError(scale=2, shift_px=3), hole=GroupError(half_68=0.5, half_95=2)
+        measured=GroupError(scale=2, shift_px=3), hole=GroupError(half_68=0.5, half_95=2)
     )
     masks = group_masks(VALID, VALID)
-    sigma, halves = calibrated(error, INCLINED, own, masks)
+    sigma, halves = calibrated(error, INCLINED, own_sigma, masks)
     pixel = (30, 60)
     change = 3 * PER_PX * INCLINED[pixel]
     assert sigma[pixel] == pytest.approx(np.hypot(0.02, change), rel=1e-3)
-    level, _ = calibrated(error, np.full(SHAPE, 2, np.float32), own, masks)
+    level, _ = calibrated(error, np.full(SHAPE, 2, np.float32), own_sigma, masks)
     assert level[pixel] == pytest.approx(0.02)
-    np.testing.assert_array_equal(sigma[~VALID], own[~VALID])
+    np.testing.assert_array_equal(sigma[~VALID], own_sigma[~VALID])
     np.testing.assert_allclose(halves[68][masks["hole"]], 0.005)
     np.testing.assert_allclose(halves[95][masks["hole"]], 0.02)
     assert np.isnan(halves[95][~masks["hole"]]).all()
-    assert calibrated(ExpectedError(), INCLINED, own, masks)[1] == {}
+    assert calibrated(ExpectedError(), INCLINED, own_sigma, masks)[1] == {}
 
 
 def test_a_network_uses_the_calibration_of_its_folder(tmp_path: Path):
     frame = make_frame(np.full(SHAPE, 90, np.uint8), INCLINED, VALID)
     network = method.to_device(SmallNetwork()).eval()
     method.save(method.Small(network), tmp_path)
-    own = method.load(tmp_path)
-    assert own.error == ExpectedError() and own.fill(frame).half_m == {}
+    plain = method.load(tmp_path)
+    assert plain.error == ExpectedError() and plain.fill(frame).half_m == {}
     error = ExpectedError(**{
         name: GroupError(scale=2, half_68=1, half_95=3) for name in expected_error.GROUPS
     })  # fmt: skip
     expected_error.save(error, tmp_path / expected_error.FILE)
     loaded = method.load(tmp_path)
     assert loaded.error == error
-    before, after = own.fill(frame), loaded.fill(frame)
+    before, after = plain.fill(frame), loaded.fill(frame)
     np.testing.assert_array_equal(after.depth_m, before.depth_m)
     np.testing.assert_allclose(after.sigma_m, 2 * before.sigma_m, rtol=1e-6)
     np.testing.assert_allclose(after.half_m[95], 3 * after.sigma_m, rtol=1e-6)
-    method.save(own, tmp_path)  # New weights end the calibration of the old ones.
+    method.save(plain, tmp_path)  # New weights end the calibration of the old ones.
     assert method.load(tmp_path).error == ExpectedError()
 
 
@@ -113,9 +113,9 @@ def test_a_damaged_file_is_refused_by_name(tmp_path: Path, text: str):
 def room(number: int, scale: float, shift_px: float) -> RoomErrors:
     """Normal errors whose variance has both terms."""
     rng = np.random.default_rng(number)
-    own, change = rng.uniform(0.01, 0.05, 5000), rng.exponential(0.01, 5000)
-    error = np.abs(rng.normal(0, np.hypot(scale * own, shift_px * change)))
-    return RoomErrors(error=error, own_sigma=own, change=change)
+    own_sigma, change = rng.uniform(0.01, 0.05, 5000), rng.exponential(0.01, 5000)
+    error = np.abs(rng.normal(0, np.hypot(scale * own_sigma, shift_px * change)))
+    return RoomErrors(error=error, own_sigma=own_sigma, change=change)
 
 
 @pytest.mark.parametrize(("scale", "shift_px"), [(1.5, 3.0), (2.0, 0.0), (0.5, 0.0)])
@@ -153,9 +153,9 @@ def test_errors_are_drawn_by_group_where_truth_is_known():
         depth_m=np.where(VALID, INCLINED, np.nan), truth_m=truth, causes=dict,
     )  # fmt: skip
     depth = np.where(VALID, INCLINED, INCLINED + np.float32(0.1))
-    own = np.full(SHAPE, 0.02, np.float32)
-    drawn = dict(expected_error_fit.sampled_errors(pair, depth, own, seed=0))
+    own_sigma = np.full(SHAPE, 0.02, np.float32)
+    drawn = dict(expected_error_fit.sampled_errors(pair, depth, own_sigma, seed=0))
     assert {name: errors.error.size for name, errors in drawn.items()} == {
-        "hole": 200, "border": 550, "kept": 3650}  # fmt: skip
+        "hole": 200, "border": 550, "measured": 3650}  # fmt: skip
     np.testing.assert_allclose(drawn["border"].error, 0.1, rtol=1e-5)
-    assert not drawn["kept"].error.any()
+    assert not drawn["measured"].error.any()
