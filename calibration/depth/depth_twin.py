@@ -13,6 +13,7 @@ from starling.calibration.observation import Observation
 from starling.patterns import errors
 from starling.sim import simulate
 from starling.sim.captures.info import CaptureInfo
+from starling.sim.imaging import imager
 from starling.sim.render import direct
 from starling.sim.render.layers import Layers
 from starling.sim.render.mitsuba_scene import MitsubaScene
@@ -52,7 +53,8 @@ class DepthTwin:
     def matched(self, pair: simulate.InfraredPair, sensor: Sensor) -> Array:
         """Match the images and return disparity (h, w) [px] of the depth codes, NaN = no depth."""
         # A device matches all bits of its converter, not the output images.
-        depth_m = measure(pair.matched_left, pair.matched_right, sensor, causes={}).depth_m
+        gained = imager.at_gain(sensor, pair.exposure)
+        depth_m = measure(pair.matched_left, pair.matched_right, gained, causes={}).depth_m
         step_m = self.info.depth_unit_m
         return self.info.disparity_px(from_code(to_code(depth_m, step_m), step_m))
 

@@ -62,7 +62,7 @@ class SeenView:
 
 
 class _Residual(NamedTuple):
-    value: _Floats  # _Floats minus model, over the model.
+    value: _Floats  # Image minus model, over the model.
     weight: _Floats  # Inverse variance; 0 where the other imager or a depth edge hides the point.
     pattern: tuple[
         _Floats, _Floats, _Floats
@@ -74,7 +74,7 @@ class _Dots(NamedTuple):
 
     strength: float  # Relative.
     place_px: float
-    remain: _Floats | None  # Remainder of removed simulated dots; None: the dots are kncompared.
+    remain: _Floats | None  # Remainder of removed simulated dots; None: the dots are known.
 
 
 def refine(base: Image, views: Sequence[SeenView], *, dots_known: bool) -> Image:
@@ -243,7 +243,7 @@ def _remainder(base: _Floats, view: SeenView) -> _Floats:
 
 
 def _modelled(view: SeenView, reflectance: _Floats) -> tuple[_Floats, _Floats]:
-    """_Floatss of the projector's light and of other light, blurred as by the camera."""
+    """Images of the projector's light and of other light, blurred as by the camera."""
     reflectance, blur_px = _blurred(reflectance, _BOX_PX), _blur_px(view.imager)
     laser, rest = (_blurred(reflectance * light, blur_px) for light in (view.laser, view.ambient))
     return laser, rest

@@ -11,6 +11,7 @@ import pytest
 
 from starling import patterns
 from starling.calibration import heldout, observation
+from starling.calibration.fit_sensor import without_waves
 from starling.calibration.observation import Observation
 from starling.calibration.pattern import pattern_sensor, pattern_solution, recovery
 from starling.calibration.pattern import views as seeing
@@ -355,7 +356,7 @@ def test_a_projector_that_lights_nothing_is_refused() -> None:
 
 def test_views_use_the_sensors_alignment() -> None:
     """A pixel of an image shifted by 3 px and 2 px shows the point of the unshifted pixel."""
-    sensor = _nominal("d415", 160)
+    sensor = without_waves(_nominal("d415", 160))
     scene = _scenes()[0]
     layers = direct.layers(MitsubaScene(scene), sensor)
     pair = infrared(layers, scene, sensor, seed=0)

@@ -27,8 +27,8 @@ def test_family_and_confusable_families_are_left_out(tmp_path: Path):
         content[tmp_path / table / "7.json"] for table in ("without family", "without twins")
     )
     assert ALL - alone == {"reflectance"}
-    # Its page names projector power, the gradient and transparency; the occlusion's names it.
-    twins = {"signal_gain", "ambient_gradient", "ambient_occlusion", "transparency"}
+    # Its page names projector power, the gradient and transparency; two others name it.
+    twins = {"signal_gain", "ambient_gradient", "ambient_occlusion", "texture", "transparency"}
     assert ALL - both == {"reflectance", *twins}
 
 

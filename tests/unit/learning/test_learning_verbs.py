@@ -165,7 +165,7 @@ def test_compare_takes_simulated_captures_or_methods(captures, inputs_given, cap
 def test_a_picture_of_methods_needs_methods(captures, tmp_path, capsys):
     picture = str(tmp_path / "x.png")
     line = _refused("compare", captures, captures, "--out", picture, capsys=capsys)
-    assert line.startswith("starling: out must come with methods; got ")
+    assert line.startswith("starling: out must come with methods or judge; got ")
 
 
 def test_compare_still_compares_captures(captures, tmp_path, capsys):

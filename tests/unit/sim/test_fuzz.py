@@ -88,7 +88,11 @@ def _quiet(function: Callable[[], object]) -> None:
 def _command(*arguments: str) -> None:
     """Run a command that succeeds or prints exactly one line."""
     out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+    with (
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        warnings.catch_warnings(action="ignore"),
+    ):
         code = command_line.main(arguments)
     if code:
         assert (code, out.getvalue()) == (1, "")

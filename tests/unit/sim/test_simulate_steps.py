@@ -101,6 +101,10 @@ class Loaded:
         Loaded.count += 1
         self.scene = scene
 
+    def with_scene(self, scene: Scene) -> Loaded:
+        assert scene is self.scene
+        return self
+
 
 @pytest.fixture
 def renders(monkeypatch: pytest.MonkeyPatch, layers: Layers) -> Renders:
