@@ -646,12 +646,12 @@ def import_recording(
         >>> sensor = starling.load_sensor("d435", edits=SMALL)
         >>> _ = starling.simulate_captures("tabletop", sensor, "out/recorded")
         >>> facts = {"depth_unit": "mm", "emitter": "on", "sensor": "d435", "baseline": 0.05015}
-        >>> found = starling.import_recording(
+        >>> imported = starling.import_recording(
         ...     "out/recorded/tabletop/0", "out/imported", calibration=CAMERA_INFO, **facts
         ... )
-        >>> found["streams"], found["seen"]["dots"]
+        >>> imported["streams"], imported["seen"]["dots"]
         ('left, right, depth, colour', 'yes')
-        >>> starling.open_captures(found["out"]).scenes[0].frame(0).depth_m.shape
+        >>> starling.open_captures(imported["out"]).scenes[0].frame(0).depth_m.shape
         (240, 424)
     """
     from starling import arguments

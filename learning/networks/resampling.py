@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from starling.learning.data.example import Example, Image, Physics
 from starling.sim.captures.info import CaptureInfo
+from starling.sim.geometry.pinhole import Pinhole
 
 _DISPARITIES = ("disparity_px", "one_draw_px")
 _MEANS = ("ndp", "infrared", "contrast")  # Averaged; all other images keep single pixels.
@@ -68,16 +69,8 @@ def _resampled(example: Example, width: int) -> Example:
 
 def _scaled(info: CaptureInfo, width: int) -> CaptureInfo:
     height = max(round(info.height * width / info.width), 1)
-    across, down = width / info.width, height / info.height
-    return dataclasses.replace(
-        info,
-        width=width,
-        height=height,
-        fx_px=info.fx_px * across,
-        fy_px=info.fy_px * down,
-        cx_px=(info.cx_px + 0.5) * across - 0.5,
-        cy_px=(info.cy_px + 0.5) * down - 0.5,
-    )
+    camera = Pinhole.from_camera(info).resized(width, height)
+    return dataclasses.replace(info, **dataclasses.asdict(camera))
 
 
 def _resized(image: NDArray, info: CaptureInfo, *, averaged: bool = False) -> NDArray:

@@ -103,8 +103,8 @@ def limit_darkness(
     last = table.shape[0] - 1
     place = wp.clamp(wp.log2(gain[e] / own_gain) * per_octave, 0.0, float(last))
     k = wp.min(int(place), wp.max(last - 1, 0))
-    found = wp.lerp(table[k], table[wp.min(k + 1, last)], place - float(k))
-    limits[e] = wp.vec2(found[0] * found[0], found[1])
+    largest = wp.lerp(table[k], table[wp.min(k + 1, last)], place - float(k))
+    limits[e] = wp.vec2(largest[0] * largest[0], largest[1])
 
 
 @wp.kernel

@@ -44,6 +44,18 @@ class Pinhole:
         cx, cy = float(matrix[0, 2]), float(matrix[1, 2])
         return cls(width=size[0], height=size[1], fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
 
+    def resized(self, width: int, height: int) -> Pinhole:
+        """Return the camera of an image of the same field with another number of pixels."""
+        across, down = width / self.width, height / self.height
+        return Pinhole(
+            width=width,
+            height=height,
+            fx_px=self.fx_px * across,
+            fy_px=self.fy_px * down,
+            cx_px=(self.cx_px + 0.5) * across - 0.5,
+            cy_px=(self.cy_px + 0.5) * down - 0.5,
+        )
+
     @property
     def matrix(self) -> NDArray[np.float64]:
         """Camera matrix (3, 3) [px]."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
+from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.render import backend
 from starling.sim.sensor.sensor import Sensor
 
@@ -79,12 +80,12 @@ def cameras(sensor: Sensor, world_from_left: Pose) -> tuple[JitCamera, JitCamera
 
 def reduced(sensor: Sensor, place: JitPose, shrink: int) -> JitCamera:
     """An imager with a reduced resolution and the same field."""
-    width, height = sensor.width // shrink, sensor.height // shrink
-    x, y = width / sensor.width, height / sensor.height
+    size = sensor.width // shrink, sensor.height // shrink
+    camera = Pinhole.from_camera(sensor).resized(*size)
     return JitCamera(
-        size=(width, height),
-        focal=opaque("Vector2f", (sensor.fx_px * x, sensor.fy_px * y)),
-        centre=opaque("Vector2f", ((sensor.cx_px + 0.5) * x - 0.5, (sensor.cy_px + 0.5) * y - 0.5)),
+        size=size,
+        focal=opaque("Vector2f", (camera.fx_px, camera.fy_px)),
+        centre=opaque("Vector2f", (camera.cx_px, camera.cy_px)),
         place=place,
     )
 

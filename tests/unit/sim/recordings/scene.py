@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.sim.captures import png
 from starling.sim.geometry.pinhole import Pinhole
 
 WIDTH, HEIGHT = 320, 240
@@ -97,3 +100,11 @@ Extrinsic from "Depth"\t  To\t  "Infrared 2" :
    0  0  1
  Translation Vector:  -{BASELINE_M}  0  0
 """
+
+
+def write_frames(folder: Path, count: int, *, first: int = 0) -> None:
+    """Write pairs and depth images as `ir1_N.png`, `ir2_N.png` and `d_N.png`, from N = `first`."""
+    for number in range(count):
+        left, right = pair(number)
+        for name, image in {"ir1": left, "ir2": right, "d": depth_code()}.items():
+            (folder / f"{name}_{first + number}.png").write_bytes(png.encode(image))

@@ -31,11 +31,7 @@ def folder(tmp_path: Path) -> Path:
     """Return a folder of three pairs with depth, and its calibrations."""
     path = tmp_path / "shots"
     path.mkdir()
-    for number in range(3):
-        left, right = scene.pair(number)
-        images = {"ir1": left, "ir2": right, "d": scene.depth_code()}
-        for name, image in images.items():
-            (path / f"{name}_{number + 8}.png").write_bytes(png.encode(image))
+    scene.write_frames(path, 3, first=8)
     (tmp_path / "left.yaml").write_text(scene.LEFT_INFO)
     (tmp_path / "right.yaml").write_text(scene.RIGHT_INFO)
     (tmp_path / "cal.txt").write_text(scene.LISTING)

@@ -9,17 +9,13 @@ import pytest
 
 import starling
 from starling import command_line
-from starling.sim.captures import png
 from tests.unit.sim.recordings import scene
 
 
 def test_python_imports_as_the_verb_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     folder, first, second = (tmp_path / name for name in ("shots", "first", "second"))
     folder.mkdir()
-    for number in range(3):
-        left, right = scene.pair(number)
-        for name, image in {"ir1": left, "ir2": right, "d": scene.depth_code()}.items():
-            (folder / f"{name}_{number}.png").write_bytes(png.encode(image))
+    scene.write_frames(folder, 3)
     (tmp_path / "cal.txt").write_text(scene.LISTING)
     options = {
         "left": "ir1_*.png",
@@ -34,11 +30,11 @@ def test_python_imports_as_the_verb_does(tmp_path: Path, capsys: pytest.CaptureF
     command = ["import", str(folder), "--out", str(first), "--moving", *flags, "--json"]
     assert command_line.main(command) == 0
     printed = json.loads(capsys.readouterr().out)
-    found = starling.import_recording(folder, second, moving=True, **options, **numbers)
-    assert found["frames"] == found["scenes"] == 2
-    for table in (printed, found):
+    imported = starling.import_recording(folder, second, moving=True, **options, **numbers)
+    assert imported["frames"] == imported["scenes"] == 2
+    for table in (printed, imported):
         del table["seconds"], table["out"]
-    assert json.loads(json.dumps(found)) == printed
+    assert json.loads(json.dumps(imported)) == printed
     paths = sorted(path.relative_to(first) for path in first.rglob("*") if path.is_file())
     assert len(paths) == 12
     for path in paths:

@@ -23,10 +23,7 @@ def folder(tmp_path: Path) -> Path:
     """Return a folder of two pairs, and its calibration."""
     path = tmp_path / "shots"
     path.mkdir()
-    for number in range(2):
-        left, right = scene.pair(number)
-        (path / f"ir1_{number}.png").write_bytes(png.encode(left))
-        (path / f"ir2_{number}.png").write_bytes(png.encode(right))
+    scene.write_frames(path, 2)
     (tmp_path / "cal.txt").write_text(scene.LISTING)
     return path
 
