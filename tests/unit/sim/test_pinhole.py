@@ -11,9 +11,10 @@ from starling.sim.geometry.pinhole import Pinhole
 CAMERA = Pinhole(width=161, height=120, fx_px=100.0, fy_px=110.0, cx_px=70.3, cy_px=50.8)
 
 
-@given(st.integers(8, 2000), st.integers(8, 2000))
-def test_a_resized_camera_has_the_same_field(width: int, height: int) -> None:
+@given(st.integers(8, 2000), st.floats(0.5, 2.0))
+def test_a_resized_camera_has_the_same_field(width: int, aspect: float) -> None:
     """The rays of the image's borders, half a pixel outside the outer centres, stay."""
+    height = max(round(aspect * width * CAMERA.height / CAMERA.width), 1)
     resized = CAMERA.resized(width, height)
     assert (resized.width, resized.height) == (width, height)
     for before, after in ((-0.5, -0.5), (CAMERA.width - 0.5, width - 0.5)):
