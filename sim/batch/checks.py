@@ -1,4 +1,4 @@
-"""Kernels that reject matches, and remove small islands of disparity.
+"""Kernels that reject matches.
 
 Images have the shape (n, h, w). `starling.sim.stereo.checks` is the reference. Codes of reasons are
 those of `starling.Reason`.
@@ -11,19 +11,22 @@ from typing import Any
 
 from starling.sim.batch import handoff
 from starling.sim.reason import Reason
-from starling.sim.stereo.checks import SUPPORT_PX, TEXTURE_PX
+from starling.sim.stereo.checks import LEAST_DARK, SUPPORT_PX, TEXTURE_PX
+from starling.sim.stereo.matching import CONSISTENT_PX, LEAST_WEIGHT
 
 wp: Any = handoff.import_warp()  # Annotations of kernels are values, not types.
 
 wp.set_module_options({"enable_backward": False})
 
 _TEXTURE = wp.constant(TEXTURE_PX)
+_LEAST_DARK = wp.constant(LEAST_DARK)
+_LEAST_WEIGHT = wp.constant(float(LEAST_WEIGHT))
+_CONSISTENT = wp.constant(float(CONSISTENT_PX))
 _REACH = wp.constant(SUPPORT_PX // 2)
 _OUTSIDE = wp.constant(wp.uint8(int(Reason.OUTSIDE_OVERLAP)))
 _AMBIGUOUS = wp.constant(wp.uint8(int(Reason.AMBIGUOUS)))
 _LEFT_RIGHT = wp.constant(wp.uint8(int(Reason.LEFT_RIGHT)))
 _SUPPORT = wp.constant(wp.uint8(int(Reason.SUPPORT)))
-_SPECKLE = wp.constant(wp.uint8(int(Reason.SPECKLE)))
 _VALID = wp.constant(wp.uint8(0))
 
 
@@ -128,17 +131,27 @@ def find_dark(
 
 
 @wp.kernel
-def spread_dark(
-    dark: wp.array3d(dtype=wp.uint8), down: int, spread: wp.array3d(dtype=wp.uint8)
+def count_dark(
+    dark: wp.array3d(dtype=wp.uint8), count: wp.array3d(dtype=wp.uint8)
 ):  # pragma: no cover - compiled
-    """Mark in `spread` (n, h, w) what the windows of marked pixels contain, along one axis."""
+    """Count marked pixels (n, h, w) along rows of the texture's window."""
     e, y, x = wp.tid()
-    mark = wp.uint8(0)
+    total = wp.uint8(0)
     for k in range(-(_TEXTURE // 2), _TEXTURE // 2 + 1):
-        row = wp.clamp(y + down * k, 0, dark.shape[1] - 1)
-        column = wp.clamp(x + (1 - down) * k, 0, dark.shape[2] - 1)
-        mark = wp.max(mark, dark[e, row, column])
-    spread[e, y, x] = mark
+        total += dark[e, y, wp.clamp(x + k, 0, dark.shape[2] - 1)]
+    count[e, y, x] = total
+
+
+@wp.kernel
+def spread_dark(
+    count: wp.array3d(dtype=wp.uint8), spread: wp.array3d(dtype=wp.uint8)
+):  # pragma: no cover - compiled
+    """Mark in `spread` (n, h, w) where windows hold enough pixels that `count_dark` counted."""
+    e, y, x = wp.tid()
+    total = wp.int32(0)
+    for k in range(-(_TEXTURE // 2), _TEXTURE // 2 + 1):
+        total += wp.int32(count[e, wp.clamp(y + k, 0, count.shape[1] - 1), x])
+    spread[e, y, x] = wp.uint8(wp.where(total >= _LEAST_DARK, 1, 0))
 
 
 @wp.func
@@ -167,12 +180,14 @@ def compare_views(
 ):  # pragma: no cover - compiled
     """Reject matches by the search and by the other view; they get no weight in the mean.
 
+    Others have a least weight.
+
     Args:
         best: (n, h, w) whole winners [px].
         ambiguous: (n, h, w) of `choose_left`.
         left, right: (n, h, w) disparities that the left-right check compares [px].
         limits: thresholds.
-        weight: (n, h, w), 0 where a match is rejected.
+        weight: (n, h, w) curvatures, become weights.
         reason: (n, h, w) filled with codes.
     """
     e, y, x = wp.tid()
@@ -187,30 +202,55 @@ def compare_views(
         code = _AMBIGUOUS
     if int(best[e, y, x]) > x:
         code = _OUTSIDE
-    if code > _VALID:
-        weight[e, y, x] = 0.0
+    weight[e, y, x] = wp.where(code > _VALID, 0.0, wp.max(weight[e, y, x], _LEAST_WEIGHT))
     reason[e, y, x] = code
+
+
+@wp.kernel
+def find_consistent(
+    best: wp.array3d(dtype=wp.int16),
+    left: wp.array3d(dtype=float),
+    right: wp.array3d(dtype=float),
+    consistent: wp.array3d(dtype=wp.uint8),
+):  # pragma: no cover - compiled
+    """Mark where the winners of both views agree, before any mean.
+
+    Args:
+        best: (n, h, w) whole winners [px].
+        left, right: (n, h, w) winners of both views [px], not finite or negative without match.
+        consistent: (n, h, w) is filled.
+    """
+    e, y, x = wp.tid()
+    mark = wp.uint8(1)
+    target = x - int(wp.rint(left[e, y, x]))
+    if target >= 0 and target < best.shape[2]:
+        match = right[e, y, target]
+        if not (match >= 0.0 and wp.abs(match - left[e, y, x]) <= _CONSISTENT):
+            mark = wp.uint8(0)
+    if int(best[e, y, x]) > x:
+        mark = wp.uint8(0)
+    consistent[e, y, x] = mark
 
 
 @wp.func
 def _unsupported(
     disparity: wp.array3d(dtype=float),
-    reason: wp.array3d(dtype=wp.uint8),
+    consistent: wp.array3d(dtype=wp.uint8),
     e: int,
     y: int,
     x: int,
     limits: Limits,
 ) -> bool:  # pragma: no cover - compiled
-    """Whether too few neighbours in the support's window have a like disparity."""
+    """Whether too few consistent neighbours in the support's window have a like disparity."""
     centre = disparity[e, y, x]
-    count = wp.int32(-1)  # The pixel agrees with itself.
+    count = -wp.int32(consistent[e, y, x])  # Less the pixel itself.
     others = wp.int32(-1)
     for j in range(wp.max(y - _REACH, 0), wp.min(y + _REACH + 1, disparity.shape[1])):
         for i in range(wp.max(x - _REACH, 0), wp.min(x + _REACH + 1, disparity.shape[2])):
             others += 1
             like = wp.abs(disparity[e, j, i] - centre) <= limits.like
-            if like and reason[e, j, i] == _VALID:
-                count += 1
+            if like:
+                count += wp.int32(consistent[e, j, i])
     return float(count) < limits.support * float(others)
 
 
@@ -218,6 +258,7 @@ def _unsupported(
 def reject(
     disparity: wp.array3d(dtype=float),
     compared: wp.array3d(dtype=wp.uint8),
+    consistent: wp.array3d(dtype=wp.uint8),
     texture: wp.array3d(dtype=wp.vec2i),
     dark: wp.array3d(dtype=wp.uint8),
     limits: Limits,
@@ -229,6 +270,7 @@ def reject(
     Args:
         disparity: (n, h, w) refined [px].
         compared: (n, h, w) codes of `compare_views`.
+        consistent: (n, h, w) of `find_consistent`; () if the support is not checked.
         texture: (n, h, w) of `sum_texture`; () accepts every texture.
         dark: (n, h, w), marked without light; () accepts every pixel.
         limits: thresholds.
@@ -243,7 +285,7 @@ def reject(
         code = _SUPPORT
     if _range(disparity, e, y, x) > limits.jump:
         code = _SUPPORT
-    if limits.support > 0.0 and _unsupported(disparity, compared, e, y, x, limits):
+    if limits.support > 0.0 and _unsupported(disparity, consistent, e, y, x, limits):
         code = _SUPPORT
     if compared[e, y, x] > _VALID:
         code = compared[e, y, x]
@@ -297,85 +339,3 @@ def settle(
         value = wp.rint(value / limits.quantum) * limits.quantum
     accepted[e, y, x] = value
     island[i] = i
-
-
-@wp.func
-def _root(island: wp.array(dtype=int), start: int) -> int:  # pragma: no cover - compiled
-    i = start
-    while island[i] != i:
-        i = island[i]
-    return i
-
-
-@wp.func
-def _unite(island: wp.array(dtype=int), first: int, second: int):  # pragma: no cover - compiled
-    """Unite two islands. The root is the least index in any order of threads.
-
-    Source: Playne and Hawick, IEEE TPDS 29(6), 2018, "A new algorithm for parallel
-    connected-component labelling on GPUs".
-    """
-    a = _root(island, first)
-    b = _root(island, second)
-    while a != b:
-        high = wp.max(a, b)
-        low = wp.min(a, b)
-        before = wp.atomic_min(island, high, low)
-        a = low
-        b = low
-        if before != high:  # Another thread moved the root meanwhile.
-            b = _root(island, before)
-            a = _root(island, low)
-
-
-@wp.kernel
-def join_islands(
-    accepted: wp.array3d(dtype=float), limits: Limits, island: wp.array(dtype=int)
-):  # pragma: no cover - compiled
-    """Unite each pixel's island with those of its right and lower neighbours.
-
-    Args:
-        accepted: (n, h, w) disparities [px], compared as whole sixteenths.
-        limits: thresholds.
-        island: (n h w,) of `settle`; each pixel leads to the root of its island.
-    """
-    e, y, x = wp.tid()
-    h = accepted.shape[1]
-    w = accepted.shape[2]
-    i = (e * h + y) * w + x
-    if island[i] < 0:
-        return
-    fixed = int(accepted[e, y, x] * 16.0)
-    if x + 1 < w and island[i + 1] >= 0:
-        off = wp.abs(int(accepted[e, y, x + 1] * 16.0) - fixed)
-        if float(off) <= limits.step:
-            _unite(island, i, i + 1)
-    if y + 1 < h and island[i + w] >= 0:
-        off = wp.abs(int(accepted[e, y + 1, x] * 16.0) - fixed)
-        if float(off) <= limits.step:
-            _unite(island, i, i + w)
-
-
-@wp.kernel
-def count_islands(
-    island: wp.array(dtype=int), count: wp.array(dtype=int)
-):  # pragma: no cover - compiled
-    """Count the pixels of each island at its root; `count` (n h w,) is zero before."""
-    i = wp.tid()
-    if island[i] >= 0:
-        wp.atomic_add(count, _root(island, i), 1)
-
-
-@wp.kernel
-def sink_islands(
-    island: wp.array(dtype=int),
-    count: wp.array(dtype=int),
-    limits: Limits,
-    accepted: wp.array3d(dtype=float),
-    reason: wp.array3d(dtype=wp.uint8),
-):  # pragma: no cover - compiled
-    """Remove islands of few pixels from `accepted` and `reason` (n, h, w)."""
-    e, y, x = wp.tid()
-    i = (e * accepted.shape[1] + y) * accepted.shape[2] + x
-    if island[i] >= 0 and count[_root(island, i)] <= limits.speckle:
-        accepted[e, y, x] = wp.NAN
-        reason[e, y, x] = _SPECKLE

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from starling.sim.batch import checks, cost, handoff, paths, refinement
+from starling.sim.batch import checks, cost, handoff, islands, paths, refinement
 from starling.sim.batch.dark_table import PER_OCTAVE, DarkTable
 from starling.sim.batch.handoff import launch
 from starling.sim.sensor.matcher import CensusSemiGlobal, Matcher, Refinement
@@ -123,7 +123,7 @@ def match(left: Any, right: Any, gain: Any, rig: MatchRig) -> tuple[Any, Any]:
     launch(checks.compare_views, shape, device, *matches, compared)
     refined = _refine(winners.left, rig.matcher.refinement, winners.bend)
     disparity = wp.empty_like(refined)
-    support_of = (refined, compared, texture, dark, rig.limits)
+    support_of = (refined, compared, _consistent(winners, rig), texture, dark, rig.limits)
     launch(checks.reject, shape, device, *support_of, disparity, reason)
     launch(checks.reject_outside, shape[:2], device, rig.limits, disparity, reason)
     _sink_islands(disparity, reason, rig)
@@ -131,18 +131,28 @@ def match(left: Any, right: Any, gain: Any, rig: MatchRig) -> tuple[Any, Any]:
 
 
 def _dark(texture: Any, gain: Any, rig: MatchRig) -> Any:
-    """Mark (n, h, w) all pixels of windows without light; () if the check is off."""
+    """Mark (n, h, w) the pixels in windows without light; () if the check is off."""
     if not rig.dark.shape[0]:
         return wp.empty((0, 0, 0), dtype=wp.uint8, device=rig.device)
     shape, device = texture.shape, rig.device
-    dark, spread = (wp.empty(shape, dtype=wp.uint8, device=device) for _ in range(2))
+    dark, count = (wp.empty(shape, dtype=wp.uint8, device=device) for _ in range(2))
     limits = wp.empty(shape[0], dtype=wp.vec2, device=device)
     table = (rig.dark, rig.own_gain, float(PER_OCTAVE))
     launch(checks.limit_darkness, limits.shape, device, gain, *table, limits)
     launch(checks.find_dark, shape, device, texture, limits, dark)
-    launch(checks.spread_dark, shape, device, dark, 0, spread)
-    launch(checks.spread_dark, shape, device, spread, 1, dark)
+    launch(checks.count_dark, shape, device, dark, count)
+    launch(checks.spread_dark, shape, device, count, dark)
     return dark
+
+
+def _consistent(winners: _Winners, rig: MatchRig) -> Any:
+    """Mark (n, h, w) where the winners of both views agree; () if support is not checked."""
+    if not rig.matcher.checks.support_share:
+        return wp.empty((0, 0, 0), dtype=wp.uint8, device=rig.device)
+    consistent = wp.empty(winners.left.shape, dtype=wp.uint8, device=rig.device)
+    views = (winners.left_best, winners.left, winners.right)
+    launch(checks.find_consistent, consistent.shape, rig.device, *views, consistent)
+    return consistent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -256,9 +266,9 @@ def _sink_islands(disparity: Any, reason: Any, rig: MatchRig) -> None:
     if not rig.matcher.checks.speckle_count:
         return
     count = wp.zeros_like(island)
-    launch(checks.join_islands, shape, device, disparity, rig.limits, island)
-    launch(checks.count_islands, island.shape, device, island, count)
-    launch(checks.sink_islands, shape, device, island, count, rig.limits, disparity, reason)
+    launch(islands.join_islands, shape, device, disparity, rig.limits, island)
+    launch(islands.count_islands, island.shape, device, island, count)
+    launch(islands.sink_islands, shape, device, island, count, rig.limits, disparity, reason)
 
 
 def _gaussian(sigma_px: float) -> np.ndarray[Any, Any]:

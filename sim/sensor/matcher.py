@@ -163,11 +163,12 @@ class Checks:
 
     uniqueness: float = 0.0  # Least extra cost of the second-best disparity [percent]; 0 = off.
     left_right_px: float = 1024.0  # Largest left-right difference of the disparities [px].
-    left_right_mean_px: int = 0  # Side of a jump-preserving mean before it; 0 = whole px compared.
+    left_right_mean_px: int = 0  # Width of a jump-preserving mean before it; 0 = whole px compared.
+    left_right_rows_px: int = 31  # Largest height of that window, odd; at most its width.
     texture_dn: float = 0.0  # Least deviation in the left window [DN of 8 bits]; 0 = off.
     dark_noise: float = 0.0  # Least deviation of a lit window [deviations of a dark one]; 0 = off.
     jump_px: float = 1024.0  # Largest range of disparities in 3x3 pixels [px].
-    support_share: float = 0.0  # Least share of 13x13 px with a like disparity; 0 = off.
+    support_share: float = 0.0  # Least share of 13x13 px whose views agree on a like disparity.
     support_step_px: float = 4.0  # Largest difference of like disparities [px].
     speckle_count: int = 0  # Islands of at most this many pixels are removed; 0 = off.
     speckle_step_px: float = 1.0  # A larger step separates two islands [px].
@@ -179,6 +180,7 @@ class Checks:
         in_interval("left_right_px", self.left_right_px, 0.0, 1024.0)
         if self.left_right_mean_px:
             _odd("left_right_mean_px", self.left_right_mean_px, 1, 31)
+        _odd("left_right_rows_px", self.left_right_rows_px, 1, 31)
         in_interval("texture_dn", self.texture_dn, 0.0, 255.0)
         in_interval("dark_noise", self.dark_noise, 0.0, 10.0)
         in_interval("jump_px", self.jump_px, 0.0, 1024.0)

@@ -20,6 +20,7 @@ from starling.sim.stereo.lanes import (
 )
 
 TEXTURE_PX = 15  # Window of the texture check [px]: about one support plus one census window.
+LEAST_DARK = TEXTURE_PX  # Unlit centres in a window that make its middle dark: one row.
 SUPPORT_PX = 13  # Window of the support check [px]; a D4 counts up to 168 of its neighbours.
 _LANES = WORDS.count
 _LEVELS = 64  # Levels per px in the support check.
@@ -98,10 +99,11 @@ def darkness(
     least_dn: float,
     ceiling_dn: float,
 ) -> NDArray[np.bool_]:
-    """Reject all pixels of every window without light.
+    """Reject pixels in the windows without light.
 
-    None of its pixels is lit, so all are rejected. Rejection of the centre alone would leave a rim,
-    whose windows contain the object's light.
+    Rejection of their centres alone would leave a rim, whose own windows contain the object's
+    light. A pixel is rejected if its window holds at least `LEAST_DARK` such centres. Straight
+    rims end at the light then. A few dim windows on a lit surface reject nothing.
 
     Args:
         mean, variance: (h, w) of `moments`.
@@ -109,15 +111,15 @@ def darkness(
         ceiling_dn: brighter windows are lit [DN of 8 bits]; full pixels are as flat as dark ones.
     """
     unlit = (variance < np.float32(least_dn) ** 2) & (mean < np.float32(ceiling_dn))
-    window = np.ones((TEXTURE_PX, TEXTURE_PX), np.uint8)
-    return cv2.dilate(unlit.view(np.uint8), window).view(np.bool_)
+    window = (TEXTURE_PX, TEXTURE_PX)
+    count = cv2.boxFilter(
+        unlit.view(np.uint8), cv2.CV_8U, window, normalize=False, borderType=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(count >= LEAST_DARK)
 
 
 def jump(disparity_px: NDArray[np.float32], *, range_px: float) -> NDArray[np.bool_]:
-    """Reject pixels whose 3x3 neighbourhood spans more than `range_px` of disparity.
-
-    The device reports no depth within 2 to 3 px of every depth edge, for jumps of any size.
-    """
+    """Reject pixels whose 3x3 neighbourhood spans more than `range_px` of disparity."""
     known = np.isfinite(disparity_px)
     if not known.any() or np.nanmax(disparity_px) - np.nanmin(disparity_px) <= range_px:
         return np.zeros(known.shape, bool)
@@ -128,50 +130,62 @@ def jump(disparity_px: NDArray[np.float32], *, range_px: float) -> NDArray[np.bo
 
 
 def unsupported(
-    disparity_px: NDArray[np.float32], *, share: float, step_px: float
+    disparity_px: NDArray[np.float32],
+    consistent: NDArray[np.bool_],
+    *,
+    share: float,
+    step_px: float,
 ) -> NDArray[np.bool_]:
-    """Reject pixels that too small a share of the neighbours in their window agrees with.
+    """Reject pixels that too small a share of the neighbours in their window supports.
 
     Args:
-        disparity_px: (h, w) [px], w >= 16, NaN where another check rejects it.
+        disparity_px: (h, w) [px], w >= 16, NaN without disparity.
+        consistent: (h, w) pixels that can support others: both views agree on their winners.
         share: least share of the window's other pixels within the image, 0 to 1; 0 accepts all.
-        step_px: largest difference of disparities that agree [px].
+        step_px: largest difference to a disparity that supports [px].
 
-    Source: librealsense presets.cpp, region support map: removeThresh 63 of 168, diffThresh 4.
+    Source: a D4's region support map (librealsense presets.cpp: diffThresh 4, removeThresh 63 of
+    168). Which neighbours it counts is not published (docs/design/matcher.md#the-preset-d415).
     """
     h, w = disparity_px.shape
     if not share:
         return np.zeros((h, w), np.bool_)
     reach = SUPPORT_PX // 2
-    # Missing pixels and those outside the image are unlike every known one.
-    level = np.full((h + 2 * reach, w + 2 * reach), _FAR, np.uint16)
     known = np.isfinite(disparity_px)
-    inner = level[reach : reach + h, reach : reach + w]
-    np.copyto(inner, np.rint(disparity_px * _LEVELS), where=known, casting="unsafe")
+    centre = np.full((h, w), _FAR, np.uint16)
+    np.copyto(centre, np.rint(disparity_px * _LEVELS), where=known, casting="unsafe")
+    # Pixels without support to give and those outside the image are unlike every known one.
+    level = np.full((h + 2 * reach, w + 2 * reach), _FAR, np.uint16)
+    np.copyto(level[reach : reach + h, reach : reach + w], centre, where=consistent)
     like = np.empty((h, w), np.uint8)
-    _count_like(level.reshape(-1), h, w, np.uint16(round(step_px * _LEVELS)), like.reshape(-1))
+    step = np.uint16(round(step_px * _LEVELS))
+    _count_like(centre.reshape(-1), level.reshape(-1), h, w, step, like.reshape(-1))
     rows, columns = (
         np.convolve(np.ones(side, np.float32), np.ones(SUPPORT_PX, np.float32), "same")
         for side in (h, w)
     )
     others = rows[:, None] * columns - 1
-    return ~known | (like - np.float32(1) < np.float32(share) * others)  # Less the pixel itself.
+    itself = consistent & known
+    return ~known | (like - itself.astype(np.float32) < np.float32(share) * others)
 
 
 @nb.njit(nogil=True, cache=True)
-def _count_like(level, h, w, step, like):  # pragma: no cover - compiled
-    """Count the pixels of every window whose level is within `step` of the centre's."""
+def _count_like(centre, level, h, w, step, like):  # pragma: no cover - compiled
+    """Count the pixels of every window whose level is within `step` of the centre's.
+
+    `level` has a margin of half a window around the image.
+    """
     reach = SUPPORT_PX // 2
     stride, steps = w + 2 * reach, splat_words(step)
     for y in range(h):
         for start in range(0, w, _LANES):
             x = min(start, w - _LANES)  # The last vector overlaps the one before.
-            centre = load_words(level, (y + reach) * stride + reach + x)
+            middle = load_words(centre, y * w + x)
             count = splat_words(np.uint16(0))
             for row in range(y, y + SUPPORT_PX):
                 for dx in range(SUPPORT_PX):
                     neighbour = load_words(level, row * stride + x + dx)
-                    off = excess(neighbour, centre) | excess(centre, neighbour)
+                    off = excess(neighbour, middle) | excess(middle, neighbour)
                     count = count - equal(lesser(off, steps), off)  # A set mask is -1.
             store_low_bytes(like, y * w + x, count)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import reduce
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,10 +17,12 @@ from starling.sim.reason import Reason, first_cause
 from starling.sim.sensor.imager import Imager
 from starling.sim.sensor.matcher import (
     LEFT_RIGHT_STEP_PX,
+    Block,
     CensusSemiGlobal,
     Checks,
     Matcher,
     Refinement,
+    SemiGlobalBlock,
 )
 from starling.sim.stereo import census, checks, opencv, semiglobal, subpixel, support
 from starling.sim.stereo.disparity import DisparityMap as DisparityMap
@@ -27,8 +30,18 @@ from starling.sim.stereo.memory import Memory
 
 LEAST_PX = 16  # Least side of an image [px]; smaller ones have no room for window and search.
 TEN_BITS = 1023  # Largest DN of a 10-bit image.
+LEAST_WEIGHT = 2 * support.COST_SCALE  # Of a pixel in the mean: a curvature of 2 bit.
+CONSISTENT_PX = 1.0  # Largest left-right difference of winners that support others [px].
 
 _Causes = dict[Reason, NDArray[np.bool_]]
+
+
+class _Candidates(NamedTuple):
+    """Refined disparities of an engine, each (h, w)."""
+
+    disparity_px: NDArray[np.float32]
+    causes: _Causes  # Masks of what the engine and its own checks reject.
+    consistent: NDArray[np.bool_]  # Both views agree on the winner, before any mean.
 
 
 def match(
@@ -60,12 +73,13 @@ def match(
         return _extended(left, right, replace(matcher, extended=False), dark, memory)
     _admit(left, right)
     if isinstance(matcher.engine, CensusSemiGlobal):
-        disparity, causes = _census_semi_global(left, right, matcher, matcher.engine, memory)
+        candidates = _census_semi_global(left, right, matcher, matcher.engine, memory)
     else:
-        disparity, causes = opencv.compute(left, right, matcher, matcher.engine)
-        disparity = subpixel.refine(disparity, matcher.refinement)
+        candidates = _opencv(left, right, matcher, matcher.engine)
+    disparity, causes, consistent = candidates
     alone = checks.unsupported(
-        np.where(_any(causes), np.float32(np.nan), disparity),
+        disparity,
+        consistent,
         share=matcher.checks.support_share,
         step_px=matcher.checks.support_step_px,
     )
@@ -218,13 +232,21 @@ def support_cost(
     ).fill
 
 
+def _opencv(
+    left: NDArray, right: NDArray, matcher: Matcher, engine: SemiGlobalBlock | Block
+) -> _Candidates:
+    """Run an engine of OpenCV, which checks both views itself, and refine."""
+    disparity, causes = opencv.compute(left, right, matcher, engine)
+    return _Candidates(subpixel.refine(disparity, matcher.refinement), causes, ~_any(causes))
+
+
 def _census_semi_global(
     left: NDArray,
     right: NDArray,
     matcher: Matcher,
     engine: CensusSemiGlobal,
     memory: Memory | None,
-) -> tuple[NDArray[np.float32], _Causes]:
+) -> _Candidates:
     """Run the CensusSemiGlobal engine: search, sub-pixel fit, refinement, its own checks."""
 
     def search() -> semiglobal.Winners:
@@ -242,14 +264,19 @@ def _census_semi_global(
     at_end = winners.best == 0
     if not matcher.checks.near_end:
         at_end |= winners.best == matcher.search_px - 1
+    outside = whole > np.arange(left.shape[1])
     causes = {
-        Reason.OUTSIDE_OVERLAP: whole > np.arange(left.shape[1]),
+        Reason.OUTSIDE_OVERLAP: outside,
         Reason.AMBIGUOUS: at_end | _indistinct(winners, matcher.checks.uniqueness, engine),
         Reason.LEFT_RIGHT: _left_right(winners, matcher),
     }
-    # Rejected winners would pull the mean of their neighbours.
-    weight = np.where(_any(causes), np.float32(0), winners.bend)
-    return subpixel.refine(whole + winners.offset, matcher.refinement, weight), causes
+    # Rejected winners would pull the mean of their neighbours. Accepted ones on ramps between
+    # two surfaces have no curvature, and without a weight no ramp would be left.
+    weight = np.where(
+        _any(causes), np.float32(0), np.maximum(winners.bend, np.float32(LEAST_WEIGHT))
+    )
+    disparity = subpixel.refine(whole + winners.offset, matcher.refinement, weight)
+    return _Candidates(disparity, causes, ~outside & _consistent(winners, matcher))
 
 
 def _indistinct(
@@ -264,13 +291,24 @@ def _indistinct(
     )
 
 
+def _consistent(winners: semiglobal.Winners, matcher: Matcher) -> NDArray[np.bool_]:
+    """Return where the winners of both views agree, before any mean."""
+    if not matcher.checks.support_share:
+        return np.ones(winners.best.shape, np.bool_)
+    shift = np.float32(matcher.min_disparity_px)
+    left = winners.best + winners.offset + shift
+    right = winners.right_best + winners.right_offset + shift
+    right = np.where(winners.right_best >= 0, right, np.float32(-1))
+    return ~checks.left_right(left, right, tolerance_px=CONSISTENT_PX)
+
+
 def left_right_mean(matcher: Matcher) -> Refinement:
     """Return the refinement of both views before the left-right check."""
     side = matcher.checks.left_right_mean_px
     return replace(
         matcher.refinement,
         smooth_px=side,
-        smooth_rows_px=side,
+        smooth_rows_px=matcher.checks.left_right_rows_px,
         smooth_step_px=LEFT_RIGHT_STEP_PX,
         smooth_passes=1,
     )

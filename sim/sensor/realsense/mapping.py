@@ -12,6 +12,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from starling.patterns import errors
 from starling.sim.sensor import edits
 from starling.sim.sensor.matcher import MOST_BITS, CensusSemiGlobal
@@ -195,8 +197,12 @@ def _support(mapping: _Mapping) -> None:
     if not mapping.sensor.matcher.checks.support_share:
         mapping.idle |= dict.fromkeys((use, share, step), "the sensor's matcher has no such check")
         return
-    least = mapping.engine_value(share) if mapping.engine_value(use) else 0.0
-    mapping.set("matcher.checks.support_share", least, "share of 168 neighbours", share, use)
+    ours = mapping.sensor.matcher.checks.support_share
+    usual, theirs = float(named_preset()[share]), mapping.engine_value(share)
+    ends = ([0.0, usual, 1.0], [0.0, ours, 1.0])
+    least = float(np.interp(theirs, *ends)) if mapping.engine_value(use) else 0.0
+    rule = "share of 168 neighbours: none, ours at the default, all; linear between"
+    mapping.set("matcher.checks.support_share", least, rule, share, use)
     mapping.set("matcher.checks.support_step_px", mapping.engine_value(step), "in px", step)
 
 

@@ -51,15 +51,29 @@ def test_support_counts_like_neighbours_inside_the_image() -> None:
     disparity[20, 12:27] = near  # One row: 12 of 168 neighbours agree.
     disparity[0, 0] = disparity[39, 20] = near
     disparity[20, 33] = np.nan
-    refused = checks.unsupported(disparity, share=0.375, step_px=4.0)
+    everywhere = np.ones(disparity.shape, bool)
+    refused = checks.unsupported(disparity, everywhere, share=0.375, step_px=4.0)
     wall = disparity == far
     assert refused[~wall].all() and not refused[wall].any()
-    assert not checks.unsupported(disparity, share=0.0, step_px=4.0).any()
-    assert not checks.unsupported(disparity, share=0.07, step_px=4.0)[20, 19]
-    assert not checks.unsupported(disparity, share=0.375, step_px=10.0)[20, 12:27].any()
+    assert not checks.unsupported(disparity, everywhere, share=0.0, step_px=4.0).any()
+    assert not checks.unsupported(disparity, everywhere, share=0.07, step_px=4.0)[20, 19]
+    like = checks.unsupported(disparity, everywhere, share=0.375, step_px=10.0)
+    assert not like[20, 12:27].any()
     edge = np.where(np.arange(40) < 20, near, far)[None].repeat(40, 0)
-    assert not checks.unsupported(edge, share=0.375, step_px=4.0).any()  # 90 of 168.
-    assert checks.unsupported(edge, share=0.54, step_px=4.0).sum() == 2 * 40
+    assert not checks.unsupported(edge, everywhere, share=0.375, step_px=4.0).any()  # 90 of 168.
+    assert checks.unsupported(edge, everywhere, share=0.54, step_px=4.0).sum() == 2 * 40
+
+
+def test_pixels_whose_views_disagree_support_no_other() -> None:
+    """Inside, half of 168 neighbours are on each side of a pixel's row, and 12 in it."""
+    disparity = np.full((40, 40), np.float32(10))
+    consistent = np.ones(disparity.shape, bool)
+    consistent[:20] = False
+    for share, rejected in ((78 / 168 - 1e-3, 0), (78 / 168 + 1e-3, 1)):
+        refused = checks.unsupported(disparity, consistent, share=share, step_px=4.0)
+        assert refused[19, 20] == rejected  # Six rows of 13 below it support it.
+        assert not refused[20, 20]  # Its own row too.
+        assert not refused[30].any()
 
 
 def test_result_arrays_share_one_shape():

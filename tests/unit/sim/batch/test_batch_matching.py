@@ -81,6 +81,7 @@ def assert_equal(sensor: Sensor, depth_m: Image) -> Image:
         ("matcher.refinement.smooth_px=0", "matcher.refinement.quantum_px=0.0"),
         ("matcher.refinement.smooth_passes=2", "matcher.refinement.smooth_step_px=4.0"),
         ("matcher.checks.support_share=0.375", "matcher.checks.speckle_count=0"),
+        ("matcher.checks.support_share=0.525", "matcher.checks.left_right_rows_px=3"),
         ("matcher.checks.support_share=0.6", "matcher.checks.support_step_px=0.5"),
         ("matcher.setting=oak",),
         ("matcher.engine.subpixel_fit=equal_slopes", "matcher.search_px=32"),
