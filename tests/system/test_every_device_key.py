@@ -71,10 +71,12 @@ VALUES: dict[str, Any] = {
     **{
         "matcher.checks.uniqueness": 40.0,
         "matcher.checks.speckle_count": 5000,
+        "matcher.checks.speckle_step_px": 0.05,
         "matcher.checks.texture_dn": 20.0,
         "matcher.checks.dark_noise": 10.0,
     },
-    **{"matcher.checks.left_right_mean_px": 0, "matcher.checks.jump_px": 0.2},
+    **{"matcher.checks.left_right_mean_px": 0, "matcher.checks.left_right_rows_px": 1},
+    "matcher.checks.jump_px": 0.2,
     **{"matcher.checks.support_share": 0.9, "matcher.checks.support_step_px": 0.05},
     "matcher.checks.border_px": 8.0,
     **{"matcher.refinement.median_px": 0, "matcher.refinement.smooth_px": 5},

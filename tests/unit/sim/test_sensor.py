@@ -118,7 +118,9 @@ def test_presets_of_the_d4_family_have_its_matcher() -> None:
             ("matcher.refinement.smooth_passes", 2),
             ("matcher.refinement.smooth_step_px", 4.0),
             ("matcher.engine.second_peak", 10.0),
-            ("matcher.checks.support_share", 0.375),
+            ("matcher.checks.support_share", 0.525),
+            ("matcher.checks.left_right_rows_px", 3),
+            ("matcher.checks.jump_px", 1024.0),
             ("matcher.checks.speckle_count", 0),
         ],
     )
