@@ -47,7 +47,7 @@ def refuse_damaged(path: Path) -> None:
 
 def _statements(data: bytes) -> Iterator[list[str]]:
     """Words of each line; a backslash at its end continues a line."""
-    text = data.decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
+    text = data.decode("utf-8-sig", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
     for line in text.splitlines():
         words = line.partition("#")[0].split()
         if words and words[0] in ("v", "f") and not line.startswith(f"{words[0]} "):

@@ -85,13 +85,15 @@ def _read_ply(path: Path) -> MeshFile:
 def _read_obj(path: Path) -> MeshFile:
     obj.refuse_damaged(path)
     looks = mtl.MtlLooks()
-    parts = trimesh_parts.parts(_load(path), looks.look)
+    parts = trimesh_parts.parts(_load(path, mtl.plain(regular_file.read(path))), looks.look)
     lost = sorted(mtl.used_materials(path) - looks.names)
     if lost:
         looks.unused.add(f"materials that cannot be read ({', '.join(lost)})")
     unread = mtl.unread_files(path)
     if unread:
         looks.unused.add(f"textures that cannot be read ({', '.join(unread)})")
+    if mtl.moves_textures(path):
+        looks.unused.add("offset and scale of textures")
     missing = tuple(mtl.missing_files(path))
     return MeshFile(parts=parts, unused=frozenset(looks.unused), missing=missing)
 
@@ -140,4 +142,4 @@ class _RegularFiles(FilePathResolver):
         """Read one file."""
         if not self.absolute(name).is_file():
             raise FileNotFoundError(name)
-        return super().get(name)
+        return mtl.plain(super().get(name)) if name.lower().endswith(".mtl") else super().get(name)

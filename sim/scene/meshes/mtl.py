@@ -29,6 +29,20 @@ _UNUSED = {
 }
 
 
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_VALUE = rb"(?:on|off|[rgbmlz]|[-+]?[0-9.]+(?:e[-+]?[0-9]+)?)"
+# Options of `map_Kd` precede the file (Wavefront's MTL). The reader takes them for its name.
+_OPTIONS = re.compile(
+    rb"^([ \t]*map_kd)((?:[ \t]+-[a-z]+(?:[ \t]+%b(?=[ \t]))*)+)" % _VALUE, re.M | re.I
+)
+_MOVED = re.compile(rb"-[ost][ \t]", re.I)  # Offset, scale and turbulence.
+
+
+def plain(data: bytes) -> bytes:
+    """Return an OBJ or MTL without byte order mark and without options of `map_Kd`."""
+    return _OPTIONS.sub(rb"\1", data.removeprefix(_BYTE_ORDER_MARK))
+
+
 class MtlLooks:
     """Appearances of the materials of one OBJ file, and what of them is not used."""
 
@@ -103,6 +117,13 @@ def unread_files(path: Path) -> list[str]:
     return [name for name in existing if not _is_picture(path.parent / name)]
 
 
+def moves_textures(path: Path) -> bool:
+    """Whether a material of an OBJ moves, scales or disturbs its texture, which is not done."""
+    files = [path.parent / name for name in _named(path, "mtllib")]
+    texts = [regular_file.read(file) for file in files if file.is_file()]
+    return any(_MOVED.search(options[2]) for text in texts for options in _OPTIONS.finditer(text))
+
+
 def _is_picture(path: Path) -> bool:
     try:
         PIL.Image.open(path).close()
@@ -128,7 +149,7 @@ def used_materials(path: Path) -> set[str]:
 
 def _named(path: Path, keyword: str) -> list[str]:
     """Rest of each line that starts with a keyword."""
-    text = regular_file.read(path).decode("utf-8", errors="replace")
+    text = plain(regular_file.read(path)).decode("utf-8", errors="replace")
     lines = re.findall(rf"^[ \t]*{keyword}[ \t]+(\S.*?)[ \t\r]*$", text, re.M | re.I)
     return list(dict.fromkeys(lines))
 

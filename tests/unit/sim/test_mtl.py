@@ -77,3 +77,31 @@ def test_a_picture_of_floating_point_numbers_is_refused(tmp_path: Path) -> None:
     Image.fromarray(np.full((2, 2), 0.5, np.float32)).save(tmp_path / "f.tiff")
     with pytest.raises(InputError, match="a texture cannot be read: it holds floating-point"):
         load(path)
+
+
+@pytest.mark.parametrize(
+    "options", ["-clamp on", "-blendu off -mm 0.1 1.5", "-imfchan l", "-bm 1e-1 -texres 512"]
+)
+def test_options_of_a_picture_are_no_part_of_its_name(tmp_path: Path, options: str) -> None:
+    plain = only(obj(tmp_path, "map_Kd p.png"))
+    assert plain.colour is not None
+    body = only(obj(tmp_path, f"map_Kd {options} p.png"))
+    assert body.colour is not None and np.array_equal(body.colour, plain.colour)
+
+
+@pytest.mark.parametrize("options", ["-s 2 2 1", "-clamp on -o 0.5"])
+def test_a_moved_picture_is_one_warning(tmp_path: Path, options: str) -> None:
+    path = obj(tmp_path, f"map_Kd {options} p.png")
+    with pytest.warns(UserWarning, match=r"not used: offset and scale of textures\.$"):
+        load(path)
+
+
+def test_byte_order_marks_are_no_content(tmp_path: Path) -> None:
+    path = obj(tmp_path, "map_Kd p.png")
+    expected = only(path)
+    for file in (path, tmp_path / "m.mtl"):
+        file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    body = only(path)
+    assert body.colour is not None and expected.colour is not None
+    assert np.array_equal(body.colour, expected.colour)
+    assert np.array_equal(body.mesh.vertices, expected.mesh.vertices)
