@@ -11,6 +11,7 @@ from typing import Any
 
 from starling.learning import registry, shipped
 from starling.learning.commands import work_folder
+from starling.learning.commands.judge_captures import judge_method
 from starling.learning.commands.train_captures import PHYSICS, trained, trained_method
 from starling.learning.data import captured
 from starling.learning.data.captured import Simulation
@@ -74,6 +75,7 @@ class EvaluationPlan:
     steps: int | None = None  # Training steps of a network.
     start: tuple[Path, ...] = ()  # Trained models as initial weights of the same methods.
     icp: int = 0  # Trials per object of the case study (`starling.learning.icp`); 0 omits it.
+    judge: bool = False  # Judge drawn holes against the device's.
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -105,7 +107,8 @@ def evaluate_captures(
         track: wraps long loops.
 
     Returns:
-        Metrics of every method (see `starling.learning.evaluation.evaluate.figures`), "icp" (see
+        Metrics of every method (see `starling.learning.evaluation.evaluate.figures`; with
+        `plan.judge` also "judge", see `judge_captures.judge_method`), "icp" (see
         `starling.learning.icp.case_study.figures`; empty if omitted), "out", "seconds".
 
     Raises:
@@ -164,6 +167,9 @@ def evaluate_captures(
         predictions = {name: OnDemand(items, _Stored.read) for name, items in stored.items()}
         scores = {name: evaluate.scores(scenes) for name, scenes in predictions.items()}
         figures = evaluate.figures(scores, seed=plan.seed)
+        for name, scenes in predictions.items() if plan.judge else ():
+            judged = judge_method(name, scenes, tested, seed=plan.seed, track=track)
+            figures["methods"][name]["judge"] = judged
         figures["icp"] = {}
         if plan.icp:
             outcomes = case_study.case_study(

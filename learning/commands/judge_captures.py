@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from starling.learning.judge import pictures
+from starling.learning import registry
+from starling.learning.evaluation.evaluate import HolePrediction
+from starling.learning.judge import pictures, samples
 from starling.learning.judge.figures import summary
 from starling.learning.judge.judge import JudgedScene, judge, room_scores
 from starling.learning.judge.samples import pairs
-from starling.sim.captures.capture import CaptureSet
+from starling.learning.sampling import sampling
+from starling.sim.captures.capture import CapturedScene, CaptureSet, Frame
 from starling.sim.commands.compare import compare, pair_scenes
 from starling.sim.console import output, progress, record
 from starling.sim.console.names import file_name
@@ -94,6 +97,54 @@ def judge_captures(
             _draw(kind, judged, real, sim, folder)
         result[kind]["seconds"] = time.perf_counter() - start_s
     return result
+
+
+def judge_method(
+    method: str,
+    predictions: Sequence[HolePrediction],
+    captures: CaptureSet,
+    *,
+    seed: int = 0,
+    track: progress.Progress = progress.silent,
+) -> dict[str, dict[str, Any]]:
+    """Judge depth images with the holes that a method draws, against the device's.
+
+    Args:
+        method: name of the method.
+        predictions: probabilities of held-out scenes.
+        captures: set of these scenes.
+        seed: seed of the holes, and as in `judge_captures`.
+        track: wraps the long loops.
+
+    Returns:
+        As `judge_captures`: `holes`, and `depth` for methods that use physics. Others have the
+        reference as depth.
+
+    Raises:
+        InputError: as `judge_captures`.
+    """
+    scenes = {scene.name: scene for scene in captures.scenes}
+    result: dict[str, dict[str, Any]] = {}
+    for kind in ("holes", "depth") if method in registry.ON_PHYSICS else ("holes",):
+        start_s = time.perf_counter()
+        judged = [
+            _drawn_pair(kind, method, each, scenes[each.example.scene], seed)
+            for each in track(predictions, f"draw {kind}")
+        ]
+        result[kind] = summary(room_scores(judge(judged, seed=seed, track=track)), seed)
+        result[kind]["seconds"] = time.perf_counter() - start_s
+    return result
+
+
+def _drawn_pair(
+    kind: str, method: str, prediction: HolePrediction, real: CapturedScene, seed: int
+) -> samples.ScenePair:
+    """Pair a scene of the device with the same scene as a method draws it."""
+    drawn = sampling.draw_frame(method, prediction.probability, prediction.example, seed=seed)
+    frame = Frame(number=0, depth_m=drawn.depth_m)
+    return samples.pair(
+        real, samples.read(kind, real), real, samples.statistics(kind, frame, real.info)
+    )
 
 
 def _draw(

@@ -102,6 +102,7 @@ def evaluate(
     steps: int | None = None,
     start: tuple[Path, ...] = (),
     icp: int = 0,
+    judge: bool = False,
     draws: Draws = 8,
     even: Even = False,
     cache: Cache = None,
@@ -133,6 +134,8 @@ def evaluate(
         start: trained models as initial weights of the same methods (see `starling train`).
         icp: align objects by ICP in the device's depth and in each method's, with this number of
             trials per object, 2 or more; 0 omits it.
+        judge: let networks separate each method's drawn holes from the device's, by room, three or
+            more; 0.5 means indistinguishable (see `starling compare --judge`).
         seed: seed of all random draws.
         force: delete earlier results of starling in the folder.
     """
@@ -155,6 +158,7 @@ def evaluate(
         steps=steps,
         start=start,
         icp=icp,
+        judge=judge,
         seed=seed,
     )
     with progress.on_stderr() as track:

@@ -16,6 +16,7 @@ from starling.learning.judge.network import WINDOW, WINDOW_PX
 from starling.patterns.errors import refuse
 from starling.sim.arrays import Image, Mask
 from starling.sim.captures.capture import CapturedScene, CaptureSet, Frame
+from starling.sim.captures.info import CaptureInfo
 from starling.sim.commands.compare import pair_scenes
 from starling.sim.console import progress
 from starling.sim.metrics import LEFT_BAND_PX
@@ -55,13 +56,21 @@ def read(kind: str, scene: CapturedScene) -> Tensor:
     Raises:
         InputError: if the frame lacks the images of this kind, or they are too small.
     """
-    height, width = scene.info.shape
+    return statistics(kind, scene.frame(scene.frames[0]), scene.info)
+
+
+def statistics(kind: str, frame: Frame, info: CaptureInfo) -> Tensor:
+    """Compute the statistics (2 flips, c, rows, columns) of a frame.
+
+    Raises:
+        InputError: if the frame lacks the images of this kind, or they are too small.
+    """
+    height, width = info.shape
     if height < WINDOW_PX or width < LEFT_BAND_PX + WINDOW_PX:
         rule = f"must be at least {LEFT_BAND_PX + WINDOW_PX} x {WINDOW_PX} px to be judged"
         raise refuse("images", rule, f"{width} x {height}", "Take larger images.")
-    frame = scene.frame(scene.frames[0])
     frames = (frame, _flipped(frame))
-    return torch.stack([_cut(cells.statistics(kind, each, scene.info)) for each in frames])
+    return torch.stack([_cut(cells.statistics(kind, each, info)) for each in frames])
 
 
 def pair(

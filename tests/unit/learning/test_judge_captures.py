@@ -141,3 +141,22 @@ def test_the_flip_of_a_scene_is_its_image_upside_down(real):
     upright, flipped = samples.read("holes", scene)
     assert torch.equal(upright[0], flipped[0].flip(-2))  # Share of holes.
     assert not torch.equal(upright, flipped)
+
+
+def test_evaluate_judges_the_holes_of_each_method(real, tmp_path, capsys):
+    """Holes of one pixel on a plane: no method without them is taken for the device."""
+    for room in ROOMS:
+        cv2.imwrite(str(real / room / "truth.png"), np.full(SHAPE, 1000, np.uint16))
+    out = tmp_path / "out"
+    arguments = ("evaluate", real, "--methods", "perfect", "simple", "--out", out, "--json")
+    code, message, _ = _run(*arguments, "--judge", capsys=capsys)
+    assert code == 0
+    methods = json.loads(message)["methods"]
+    for figures in methods.values():
+        assert list(figures["judge"]) == ["holes"]
+        assert figures["judge"]["holes"]["windows"] == 2 * len(ROOMS)
+    assert methods["perfect"]["judge"]["holes"]["auc"] == 1
+    assert (
+        "judge"
+        not in json.loads(_run(*arguments, "--force", capsys=capsys)[1])["methods"]["simple"]
+    )
