@@ -12,6 +12,7 @@ from starling.diagnosis.scenes.scene_model import SceneModel
 from starling.diagnosis.scenes.shelf import Derived, select, shelve
 from starling.diagnosis.scenes.strata import Mask, Strata
 from starling.diagnosis.where import covariates, maps, rules, swap
+from starling.diagnosis.where.coherence.split import CoherenceSplit, coherence_split
 from starling.diagnosis.where.covariates import BinGap
 from starling.diagnosis.where.levels import level_ratios
 from starling.diagnosis.where.maps import BodyGap, GapMap
@@ -33,6 +34,7 @@ class GapLocation:
     error_bins: tuple[BinGap, ...]  # Gap in pixels wrong by more than `WRONG_PX`.
     rules: tuple[GapRule, ...]
     levels: dict[str, float]  # By room: median ratio of captured to base level, before any effect.
+    coherence: CoherenceSplit  # Parts of image and disparity by what they move with.
 
 
 def _without_depth(observations: Sequence[SceneObservation]) -> Sequence[Mask]:
@@ -97,6 +99,7 @@ def locate_gap(scene_models: Sequence[SceneModel]) -> GapLocation:
         error_bins=tuple(covariates.bin_gaps(wrong[0], wrong[1], scene_strata, rooms, masks)),
         rules=tuple(rules.find_rules(first, second, scene_strata, rooms)),
         levels=level_ratios(scene_models, base),
+        coherence=coherence_split(base, real, scene_strata, rooms),
     )
 
 
