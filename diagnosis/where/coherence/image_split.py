@@ -12,7 +12,7 @@ from starling.diagnosis.where.coherence.views import PairSpectra
 
 Powers = NDArray[np.float64]  # (bands,) mean square per pixel.
 
-_LEAST_COMMON = 0.01  # Least coherent share of the simulated power that can explain anything.
+_LEAST_COMMON = 0.05  # Below this coherent share of the simulated power, a gain is chance.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

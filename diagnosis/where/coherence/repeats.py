@@ -39,7 +39,7 @@ class FrameSpectra:
     # (windows, 2) mean and standard deviation of the place in the other frame [px].
     place: NDArray[np.float64]
     spread: NDArray[np.float64]
-    power: NDArray[np.float64]  # (windows, bands) unexplained mean square.
+    power: NDArray[np.float64]  # (windows, bands) unexplained mean square of both imagers.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -39,7 +39,8 @@ def sample_smooth(image: Image, x: Image, y: Image) -> Image:
     """Interpolate a smooth image (h, w) or (h, w, n) linearly; NaN stays NaN."""
     columns, rows = (np.asarray(each, np.float32) for each in (x, y))
     mode = cv2.BORDER_REPLICATE
-    return np.asarray(cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=mode))
+    sampled = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=mode)
+    return np.asarray(sampled, np.float32)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -134,5 +134,8 @@ def _frame(
         right=unexplained.right,
         place=mean,
         spread=np.sqrt(np.maximum(square - mean**2, 0)),
-        power=window_powers(unexplained.left, unexplained.left_power),
+        power=np.sqrt(
+            window_powers(unexplained.left, unexplained.left_power)
+            * window_powers(unexplained.right, unexplained.right_power)
+        ),
     )

@@ -18,7 +18,8 @@ STEP_PX = 32  # With the taper, windows half a side apart are nearly independent
 _LEAST_KNOWN = 0.98  # Least share of known pixels in a window.
 _TAPER_1D = np.sin(np.pi * (np.arange(WINDOW_PX) + 0.5) / WINDOW_PX) ** 2
 _TAPER = (_TAPER_1D[:, None] * _TAPER_1D[None]).astype(np.float32)  # Hann's.
-_BINS_PER_SAMPLE = 1.5**2  # The taper correlates neighbouring frequencies (Harris, 1978).
+# The taper correlates neighbouring frequencies by 2/3 and 1/6 (Harris, Proc. IEEE 66, 1978).
+_BINS_PER_SAMPLE = (1 + 2 * ((2 / 3) ** 2 + (1 / 6) ** 2)) ** 2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
