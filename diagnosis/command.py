@@ -39,6 +39,7 @@ def diagnose_captures(
     force: bool = False,
     options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
+    note: progress.Note = progress.ignore_note,
 ) -> dict[str, Any]:
     """Diagnose a capture set and write the report.
 
@@ -56,6 +57,7 @@ def diagnose_captures(
         force: replace the output of an earlier run.
         options: further command-line options to record, as typed.
         track: wraps long loops to report progress.
+        note: takes the sentences that are known before effects are tried.
 
     Returns:
         The figures (see `starling.diagnosis.report.figures`), and the paths of the written files.
@@ -78,6 +80,7 @@ def diagnose_captures(
             families=_tried(families, leave_out),
             residual=residual,
             track=track,
+            note=note,
         )
         figures = numbers.figures(diagnosis)
         folder.write("report.json", record.dumps(figures))

@@ -11,6 +11,7 @@ from starling.diagnosis.howfar.evaluation import Evaluation
 from starling.diagnosis.howfar.evidence import EffectEvidence
 from starling.diagnosis.howfar.remainder import Remainder, remainder
 from starling.diagnosis.howfar.residual import METHOD, LearnedResidual, try_residual
+from starling.diagnosis.report.first_answer import first_answer
 from starling.diagnosis.report.scene_section import SceneImages, scene_images
 from starling.diagnosis.scenes.fit_scene import fitted_values
 from starling.diagnosis.scenes.limits import list_limits
@@ -73,6 +74,7 @@ def diagnose(
     families: Sequence[str] | None = None,
     residual: bool = False,
     track: progress.Progress = progress.silent,
+    note: progress.Note = progress.ignore_note,
 ) -> Diagnosis:
     """Diagnose the gap between captures and a simulated sensor, or between two capture sets.
 
@@ -87,6 +89,7 @@ def diagnose(
         families: effect families to try; None tries all.
         residual: whether to learn what physics misses (see `howfar.residual`).
         track: wraps long loops to report progress.
+        note: takes the sentences that are known before effects are tried.
 
     Raises:
         InputError: if a scene is damaged, or has neither known geometry nor reference depth. Also
@@ -101,6 +104,8 @@ def diagnose(
     untried = untried_segments(segments, scenes.training, families)
     location = locate_gap(scenes.complete)
     reference = None if against is None else against.path
+    for sentence in first_answer(location, None if reference is None else str(reference)):
+        note(sentence)
     with WorkerPool(
         captures.path, sensor, scenes.training, held_out=scenes.held_out, against=reference
     ) as pool:

@@ -74,6 +74,7 @@ def diagnose(
             force=force,
             options={"sensor": sensor, "mode": mode, "emitter": emitter, "set": edits},
             track=track,
+            note=progress.note_on_stderr,
         )
     shell.say(result, json=common.json, as_text=diagnosing.as_text)
 

@@ -53,6 +53,7 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
                 quantity: frames.common_frame(diagnosis.where.maps, quantity)
                 for quantity in dict.fromkeys(each.quantity for each in diagnosis.where.maps)
             },
+            "coherence": dataclasses.asdict(diagnosis.where.coherence),
             "levels": diagnosis.where.levels,
             "bodies": [dataclasses.asdict(body) for body in diagnosis.where.bodies],
         },

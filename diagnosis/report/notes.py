@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 from starling.diagnosis.diagnosis import Diagnosis
 from starling.diagnosis.howfar.residual import LearnedResidual
-from starling.diagnosis.report import sentences
+from starling.diagnosis.report import first_answer, sentences
 from starling.diagnosis.report.words import side_names
 from starling.diagnosis.where.remainder import RemainderPlace
 from starling.diagnosis.which.search import AcceptedEffect
@@ -33,7 +33,10 @@ def note_lists(diagnosis: Diagnosis) -> dict[str, list[Item]]:
     surrogates = [effect for effect in effects if diagnosis.evidence[effect.fit.name].reasons]
     lists = {
         "Check first": list(_levels(diagnosis)),
-        "Pixels without depth": list(_stages(diagnosis)),
+        "Images and disparity": _sentences(
+            first_answer.coherence_sentences(diagnosis.where.coherence, diagnosis.against)
+        ),
+        "Pixels without depth": _sentences(first_answer.stage_sentences(diagnosis.where)),
         "Effects": [_effect(diagnosis, effect) for effect in reported],
         "Surrogates": [_surrogate(diagnosis, effect) for effect in surrogates],
         "Too weak to name": [item for each in diagnosis.segments for item in _weak(each)],
@@ -41,6 +44,11 @@ def note_lists(diagnosis: Diagnosis) -> dict[str, list[Item]]:
         "Learned residual": _residual(diagnosis.residual),
     }
     return {title: items for title, items in lists.items() if items}
+
+
+def _sentences(texts: Item) -> list[Item]:
+    """Make one item of sentences; none without any."""
+    return [texts] if texts else []
 
 
 def _levels(diagnosis: Diagnosis) -> Iterator[Item]:
@@ -59,18 +67,6 @@ def _levels(diagnosis: Diagnosis) -> Iterator[Item]:
     if diagnosis.settings:
         item.append("A reported effect may describe the same difference; correct one of them.")
     yield item
-
-
-def _stages(diagnosis: Diagnosis) -> Iterator[Item]:
-    """Divide the difference in pixels without depth between images and matcher."""
-    part = diagnosis.where.parts["ndp_rate"]
-    if part.image_share is None or part.image is None or part.matcher is None:
-        return
-    images, matcher = (100 * change[0] for change in (part.image, part.matcher))
-    yield [
-        f"The share of pixels without depth differs by {images + matcher:+.1f} points: "
-        f"{images:+.1f} from images, {matcher:+.1f} from matcher and filters."
-    ]
 
 
 def _effect(diagnosis: Diagnosis, effect: AcceptedEffect) -> Item:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.diagnosis.diagnosis import Diagnosis
-from starling.diagnosis.report import pictures, sentences
+from starling.diagnosis.report import coherence_section, pictures, sentences
 from starling.diagnosis.report.words import SideNames, side_names
 from starling.diagnosis.where import frames
 from starling.diagnosis.where.covariates import BinGap
@@ -83,7 +83,8 @@ def section(diagnosis: Diagnosis) -> str:
     sides = side_names(diagnosis.against)
     listed = diagnosis.where.hole_bins[:ROWS]
     return (
-        "<h3>Pipeline segments: images or matcher</h3>"
+        coherence_section.section(diagnosis.where.coherence, diagnosis.against)
+        + "<h3>Pipeline segments: images or matcher</h3>"
         + prose(f"Means over scenes. {sides.stages}")
         + "".join(_part(name, part, sides) for name, part in diagnosis.where.parts.items())
         + "<h3>Maps</h3>"

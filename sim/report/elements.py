@@ -165,6 +165,46 @@ def chart(bars: Sequence[Bar], *, line: float = math.nan) -> str:
     return f'<ul class="bars">{"".join(rows)}</ul>'
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Stack:
+    """One bar of parts that sum to a whole."""
+
+    name: str
+    shares: Sequence[float]  # Of the parts, in the order of the legend.
+    text: str
+
+
+def stacks(rows: Sequence[Stack], legend: Sequence[str]) -> str:
+    """Draw bars of parts below each other, with a legend.
+
+    Args:
+        rows: bars; shares below 0 are drawn as 0.
+        legend: names of the parts, at most seven.
+    """
+    names = "".join(
+        f'<span><i class="swatch part{place}"></i> {escape(name)}</span>'
+        for place, name in enumerate(legend)
+    )
+    items = []
+    for row in rows:
+        shares = [max(share, 0.0) if math.isfinite(share) else 0.0 for share in row.shares]
+        total, start, drawn = sum(shares) or 1.0, 0.0, ""
+        for place, share in enumerate(shares):
+            width = 100 * share / total
+            drawn += f'<i class="part{place}" style="left:{start:.2f}%;width:{width:.2f}%"></i>'
+            start += width
+        spoken = ", ".join(
+            f"{name} {100 * share / total:.0f} %"
+            for name, share in zip(legend, shares, strict=True)
+        )
+        items.append(
+            f'<li><span class="name">{escape(row.name)}</span>'
+            f'<span class="track" role="img" aria-label="{escape(spoken)}">{drawn}</span>'
+            f'<span class="value">{escape(row.text)}</span></li>'
+        )
+    return f'<p class="legend">{names}</p><ul class="bars">{"".join(items)}</ul>'
+
+
 def listed(names: Iterable[str]) -> str:
     """Join names with commas."""
     return ", ".join(escape(name) for name in names) or "none"

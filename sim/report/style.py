@@ -81,6 +81,10 @@ figcaption b { color: var(--ink); font-weight: 600; }
 .track i { position: absolute; top: 0; height: 100%; }
 .first { background: var(--first); } .second { background: var(--second); }
 .third { background: var(--third); } .part { background: var(--part); }
+.part0 { background: #4a7fb5; } .part1 { background: #d1495b; } .part2 { background: #8d5fa8; }
+.part3 { background: #e0a030; } .part4 { background: #b59a6a; } .part5 { background: #5b8e7d; }
+.part6 { background: #8a93a0; }
+.legend { display: flex; flex-wrap: wrap; gap: .1rem 1.2rem; font-size: .86rem; max-width: 62rem; }
 .track .zero { width: 0; border-left: 1px solid var(--quiet); }
 .track .whisker { top: 50%; height: 2px; margin-top: -1px; background: var(--ink);
   min-width: 2px; }

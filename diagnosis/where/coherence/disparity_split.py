@@ -27,7 +27,7 @@ from starling.sim.arrays import Image, Mask
 
 LONGEST = "> 64 px"  # Band of the means of windows.
 DISPARITY_BANDS = (*(band.name for band in BANDS), LONGEST)
-SIDES = ("real", "simulated", "gap")  # Gap: real minus simulated.
+SIDES: tuple[str, ...] = ("real", "simulated", "gap")  # Gap: real minus simulated.
 _LEAST_KNOWN = 0.9  # Least share of pixels with depth in a window.
 _LEAST_POWER = 1e-6  # Share of an image's power that keeps a filter finite.
 

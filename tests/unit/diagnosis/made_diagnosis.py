@@ -15,6 +15,7 @@ from starling.diagnosis.howfar.remainder import Remainder
 from starling.diagnosis.report.scene_section import SceneImages
 from starling.diagnosis.scenes.observation import DepthObservation, SceneObservation
 from starling.diagnosis.where import covariates, maps, rules, swap
+from starling.diagnosis.where.coherence.shares import CoherenceSplit
 from starling.diagnosis.where.location import GapLocation
 from starling.diagnosis.which import search
 from starling.diagnosis.which.candidates import Segment
@@ -62,6 +63,7 @@ def where(captured: list[SceneObservation]) -> GapLocation:
         error_bins=(),
         rules=tuple(rules.find_rules(before, after, scene_strata, rooms)),
         levels=dict.fromkeys(rooms, 1.0),
+        coherence=CoherenceSplit(),
     )
 
 

@@ -1,0 +1,111 @@
+"""Sentences known before any effect is tried: the stage ablation and the coherence split."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from starling.diagnosis.report.words import SideNames, side_names
+from starling.diagnosis.where.coherence.shares import (
+    ALL,
+    CoherenceSplit,
+    DisparityShares,
+    Estimate,
+    ImageShares,
+)
+from starling.diagnosis.where.location import GapLocation
+
+
+def first_answer(location: GapLocation, against: str | None) -> list[str]:
+    """Return all sentences, each of at most 25 words.
+
+    Args:
+        location: location of the gap.
+        against: capture set that is compared; None for comparison with simulation.
+    """
+    return [*coherence_sentences(location.coherence, against), *stage_sentences(location)]
+
+
+def stage_sentences(location: GapLocation) -> list[str]:
+    """Divide the difference in pixels without depth between images and matcher."""
+    part = location.parts["ndp_rate"]
+    if part.image_share is None or part.image is None or part.matcher is None:
+        return []
+    images, matcher = (100 * change[0] for change in (part.image, part.matcher))
+    return [
+        f"The share of pixels without depth differs by {images + matcher:+.1f} points: "
+        f"{images:+.1f} from images, {matcher:+.1f} from matcher and filters."
+    ]
+
+
+def coherence_sentences(split: CoherenceSplit, against: str | None) -> list[str]:
+    """Describe which parts of image and disparity the simulation lacks."""
+    sides = side_names(against)
+    return [*_images(split.images, sides), *_disparity(split)]
+
+
+def whole(shares: tuple[ImageShares, ...]) -> ImageShares | None:
+    """Return the shares over all periods."""
+    return next((each for each in shares if each.band == ALL), None)
+
+
+def _images(shares: tuple[ImageShares, ...], sides: SideNames) -> Iterator[str]:
+    total = whole(shares)
+    if total is None:
+        return
+    first, second = sides.have
+    yield (
+        f"On surfaces, {second} explain {percent(total.explained)} of the image power of {first}."
+    )
+    rest = 1 - total.explained[0]
+    if rest <= 0:
+        return
+    pattern, camera, scene = (
+        _rounded(part[0] / rest) for part in (total.pattern, total.camera, total.scene)
+    )
+    yield f"Of the unexplained power, {percent(total.coherent)} is common to both imagers."
+    if total.unseparated[0] <= 0.5 * total.coherent[0] * rest:
+        yield (
+            f"{pattern} of it repeats between rooms in the projector field, {camera} in the camera "
+            f"image, {scene} in neither: texture and light."
+        )
+    largest = max(shares, key=_unexplained)
+    yield f"Most unexplained power has periods of {largest.band}."
+    ratio = total.noise_ratio
+    ends = _ends(ratio, 1, ".2f")
+    yield (
+        f"The power of single imagers, mostly noise, is {ratio[0]:.2f} times as large in {second}"
+        f"{ends}."
+    )
+
+
+def _unexplained(shares: ImageShares) -> float:
+    """Return the unexplained power of a band; 0 for all bands together."""
+    return 0.0 if shares.band == ALL else shares.power[0] * (1 - shares.explained[0])
+
+
+def _disparity(split: CoherenceSplit) -> Iterator[str]:
+    shares: tuple[DisparityShares, ...] = split.disparity.get("gap", ())
+    total = next((each for each in shares if each.band == ALL), None)
+    if total is None:
+        return
+    yield f"Of the squared disparity gap, {percent(split.edges['gap'])} lies near depth edges."
+    yield (
+        f"On surfaces, {_rounded(total.camera[0])} of it repeats in the camera image, "
+        f"{_rounded(total.image[0])} follows the image."
+    )
+
+
+def percent(share: Estimate) -> str:
+    """Write a share with its interval: `55 % (95 %: 31 to 84)`."""
+    return f"{_rounded(share[0])}{_ends(share, 100, '.0f')}"
+
+
+def _ends(share: Estimate, scale: float, digits: str) -> str:
+    _, low, high = share
+    if low is None or high is None:
+        return ""
+    return f" (95 %: {max(scale * low, 0):{digits}} to {scale * high:{digits}})"
+
+
+def _rounded(share: float) -> str:
+    return f"{max(100 * share, 0):.0f} %"
