@@ -84,6 +84,7 @@ def locate_gap(scene_models: Sequence[SceneModel]) -> GapLocation:
     named_scenes = Derived(
         count, lambda scene: (scene_models[scene].name, scene_models[scene].scene)
     )
+    scales = Derived(count, lambda scene: scene_models[scene].sensor.projector.pattern_scale)
     return GapLocation(
         parts=swap.stage_figures(base, real, scene_strata, rooms),
         maps=tuple(maps.gap_maps(base, real, scene_strata, rooms)) if several else (),
@@ -99,7 +100,7 @@ def locate_gap(scene_models: Sequence[SceneModel]) -> GapLocation:
         error_bins=tuple(covariates.bin_gaps(wrong[0], wrong[1], scene_strata, rooms, masks)),
         rules=tuple(rules.find_rules(first, second, scene_strata, rooms)),
         levels=level_ratios(scene_models, base),
-        coherence=coherence_split(base, real, scene_strata, rooms),
+        coherence=coherence_split(base, real, scene_strata, rooms, scales),
     )
 
 

@@ -29,7 +29,10 @@ class SceneSplit:
 
 
 def split_scene(
-    real: StereoObservation, base: StereoObservation, strata: Strata
+    real: StereoObservation,
+    base: StereoObservation,
+    strata: Strata,
+    pattern_scale: float = 1.0,
 ) -> SceneSplit | None:
     """Split the first captured pair of a scene by the first simulated one.
 
@@ -37,6 +40,7 @@ def split_scene(
         real: captured pairs.
         base: simulated pairs, or those of another capture.
         strata: strata of the scene.
+        pattern_scale: fitted to the scene.
 
     Returns:
         None with too few windows without depth edges.
@@ -52,11 +56,12 @@ def split_scene(
         return None
     of_real, of_base = _spectra(pairs, seen, root, cells)
     powers = split_powers(of_real, of_base)
+    directed = views.directions(strata, pattern_scale)
     return SceneSplit(
         powers=powers,
         spectra=SceneSpectra(
-            camera=_frame(cells, of_real.less(of_base, powers.gain), _parallax(strata), common),
-            projector=_projector_frame(pairs, seen, strata, root, powers),
+            camera=_frame(cells, of_real.less(of_base, powers.gain), _parallax(directed), common),
+            projector=_projector_frame(pairs, seen, directed, root, powers),
         ),
         shift_px=views.median_shift(seen[0], strata),
     )
@@ -91,10 +96,10 @@ def _spectra(
 
 
 def _projector_frame(
-    pairs: tuple[Pair, Pair], seen: list[View], strata: Strata, root: Image, powers: ScenePowers
+    pairs: tuple[Pair, Pair], seen: list[View], directed: Image, root: Image, powers: ScenePowers
 ) -> FrameSpectra:
     surface = seen[0].known
-    fields = [views.projector_view(view, strata, surface) for view in seen]
+    fields = [views.projector_view(view, directed, surface) for view in seen]
     known = fields[0].known & fields[1].known
     fields = [replace(view, known=known) for view in fields]
     cells = cells_within(known)
@@ -106,10 +111,9 @@ def _projector_frame(
     return _frame(cells, real.less(base, powers.gain), place, known)
 
 
-def _parallax(strata: Strata) -> Image:
+def _parallax(directed: Image) -> Image:
     """Return how far the projector's field is displaced at each pixel (h, w, 2) [px]."""
-    x, y = views.pixel_grid(strata.disparity_px.shape)
-    return np.asarray(views.directions(strata) - np.stack([x, y], axis=-1), np.float32)
+    return np.asarray(directed - np.stack(views.pixel_grid(directed.shape), axis=-1), np.float32)
 
 
 def _frame(

@@ -18,6 +18,7 @@ def coherence_split(
     real: Sequence[SceneObservation],
     scene_strata: Sequence[Strata],
     rooms: Sequence[str],
+    pattern_scales: Sequence[float],
 ) -> CoherenceSplit:
     """Split images and disparity errors of all scenes.
 
@@ -26,11 +27,13 @@ def coherence_split(
         real: captured observations.
         scene_strata: pixel strata of each scene.
         rooms: room of each scene.
+        pattern_scales: pattern scale fitted to each scene.
     """
     images, image_rooms, errors, error_rooms = [], [], [], []
-    for before, after, strata, room in zip(base, real, scene_strata, rooms, strict=True):
+    scenes = zip(base, real, scene_strata, rooms, strict=True)
+    for number, (before, after, strata, room) in enumerate(scenes):
         if isinstance(before, StereoObservation) and isinstance(after, StereoObservation):
-            split = split_scene(after, before, strata)
+            split = split_scene(after, before, strata, pattern_scales[number])
             if split is not None:
                 images.append(split)
                 image_rooms.append(room)

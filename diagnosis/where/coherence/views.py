@@ -132,23 +132,29 @@ def camera_view(pair: Pair, strata: Strata, surface: Mask, root: Image) -> View:
     return view
 
 
-def directions(strata: Strata) -> Image:
-    """Return where the projector's field has each pixel's point (h, w, 2) [px], NaN if unknown."""
+def directions(strata: Strata, pattern_scale: float = 1.0) -> Image:
+    """Return where the nominal pattern has each pixel's point (h, w, 2) [px], NaN if unknown.
+
+    Args:
+        strata: tangents of the points in the projector's frame.
+        pattern_scale: direction cosines of the scene's pattern over those of the nominal one.
+    """
     info = strata.info
-    scale = np.array([info.fx_px, info.fy_px], np.float32)
+    square = np.sum(strata.projector**2, axis=-1, keepdims=True)
+    cosine_square = (1 + square) * pattern_scale**2 - square
+    focal_px = np.array([info.fx_px, info.fy_px], np.float32)
     centre = np.array([info.cx_px, info.cy_px], np.float32)
-    return np.asarray(strata.projector * scale + centre, np.float32)
+    return np.asarray(strata.projector / np.sqrt(cosine_square) * focal_px + centre, np.float32)
 
 
-def projector_view(view: View, strata: Strata, surface: Mask) -> View:
+def projector_view(view: View, seen: Image, surface: Mask) -> View:
     """Sample a camera view along the directions of the projector.
 
     Args:
         view: from `camera_view`.
-        strata: directions of the scene's points.
+        seen: from `directions`.
         surface: pixels that count.
     """
-    seen = directions(strata)
     known = np.isfinite(seen).all(axis=-1) & surface
     if not known.any():
         return View(

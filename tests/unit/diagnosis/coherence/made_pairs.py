@@ -145,14 +145,15 @@ def band_noise(rng: np.random.Generator) -> np.ndarray:
 
 def rooms_of(
     amplitudes: Amplitudes, walls: Sequence[Wall] = WALLS
-) -> tuple[list[StereoObservation], list[StereoObservation], list[Strata], list[str]]:
-    """Draw one scene of each of several rooms: base, real, strata, names."""
+) -> tuple[list[StereoObservation], list[StereoObservation], list[Strata], list[str], list[float]]:
+    """Draw one scene of each of several rooms: base, real, strata, names, pattern scales."""
     pairs = [pair(wall, amplitudes, seed=seed) for seed, wall in enumerate(walls)]
     return (
         [base for _, base in pairs],
         [real for real, _ in pairs],
         [strata_of(wall) for wall in walls],
         [f"room {number}" for number in range(len(walls))],
+        [1.0] * len(walls),
     )
 
 

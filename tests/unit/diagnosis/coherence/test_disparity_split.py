@@ -52,7 +52,7 @@ def bands_of(
 ) -> dict[str, DisparityShares]:
     real = observations(errors, images)
     base = observations([0.1 * noise(50 + number) for number in range(len(errors))], images)
-    split = coherence_split(base, real, STRATA, ROOMS)
+    split = coherence_split(base, real, STRATA, ROOMS, [1.0] * 4)
     assert [*split.disparity] == [*split.edges] == [*SIDES]
     return {shares.band: shares for shares in split.disparity[side]}
 
@@ -119,7 +119,7 @@ def test_errors_near_edges_have_a_share() -> None:
     error = np.clip(np.where(near, error * ratio / 3, error / 3), -1.5, 1.5)
     real = DepthObservation(device_px=(disparity + error).astype(np.float32)[None])
     base = DepthObservation(device_px=disparity[None])
-    split = coherence_split([base], [real], [strata], ["room"])
+    split = coherence_split([base], [real], [strata], ["room"], [1.0])
     assert split.edges["real"][0] == pytest.approx(0.5, abs=TOLERANCE)
     assert split.edges["real"][1:] == (None, None) and split.images == ()
 
@@ -134,11 +134,13 @@ def test_holes_and_wrong_matches_do_not_count() -> None:
     shares = bands_of(errors)
     assert shares["all"].rms_px[0] == pytest.approx(0.2, rel=0.1)
     sparse = [np.where(rng.random(error.shape) < 0.5, np.nan, error) for error in errors]
-    split = coherence_split(observations([0 * X] * 4), observations(sparse), STRATA, ROOMS)
+    split = coherence_split(
+        observations([0 * X] * 4), observations(sparse), STRATA, ROOMS, [1.0] * 4
+    )
     assert split.disparity == {} and split.edges == {}
 
 
 def test_uncounted_scenes_are_left_out() -> None:
     strata = dataclasses.replace(STRATA[0], counted=np.zeros_like(STRATA[0].counted))
     (real,) = observations([noise(0), *[0 * X] * 3])[:1]
-    assert not coherence_split([real], [real], [strata], ["room"]).disparity
+    assert not coherence_split([real], [real], [strata], ["room"], [1.0]).disparity

@@ -144,7 +144,7 @@ def test_too_small_images_have_no_split() -> None:
     strata = made_pairs.strata_of(wall)
     none_counted = dataclasses.replace(strata, counted=np.zeros_like(strata.counted))
     assert scene_split.split_scene(real, base, none_counted) is None
-    assert coherence_split([base], [real], [none_counted], ["room"]) == CoherenceSplit()
+    assert coherence_split([base], [real], [none_counted], ["room"], [1.0]) == CoherenceSplit()
 
 
 def test_saturated_pixels_do_not_count() -> None:
