@@ -39,7 +39,7 @@ def diagnose_captures(
     force: bool = False,
     options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
-    note: progress.Note = progress.ignore_note,
+    note: progress.Note | None = None,
 ) -> dict[str, Any]:
     """Diagnose a capture set and write the report.
 

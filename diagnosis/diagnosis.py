@@ -11,11 +11,11 @@ from starling.diagnosis.howfar.evaluation import Evaluation
 from starling.diagnosis.howfar.evidence import EffectEvidence
 from starling.diagnosis.howfar.remainder import Remainder, remainder
 from starling.diagnosis.howfar.residual import METHOD, LearnedResidual, try_residual
-from starling.diagnosis.report.first_answer import first_answer
+from starling.diagnosis.report.first_answer import announcement, first_answer
 from starling.diagnosis.report.scene_section import SceneImages, scene_images
 from starling.diagnosis.scenes.fit_scene import fitted_values
 from starling.diagnosis.scenes.limits import list_limits
-from starling.diagnosis.scenes.selection import load_scenes
+from starling.diagnosis.scenes.selection import ignore_scene, load_scenes
 from starling.diagnosis.validation.adapters.families import refuse_unknown_families
 from starling.diagnosis.where.location import GapLocation, locate_gap
 from starling.diagnosis.where.remainder import RemainderPlace, remainder_places
@@ -74,7 +74,7 @@ def diagnose(
     families: Sequence[str] | None = None,
     residual: bool = False,
     track: progress.Progress = progress.silent,
-    note: progress.Note = progress.ignore_note,
+    note: progress.Note | None = None,
 ) -> Diagnosis:
     """Diagnose the gap between captures and a simulated sensor, or between two capture sets.
 
@@ -89,7 +89,8 @@ def diagnose(
         families: effect families to try; None tries all.
         residual: whether to learn what physics misses (see `howfar.residual`).
         track: wraps long loops to report progress.
-        note: takes the sentences that are known before effects are tried.
+        note: takes sentences that are known before effects are tried: the coherence split of the
+            first scenes, then of all, and the stage ablation.
 
     Raises:
         InputError: if a scene is damaged, or has neither known geometry nor reference depth. Also
@@ -99,15 +100,18 @@ def diagnose(
     """
     _refuse_options(sensor, against=against, families=families, residual=residual)
     learner = registry.method(METHOD) if residual else None
-    scenes = load_scenes(captures, sensor, against, track=track)
+    reference = None if against is None else str(against.path)
+    announce = ignore_scene if note is None else announcement(note, reference)
+    scenes = load_scenes(captures, sensor, against, track=track, announce=announce)
     segments = available_segments(scenes.complete, scenes.training)
     untried = untried_segments(segments, scenes.training, families)
     location = locate_gap(scenes.complete)
-    reference = None if against is None else against.path
-    for sentence in first_answer(location, None if reference is None else str(reference)):
-        note(sentence)
+    if note is not None:
+        for sentence in first_answer(location, reference):
+            note(sentence)
+    reference_path = None if against is None else against.path
     with WorkerPool(
-        captures.path, sensor, scenes.training, held_out=scenes.held_out, against=reference
+        captures.path, sensor, scenes.training, held_out=scenes.held_out, against=reference_path
     ) as pool:
         screen = partial(screen_segment, families=families, cache=cache, pool=pool, track=track)
         screenings = [screen(segment, scenes.training) for segment in segments]
@@ -125,7 +129,7 @@ def diagnose(
     limits = list_limits(device, scenes, families, untried, compatible=attribution.together)
     return Diagnosis(
         kind=attribution.kind,
-        against=None if reference is None else str(reference),
+        against=reference,
         scenes=tuple(scene.name for scene in scenes.complete),
         held_out=tuple(scene.name for scene in scenes.held_out),
         fitted={scene.name: fitted_values(scene.nuisances) for scene in scenes.complete},

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from starling.diagnosis.report.words import SideNames, side_names
+from starling.diagnosis.scenes.observation import SceneObservation, StereoObservation
+from starling.diagnosis.scenes.scene_model import SceneModel
+from starling.diagnosis.where.coherence.image_split import ScenePowers
+from starling.diagnosis.where.coherence.scene_split import split_scene
 from starling.diagnosis.where.coherence.shares import (
     ALL,
     CoherenceSplit,
@@ -13,6 +17,9 @@ from starling.diagnosis.where.coherence.shares import (
     ImageShares,
 )
 from starling.diagnosis.where.location import GapLocation
+from starling.sim.console.progress import Note
+
+_ANNOUNCED = 4  # Scenes; the pooled split follows those of the first ones.
 
 
 def first_answer(location: GapLocation, against: str | None) -> list[str]:
@@ -23,6 +30,52 @@ def first_answer(location: GapLocation, against: str | None) -> list[str]:
         against: capture set that is compared; None for comparison with simulation.
     """
     return [*coherence_sentences(location.coherence, against), *stage_sentences(location)]
+
+
+def announcement(note: Note, against: str | None) -> Callable[[SceneModel], None]:
+    """Return a function that notes the split of each of the first scenes as it is loaded.
+
+    Args:
+        note: takes the sentence.
+        against: capture set that is compared; None for comparison with simulation.
+    """
+    names: list[str] = []
+
+    def announce(model: SceneModel) -> None:
+        names.append(model.name)
+        if len(names) <= _ANNOUNCED:
+            base = model.against or model.observe(model.request({}, seed=0))
+            powers = scene_powers(base, model)
+            if powers is not None:
+                note(_room(model.name, powers, side_names(against)))
+
+    return announce
+
+
+def scene_powers(base: SceneObservation, model: SceneModel) -> ScenePowers | None:
+    """Split the images of one scene; None without pairs, or with too few windows."""
+    if not isinstance(base, StereoObservation) or not isinstance(model.real, StereoObservation):
+        return None
+    split = split_scene(model.real, base, model.strata, model.sensor.projector.pattern_scale)
+    return None if split is None else split.powers
+
+
+def _room(name: str, powers: ScenePowers, sides: SideNames) -> str:
+    total, explained, coherent, alone, simulated = (
+        float(each.sum())
+        for each in (
+            powers.total,
+            powers.explained,
+            powers.coherent,
+            powers.incoherent,
+            powers.simulated_incoherent,
+        )
+    )
+    return (
+        f"{name}: {sides.have[1]} explain {_rounded(explained / total)} of the image power; of the "
+        f"rest, both imagers see {_rounded(coherent / (total - explained))}; noise ratio "
+        f"{simulated / alone:.2f}."
+    )
 
 
 def stage_sentences(location: GapLocation) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,12 +44,18 @@ class SceneSelection:
     unpaired: tuple[str, ...]  # Names of scenes that only one of two capture sets has.
 
 
+def ignore_scene(scene: SceneModel) -> None:
+    """Announce nothing of a loaded scene."""
+    del scene
+
+
 def load_scenes(
     captures: CaptureSet,
     sensor: Sensor,
     against: CaptureSet | None,
     *,
     track: progress.Progress = progress.silent,
+    announce: Callable[[SceneModel], None] = ignore_scene,
 ) -> SceneSelection:
     """Load all scenes, set incomplete ones aside, and hold out test rooms.
 
@@ -58,16 +64,17 @@ def load_scenes(
         sensor: the base.
         against: capture set that it is compared with; None if there is none.
         track: wraps the loop over scenes to report progress.
+        announce: takes each scene as soon as it is loaded.
 
     Raises:
         InputError: as `pair_scenes` and `load_scene_model`. Also if left and right are swapped or
             equal.
     """
     paired = pair_scenes(captures, against)
-    loaded = [
-        load_scene_model(scene, sensor, against=reference)
-        for scene, reference in track(paired.pairs, "scenes")
-    ]
+    loaded = []
+    for scene, reference in track(paired.pairs, "scenes"):
+        loaded.append(load_scene_model(scene, sensor, against=reference))
+        announce(loaded[-1])
     refuse_swapped_pairs(loaded)
     complete, incomplete = split_complete(loaded)
     training, held_out = split_test_rooms(complete)

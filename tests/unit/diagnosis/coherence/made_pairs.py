@@ -19,7 +19,7 @@ INFO = CaptureInfo(
     baseline_m=0.05, depth_unit_m=0.001, source="drawn", licence="none", notes="",
 )  # fmt: skip
 LEVEL_DN = 64.0
-TILE, FINER = 448, 4  # Period of a field [px], and its samples per pixel.
+TILE, FINER = 448, 3  # Period of a field [px], and its samples per pixel.
 PARALLAX = 0.5  # Displacement of the projector's field per disparity.
 
 

@@ -19,6 +19,8 @@ from starling.diagnosis.where.coherence.views import PairSpectra
 from tests.unit.diagnosis.coherence import made_pairs
 from tests.unit.diagnosis.coherence.made_pairs import WALLS, Amplitudes, Wall
 
+pytestmark = pytest.mark.slow
+
 PARTS = ("explained", "pattern", "camera", "scene", "imager", "noise")
 TOLERANCE = 0.02  # Four rooms of 60 windows; a pattern's share has a standard error of 0.004.
 ALL_PARTS = Amplitudes(explained=4, pattern=3, camera=2, scene=2.5, imager=1.5, noise=2)
