@@ -13,7 +13,7 @@ from starling.diagnosis.where.coherence import views
 from starling.diagnosis.where.coherence.image_split import ScenePowers, split_powers
 from starling.diagnosis.where.coherence.repeats import FrameSpectra, SceneSpectra
 from starling.diagnosis.where.coherence.spectra import cells_within, window_means, window_powers
-from starling.diagnosis.where.coherence.views import NO_WINDOWS, Pair, PairSpectra, View
+from starling.diagnosis.where.coherence.views import NO_WINDOWS, Pair, PairSpectra, SampledView
 from starling.sim.arrays import Image, Mask
 
 FEWEST_WINDOWS = 8  # Least number of windows of a scene.
@@ -87,7 +87,7 @@ def _first(observation: StereoObservation) -> Pair:
 
 
 def _spectra(
-    pairs: tuple[Pair, Pair], seen: list[View], root: Image, cells: NDArray[np.intp]
+    pairs: tuple[Pair, Pair], seen: list[SampledView], root: Image, cells: NDArray[np.intp]
 ) -> tuple[PairSpectra, PairSpectra]:
     real, base = (
         views.pair_spectra(pair, view, root, cells) for pair, view in zip(pairs, seen, strict=True)
@@ -96,7 +96,11 @@ def _spectra(
 
 
 def _projector_frame(
-    pairs: tuple[Pair, Pair], seen: list[View], directed: Image, root: Image, powers: ScenePowers
+    pairs: tuple[Pair, Pair],
+    seen: list[SampledView],
+    directed: Image,
+    root: Image,
+    powers: ScenePowers,
 ) -> FrameSpectra:
     surface = seen[0].known
     fields = [views.projector_view(view, directed, surface) for view in seen]

@@ -23,7 +23,7 @@ _BINS_PER_SAMPLE = (1 + 2 * ((2 / 3) ** 2 + (1 / 6) ** 2)) ** 2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Band:
+class PeriodBand:
     """Range of periods."""
 
     name: str
@@ -32,11 +32,11 @@ class Band:
 
 
 BANDS = (
-    Band(name="2-4 px", shortest_px=2, longest_px=4),
-    Band(name="4-8 px", shortest_px=4, longest_px=8),
-    Band(name="8-16 px", shortest_px=8, longest_px=16),
-    Band(name="16-33 px", shortest_px=16, longest_px=33),
-    Band(name="> 33 px", shortest_px=33, longest_px=np.inf),
+    PeriodBand(name="2-4 px", shortest_px=2, longest_px=4),
+    PeriodBand(name="4-8 px", shortest_px=4, longest_px=8),
+    PeriodBand(name="8-16 px", shortest_px=8, longest_px=16),
+    PeriodBand(name="16-33 px", shortest_px=16, longest_px=33),
+    PeriodBand(name="> 33 px", shortest_px=33, longest_px=np.inf),
 )
 
 ROW_FREQUENCY = np.asarray(fft.fftfreq(WINDOW_PX)[:, None], np.float64)  # [px^-1]

@@ -37,7 +37,7 @@ Pair = tuple[Image, Image]  # Left and right image, each in its own view.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class View:
+class SampledView:
     """Pixels of both imagers for each place of a view, and the places that are known."""
 
     left_x: Image  # (h, w) [px].
@@ -102,7 +102,7 @@ def root_level(strata: Strata) -> Image:
     return np.sqrt(np.maximum(level, _LEAST_DN)).astype(np.float32)
 
 
-def camera_view(pair: Pair, strata: Strata, surface: Mask, root: Image) -> View:
+def camera_view(pair: Pair, strata: Strata, surface: Mask, root: Image) -> SampledView:
     """Bring the right image onto the left one, registered by what both have in common.
 
     Args:
@@ -116,13 +116,13 @@ def camera_view(pair: Pair, strata: Strata, surface: Mask, root: Image) -> View:
     cells = cells_within(surface)
     shift = np.zeros((*surface.shape, 2), np.float32)
     width = surface.shape[1]
-    view = View(left_x=x, left_y=y, right_x=x - disparity_px, right_y=y, known=surface)
+    view = SampledView(left_x=x, left_y=y, right_x=x - disparity_px, right_y=y, known=surface)
     for _ in range(_ROUNDS if len(cells) else 0):
         spectra = pair_spectra(pair, view, root, cells)
         shifts = registration.window_shifts(spectra.left, spectra.right)
         shift = shift + registration.shift_map(shifts, cells, surface.shape)
         right_x = np.asarray(x - disparity_px + shift[..., 0], np.float32)
-        view = View(
+        view = SampledView(
             left_x=x,
             left_y=y,
             right_x=right_x,
@@ -147,7 +147,7 @@ def directions(strata: Strata, pattern_scale: float = 1.0) -> Image:
     return np.asarray(strata.projector / np.sqrt(cosine_square) * focal_px + centre, np.float32)
 
 
-def projector_view(view: View, seen: Image, surface: Mask) -> View:
+def projector_view(view: SampledView, seen: Image, surface: Mask) -> SampledView:
     """Sample a camera view along the directions of the projector.
 
     Args:
@@ -157,7 +157,7 @@ def projector_view(view: View, seen: Image, surface: Mask) -> View:
     """
     known = np.isfinite(seen).all(axis=-1) & surface
     if not known.any():
-        return View(
+        return SampledView(
             left_x=view.left_x,
             left_y=view.left_y,
             right_x=view.right_x,
@@ -175,7 +175,7 @@ def projector_view(view: View, seen: Image, surface: Mask) -> View:
     error = np.hypot(left_x + at_place[..., 0] - x, left_y + at_place[..., 1] - y)
     inside = (left_x >= 0) & (left_x <= x[0, -1]) & (left_y >= 0) & (left_y <= y[-1, 0])
     open_places = sample_smooth((known & view.known).astype(np.float32), left_x, left_y) >= 1
-    return View(
+    return SampledView(
         left_x=left_x,
         left_y=left_y,
         right_x=sample_smooth(view.right_x, left_x, left_y),
@@ -184,7 +184,9 @@ def projector_view(view: View, seen: Image, surface: Mask) -> View:
     )
 
 
-def pair_spectra(pair: Pair, view: View, root: Image, cells: NDArray[np.intp]) -> PairSpectra:
+def pair_spectra(
+    pair: Pair, view: SampledView, root: Image, cells: NDArray[np.intp]
+) -> PairSpectra:
     """Transform the windows of a pair, each divided by the root of its level.
 
     Args:
@@ -207,7 +209,7 @@ def pair_spectra(pair: Pair, view: View, root: Image, cells: NDArray[np.intp]) -
     )
 
 
-def median_shift(view: View, strata: Strata) -> tuple[float, float]:
+def median_shift(view: SampledView, strata: Strata) -> tuple[float, float]:
     """Return the median shift of a camera view's right image, right and down [px]."""
     x, y = pixel_grid(view.known.shape)
     right = (view.right_x - x + strata.disparity_px)[view.known]

@@ -117,7 +117,7 @@ def test_noise_of_the_simulation_takes_nothing_from_the_explained_share() -> Non
 
 @pytest.mark.parametrize("offset_px", [20.0, 20.25, 20.5])
 def test_interpolation_loses_no_coherence(offset_px: float) -> None:
-    """At 20.5 px the sampled image would lose 6 % of the power in the shortest band."""
+    """Disparity of a whole pixel, of a quarter and of a half gives the same share."""
     wall = Wall(offset_px=offset_px)
     real, base = made_pairs.pair(wall, Amplitudes(scene=3), seed=0)
     split = scene_split.split_scene(real, base, made_pairs.strata_of(wall))

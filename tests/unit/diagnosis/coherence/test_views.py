@@ -67,7 +67,7 @@ def test_pattern_of_scaled_directions_repeats_at_its_scale() -> None:
 def test_places_without_direction_are_unknown() -> None:
     strata = made_pairs.strata_of(WALLS[0])
     x, y = views.pixel_grid(strata.counted.shape)
-    view = views.View(left_x=x, left_y=y, right_x=x, right_y=y, known=strata.counted)
+    view = views.SampledView(left_x=x, left_y=y, right_x=x, right_y=y, known=strata.counted)
     nothing = np.full_like(strata.projector, np.nan)
     assert not views.projector_view(view, nothing, strata.counted).known.any()
     inside = views.projector_view(view, views.directions(strata), strata.counted)
