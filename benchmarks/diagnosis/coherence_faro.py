@@ -63,7 +63,6 @@ def split_models(models: Sequence[SceneModel], rooms: Sequence[str]) -> Coherenc
 def print_split(split: CoherenceSplit) -> None:
     """Print tables of the images by period and room, and of disparity errors."""
     print("\n| period | power |", " | ".join(_SHARES), "|")
-    print("| --- |" * (len(_SHARES) + 1))
     for shares in split.images:
         cells = [_written(getattr(shares, name)) for name in ("power", *_SHARES)]
         print(f"| {shares.band} |", " | ".join(cells), "|")
@@ -77,7 +76,8 @@ def print_split(split: CoherenceSplit) -> None:
         for shares in bands:
             names = ["rms_px", "camera", "image", "rest"]
             cells = [_written(getattr(shares, name)) for name in names]
-            print(f"| {side} | {_written(split.edges[side])} | {shares.band} |", *cells, sep=" | ")
+            near = _written(split.edges[side])
+            print(f"| {side} | {near} | {shares.band} |", " | ".join(cells), "|")
 
 
 def _written(estimate: Estimate) -> str:

@@ -118,8 +118,8 @@ def _images(shares: tuple[ImageShares, ...], sides: SideNames) -> Iterator[str]:
     yield f"Of the unexplained power, {percent(total.coherent)} is common to both imagers."
     if total.unseparated[0] <= 0.5 * total.coherent[0] * rest:
         yield (
-            f"{pattern} of it repeats between rooms in the projector field, {camera} in the camera "
-            f"image, {scene} in neither: texture and light."
+            f"Between rooms, {pattern} of the unexplained power repeats in the projector field, "
+            f"{camera} in the camera image, {scene} in neither: texture, light."
         )
     largest = max(shares, key=_unexplained)
     yield f"Most unexplained power has periods of {largest.band}."

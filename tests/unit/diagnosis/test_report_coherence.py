@@ -103,8 +103,8 @@ SENTENCES = [
     "On surfaces, simulated captures explain 41 % (95 %: 36 to 46) of the image power of real "
     "captures.",
     "Of the unexplained power, 90 % (95 %: 85 to 95) is common to both imagers.",
-    "25 % of it repeats between rooms in the projector field, 0 % in the camera image, 66 % in "
-    "neither: texture and light.",
+    "Between rooms, 25 % of the unexplained power repeats in the projector field, 0 % in the "
+    "camera image, 66 % in neither: texture, light.",
     "Most unexplained power has periods of 16-33 px.",
     "The power of single imagers, mostly noise, is 1.53 times as large in simulated captures "
     "(95 %: 1.48 to 1.58).",
