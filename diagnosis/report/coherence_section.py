@@ -9,6 +9,7 @@ from html import escape
 from starling.diagnosis.report import first_answer
 from starling.diagnosis.report.words import side_names
 from starling.diagnosis.where.coherence.disparity_split import SIDES
+from starling.diagnosis.where.coherence.scene_split import FEWEST_WINDOWS
 from starling.diagnosis.where.coherence.shares import (
     ALL,
     CoherenceSplit,
@@ -17,6 +18,7 @@ from starling.diagnosis.where.coherence.shares import (
     ImageShares,
     RoomShares,
 )
+from starling.diagnosis.where.coherence.spectra import WINDOW_PX
 from starling.sim.report.elements import Stack, interval, number, prose, stacks, table
 
 PARTS = {
@@ -34,22 +36,24 @@ _DISPARITY_PARTS = {
     "image": "follows the image",
     "rest": "rest",
 }
+_TITLE = "<h3>Coherence: what is missing, and what it moves with</h3>"
 _NUMBERS = ("explained", "coherent", "pattern", "camera", "noise_ratio", "gain")
 _HEAD = ("Period", "Of the power", "Explained", "Of the rest, common to both imagers")
 _HEAD += ("In the projector field", "In the camera image", "Noise ratio", "Gain")
 
 
 def section(split: CoherenceSplit, against: str | None) -> str:
-    """Write the section as HTML; nothing where too few windows have no depth edge.
+    """Write the section as HTML; a single sentence where too few windows have no depth edge.
 
     Args:
         split: the coherence split.
         against: capture set that is compared; None for comparison with simulation.
     """
     if not split.images and not split.disparity:
-        return ""
+        least = f"No scene has {FEWEST_WINDOWS} windows of {WINDOW_PX} px without depth edges"
+        return _TITLE + prose(f"{least}, so images are not split by coherence.", quiet=True)
     return (
-        "<h3>Coherence: what is missing, and what it moves with</h3>"
+        _TITLE
         + prose(*first_answer.coherence_sentences(split, against))
         + _images(split, against)
         + _disparity(split, against)

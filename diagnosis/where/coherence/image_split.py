@@ -19,7 +19,7 @@ _LEAST_COMMON = 0.05  # Below this coherent share of the simulated power, a gain
 class ScenePowers:
     """Power of one scene's images by band; explained, coherent and incoherent sum to the total."""
 
-    total: Powers  # Of the left image.
+    total: Powers  # Geometric mean of both imagers.
     explained: Powers  # Predicted by the simulation with the best gain in each band.
     coherent: Powers  # Unexplained, and common to both imagers.
     incoherent: Powers  # Of each imager alone.
@@ -41,8 +41,8 @@ def split_powers(real: PairSpectra, base: PairSpectra) -> ScenePowers:
         base: simulated pair in the same windows.
     """
     count = len(real.left)
-    total, _ = _own_power(real)
-    simulated_total, ratio = _own_power(base)
+    total, _ = _geometric_power(real)
+    simulated_total, ratio = _geometric_power(base)
     common = _mean(base.left, base.right)
     enough = common > _LEAST_COMMON * simulated_total
     known = np.where(enough, common, 1.0)
@@ -64,7 +64,7 @@ def split_powers(real: PairSpectra, base: PairSpectra) -> ScenePowers:
     )
 
 
-def _own_power(pair: PairSpectra) -> tuple[Powers, Powers]:
+def _geometric_power(pair: PairSpectra) -> tuple[Powers, Powers]:
     """Return the geometric mean of both imagers' powers, and right over left amplitude."""
     left = band_sums(cross(pair.left, pair.left).real * pair.left_power) / len(pair.left)
     right = band_sums(cross(pair.right, pair.right).real * pair.right_power) / len(pair.left)

@@ -17,6 +17,7 @@ from starling.diagnosis.where.coherence.views import NO_WINDOWS, Pair, PairSpect
 from starling.sim.arrays import Image, Mask
 
 FEWEST_WINDOWS = 8  # Least number of windows of a scene.
+_SATURATED = 1e-4  # Least share of pixels at the largest level of a saturated image.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -77,9 +78,6 @@ def unsaturated(pairs: tuple[Pair, Pair]) -> Mask:
         full = left >= left.max()
         masks.append(~full if full.mean() > _SATURATED else np.ones(full.shape, bool))
     return masks[0] & masks[1]
-
-
-_SATURATED = 1e-4  # Least share of pixels at the largest level of a saturated image.
 
 
 def _first(observation: StereoObservation) -> Pair:

@@ -65,10 +65,6 @@ class PairSpectra:
             self, left=self.left - left * base.left, right=self.right - right * base.right
         )
 
-    def select(self, windows: NDArray[np.intp]) -> PairSpectra:
-        """Keep some windows, by index."""
-        return replace(self, left=self.left[windows], right=self.right[windows])
-
 
 _EMPTY = np.empty((0, ROW_FREQUENCY.size, COLUMN_FREQUENCY.size), np.complex64)
 _NEUTRAL = np.ones(_EMPTY.shape[1:])

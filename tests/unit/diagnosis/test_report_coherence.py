@@ -157,10 +157,12 @@ def test_the_split_is_the_first_picture_of_where() -> None:
     assert row[2] == "41.0 % [36.0, 46.0]" and row[6] == "1.53 [1.48, 1.58]"
 
 
-def test_no_split_has_no_section() -> None:
-    assert "Coherence: what is missing" not in page(FULL)
+def test_missing_parts_of_the_split_are_not_shown() -> None:
+    without = Reader(page(FULL)).text
+    assert "No scene has 8 windows of 64 px without depth edges" in without
+    assert "Infrared images</h4>" not in page(FULL)
     depth_only = page(diagnosis_with(dataclasses.replace(SPLIT, images=(), rooms={})))
-    assert "Coherence: what is missing" in depth_only and "Infrared images" not in depth_only
+    assert "Squared disparity errors" in depth_only and "Infrared images</h4>" not in depth_only
     images_only = page(diagnosis_with(dataclasses.replace(SPLIT, disparity={}, edges={})))
     assert "Squared disparity errors" not in images_only
 
