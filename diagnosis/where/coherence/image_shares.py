@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.diagnosis.scenes.shelf import shelve
 from starling.diagnosis.where.coherence.bootstrap import (
     Table,
     estimates,
@@ -32,13 +31,12 @@ def image_shares(
         scenes: splits of the scenes.
         rooms: room of each scene.
     """
-    if not scenes:
+    if not len(scenes):
         return (), {}
-    shelved = shelve(scene.spectra for scene in scenes)
     pairs = pairs_of_rooms(rooms)
     repeats = []
     for first, second in pairs:
-        left, right = shelved[first], shelved[second]
+        left, right = scenes[first].spectra, scenes[second].spectra
         repeats.append(
             (
                 frame_repeats(left.camera, right.camera),
@@ -46,7 +44,8 @@ def image_shares(
             )
         )
     camera, projector = ([pair[frame] for pair in repeats] for frame in (0, 1))
-    powers = [scene.powers for scene in scenes]
+    summaries = [(scene.powers, scene.shift_px) for scene in scenes]
+    powers = [each for each, _ in summaries]
 
     def patterns(weights: NDArray[np.float64]) -> Patterns | None:
         return separate(camera, projector, weights) if weights.any() else None
@@ -68,10 +67,10 @@ def image_shares(
         members = np.array([float(name == room) for name in rooms])
         weights = np.array([float(members[first] != members[second]) for first, second in pairs])
         table = _table(powers, members, patterns(weights), apart)
-        chosen = [scene for scene, member in zip(scenes, members, strict=True) if member]
+        chosen = [each for each, member in zip(summaries, members, strict=True) if member]
         by_room[room] = RoomShares(
-            windows=sum(scene.powers.windows for scene in chosen),
-            shift_px=chosen[0].shift_px,
+            windows=sum(each.windows for each, _ in chosen),
+            shift_px=chosen[0][1],
             **{name: float(table[name][-1]) for name in quantities(RoomShares) if name in table},
         )
     return shares, by_room
