@@ -4,8 +4,9 @@ Rectification leaves a shift of each pixel's column that no lens model explains.
 of each unit its own. The field is normal noise on an even grid of angles, smoothed by a Gaussian.
 Its correlation falls to 1/e over the length L: r(a) = exp(-(a / L)^2), across and down. The grid
 starts at the principal point, so every mode of a camera shows a part of the same field. In a view
-of 70 x 44 degrees the field has mean 0, as factories calibrate, and the size asked for: how sizes
-differ between units is unknown.
+of 70 x 44 degrees the field has mean 0, as factories calibrate, and the size asked for. There the
+two imagers' fields are uncorrelated, so that disparity errors of all units are nearly equally
+large. How sizes differ between units is unknown.
 
 Source: disparity errors of a D415 in ten rooms (docs/results/matcher.md).
 """
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
-from starling.sim.imaging.imager.charge import Die
+from starling.sim.imaging.imager.charge import Die, Side
 from starling.sim.sensor.imager import SHORTEST_WAVE_DEG, Alignment
 
 _PER_LENGTH = 2  # Grid points in a length.
@@ -44,7 +45,6 @@ def field(alignment: Alignment, pinhole: Pinhole, die: Die) -> Image:
 
 @lru_cache(maxsize=4)  # Both imagers, two image sizes.
 def _field(size_px: float, lengths_deg: tuple[float, float], pinhole: Pinhole, die: Die) -> Image:
-    nodes = die.normal("waves", (2 * _HALF + 1, 2 * _HALF + 1))
     across, down = (
         (np.arange(count) - centre) / focal
         for count, centre, focal in (
@@ -53,12 +53,23 @@ def _field(size_px: float, lengths_deg: tuple[float, float], pinhole: Pinhole, d
         )
     )
 
-    def smoothed(down: NDArray[np.floating], across: NDArray[np.floating]) -> NDArray[np.float64]:
-        return _weights(down, lengths_deg[1]) @ nodes @ _weights(across, lengths_deg[0]).T
+    view_down, view_across = (np.tan(np.radians(np.arange(-half, half + 1))) for half in _VIEW_DEG)
 
-    view = smoothed(*(np.tan(np.radians(np.arange(-half, half + 1))) for half in _VIEW_DEG))
-    shift = (smoothed(down, across) - view.mean()) * (size_px / view.std())
-    shift = shift.astype(np.float32)
+    def drawn(side: Side) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw one imager's field: image, and view without its mean."""
+        nodes = Die(die.unit, side).normal("waves", (2 * _HALF + 1, 2 * _HALF + 1))
+        view, image = (
+            _weights(rows, lengths_deg[1]) @ nodes @ _weights(columns, lengths_deg[0]).T
+            for rows, columns in ((view_down, view_across), (down, across))
+        )
+        return image - view.mean(), view - view.mean()
+
+    image, view = drawn(die.side)
+    if die.side == "right":
+        left_image, left_view = drawn("left")
+        common = (view * left_view).mean() / left_view.var()
+        image, view = image - common * left_image, view - common * left_view
+    shift = (image * (size_px / view.std())).astype(np.float32)
     shift.setflags(write=False)  # All captures share the array.
     return shift
 

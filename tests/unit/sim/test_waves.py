@@ -40,6 +40,13 @@ def test_size_is_that_asked_for_in_the_view_of_a_d415(unit: int) -> None:
     assert abs(shift.mean()) < 0.1 * SIZE_PX
 
 
+@pytest.mark.parametrize("unit", range(6))
+def test_disparity_errors_of_all_units_are_equally_large(unit: int) -> None:
+    whole = Pinhole(width=1280, height=720, fx_px=900, fy_px=900, cx_px=639.5, cy_px=359.5)
+    left, right = (waves.field(WAVES, whole, Die(unit, side)) for side in ("left", "right"))
+    assert (left - right).std() == pytest.approx(np.sqrt(2) * SIZE_PX, rel=0.05)
+
+
 def test_lengths_are_those_asked_for() -> None:
     """Rationale: normal noise of known covariance.
 
