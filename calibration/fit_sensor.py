@@ -125,7 +125,7 @@ def fit(
             advice = "most_scenes changes their number."
             warnings += (f"{len(inside)} of {len(all_inside)} scenes were fitted; {advice}",)
         observations = tuple(
-            observation.with_surface(item, scene, sensor)
+            observation.with_surface(item, scene, sensor, smoothing_px=SMOOTHING_PX)
             for item, scene in zip(read_observations, track(inside, "surfaces"), strict=True)
         )
     if all(item.left is None for item in observations):
@@ -169,11 +169,11 @@ def fit(
         from starling.calibration.geometry.warp_fit import fit_warp
 
         with _timed(seconds, WARP):
-            smooth = [
-                observation.with_surface(item, scene, fitted, smoothing_px=SMOOTHING_PX)
+            detailed = [
+                observation.with_surface(item, scene, fitted)
                 for item, scene in zip(read_observations, track(inside, "warp"), strict=True)
             ]
-            solutions[WARP] = fit_warp(smooth, fitted, track=track)
+            solutions[WARP] = fit_warp(detailed, fitted, track=track)
             fitted = solutions[WARP].sensor
     with _timed(seconds, "held out"):
         before, after = _scored(to_score, sensor, fitted, recovered, folder, track)

@@ -28,7 +28,9 @@ if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
 
 Array = NDArray[np.float32]
 
-SMOOTHING_PX = 12.0  # Sigma of the smoothing of reflectance; a smaller one would keep dots.
+# Sigma of the smoothing of reflectance in fits and scores [px]. Detail of the images under fit would
+# absorb a quarter of what is fitted (docs/design/calibration.md).
+SMOOTHING_PX = 12.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -29,7 +29,7 @@ import match_faro
 import numpy as np
 from numpy.typing import NDArray
 
-from starling.calibration import heldout, observation
+from starling.calibration import observation
 from starling.calibration.geometry import warp_fit
 from starling.sim.captures import capture
 from starling.sim.metrics import LEFT_BAND_PX
@@ -196,10 +196,7 @@ def waves(where: Path, rooms: Sequence[str], depth: Path) -> None:
 def warped(where: Path, file: str, held: Sequence[str]) -> None:
     """Print the residual of a fitted warp in held-out rooms."""
     sensor = resolve.load(file, captures=str(where))
-    seen = [
-        observation.load(scene, sensor, smoothing_px=heldout.SMOOTHING_PX)
-        for scene in capture.open_set(where).scenes
-    ]
+    seen = [observation.load(scene, sensor) for scene in capture.open_set(where).scenes]
     result = warp_fit.fit_warp(
         [scene_observation for scene_observation in seen if scene_observation.room not in held],
         sensor,

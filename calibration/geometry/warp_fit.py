@@ -51,7 +51,7 @@ def fit_warp(
     """Fit the right image's warp to the disparities of captured pairs.
 
     Args:
-        observations: observations of at least two rooms, loaded with `heldout.SMOOTHING_PX`.
+        observations: observations of at least two rooms, with reflectance in detail.
         sensor: sensor with all other geometry calibrated.
         track: progress callback around the simulations.
 
@@ -113,7 +113,7 @@ def difference(observation: Observation, sensor: Sensor, *, memory: Memory | Non
     """Compute captured minus simulated disparity [px].
 
     Args:
-        observation: scene with a pair and a surface, loaded with `heldout.SMOOTHING_PX`.
+        observation: scene with a pair and a surface, with reflectance in detail.
         sensor: sensor of the simulation.
         memory: cache of matched captured pairs.
 

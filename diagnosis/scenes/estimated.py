@@ -2,7 +2,8 @@
 
 Without `scene.toml`, reflectance and ambient light are estimated from the images under diagnosis.
 In such a scene, light, exposure, vignetting and reflectance are not separable, and fine texture is
-unknown. Alternative estimates that the images also permit give the size of this uncertainty.
+unknown. Alternative estimates that the images also permit give the size of this uncertainty. The
+likely scene is smooth, because detail absorbs errors of the dots (docs/results/calibration.md).
 """
 
 from __future__ import annotations

@@ -23,12 +23,12 @@ from starling.sim.scene.captured import captured_scene, depth_surface, known_geo
 from starling.sim.scene.scene import Material, Scene
 from starling.sim.sensor.sensor import Sensor
 
-# Sigma that smooths the infrared image to reflectance and removes all dots [px].
+# Sigma that removes all dots from the infrared image, an input of the networks [px].
 SMOOTHING_PX = 12.0
 LEFT_BAND = 100 / 1280  # Share of the columns with few or no matches in the right image.
 DRAWS = 8  # Simulated draws of noise and speckle.
 _EVEN = 0.5  # Reflectance if no image is used.
-_PHYSICS_VERSION = 4  # Version of the simulation, a part of the cache key.
+_PHYSICS_VERSION = 5  # Version of the simulation, a part of the cache key.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
@@ -163,6 +163,8 @@ def counted_pixels(scene: CapturedScene, truth_m: Image) -> Mask:
 def surface(scene: CapturedScene, sensor: Sensor, *, even: bool = False) -> Scene:
     """Return the scene to simulate: its model if there is one, else a mesh of its reference depth.
 
+    The mesh has the reflectance that `starling simulate` gives it.
+
     Args:
         scene: scene of a capture set.
         sensor: sensor of the captures.
@@ -172,9 +174,7 @@ def surface(scene: CapturedScene, sensor: Sensor, *, even: bool = False) -> Scen
     if known_scene is not None:
         return known_scene
     if not even:
-        return captured_scene.load(
-            scene.path, sensor, smoothing_px=SMOOTHING_PX, within_surfaces=True
-        )
+        return captured_scene.load(scene.path, sensor)
     plain = Material(name="even", reflectance=_EVEN)
     disparity_px = scene.info.disparity_px(_reference(scene))
     return depth_surface.scene(scene.name, disparity_px, scene.info, plain)
@@ -214,7 +214,9 @@ def _digest(scene: CapturedScene, plain: Example, simulation: Simulation) -> str
     digest = hashlib.sha256(f"{settings} {record.versions()} {plain.info} {known_scene}".encode())
     if known_scene is not None and (scene.path / known_scene.scene).is_file():
         digest.update((scene.path / known_scene.scene).read_bytes())
-    for image in (plain.depth_m, plain.reflectance):
+    frame = scene.fullest()
+    pairs = (frame.ir_left, frame.ir_right, frame.ir_left_off, frame.ir_right_off)
+    for image in (plain.depth_m, *pairs):
         digest.update(b"" if image is None else np.ascontiguousarray(image).tobytes())
     return f"{scene.name}-{digest.hexdigest()[:16]}"
 
