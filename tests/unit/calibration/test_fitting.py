@@ -259,8 +259,9 @@ def test_calibration_writes_the_sensor_and_the_report(
     assert reported["parameters"] == json.loads(capsys.readouterr().out)["parameters"]
     names = {path.name for path in (tmp_path / "x").iterdir()}
     assert {"report.html", "sensor.toml", "starling.json"} <= names
-    nominal = presets.load("d435")
-    assert resolve.load(str(out)).baseline_m == pytest.approx(nominal.baseline_m, abs=1e-3)
+    # The right image's dots are 1 mm off, and the baseline alone can follow them.
+    followed_m = presets.load("d435").baseline_m - 1e-3
+    assert resolve.load(str(out)).baseline_m == pytest.approx(followed_m, abs=5e-5)
 
 
 @pytest.fixture(scope="module")
