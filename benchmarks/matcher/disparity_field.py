@@ -2,6 +2,7 @@
 
     python benchmarks/matcher/disparity_field.py [--picture FILE]
     python benchmarks/matcher/disparity_field.py --waves ROOM ... [--depth FOLDER]
+    python benchmarks/matcher/disparity_field.py --waves ROOM ... --units 24
     python benchmarks/matcher/disparity_field.py --sensor FILE --held ROOM ...
 
 The errors are medians of blocks of 40 x 40 px against the laser scanner, on the 15 scenes of
@@ -11,7 +12,8 @@ that both depths share comes from the images, not from the device's matcher.
 
 With --waves, it prints the size and the correlation of what repeats in these rooms. These are
 covariances of the block medians of different rooms, less each scene's median. FOLDER is a capture
-set with another depth of the same scenes, such as a simulated one.
+set with another depth of the same scenes, such as a simulated one. With --units, it also prints
+what the waves alone of that many units of the preset `d415` give at these places and disparities.
 
 With --sensor, the script runs `starling calibrate --free warp` without the held-out rooms. It then
 prints the remaining difference between captured and simulated pairs in these rooms.
@@ -21,6 +23,7 @@ Captures: `d415-faro` in the folder $STARLING_CAPTURES.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +35,9 @@ from numpy.typing import NDArray
 from starling.calibration import observation
 from starling.calibration.geometry import warp_fit
 from starling.sim.captures import capture
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.imaging.imager.charge import Die
+from starling.sim.imaging.optics.waves import field as wave_field
 from starling.sim.metrics import LEFT_BAND_PX
 from starling.sim.plotting import sheet
 from starling.sim.sensor import resolve
@@ -170,7 +176,26 @@ def repeated(scenes: Sequence[Blocks], down: int, across: int) -> float:
     return float(np.concatenate(products).mean())
 
 
-def waves(where: Path, rooms: Sequence[str], depth: Path) -> None:
+def waving(scenes: Sequence[Blocks], unit: int) -> list[Blocks]:
+    """Return the disparity errors of a unit's waves at the blocks' middles."""
+    sensor = resolve.load("d415")
+    pinhole = Pinhole.from_camera(sensor)
+    left = wave_field(sensor.left.alignment, pinhole, Die(unit, "left"))
+    right = wave_field(sensor.right.alignment, pinhole, Die(unit, "right"))
+    result = []
+    for scene in scenes:
+        down, across = np.round((np.indices(scene.error_px.shape) + 0.5) * BLOCK_PX - 0.5).astype(
+            int
+        )
+        opposite = np.round(across - np.nan_to_num(scene.disparity_px)).astype(int)
+        opposite = np.clip(opposite, 0, pinhole.width - 1)
+        error_px = (left[down, across] - right[down, opposite]).astype(np.float64)
+        error_px[np.isnan(scene.error_px)] = np.nan
+        result.append(dataclasses.replace(scene, error_px=error_px))
+    return result
+
+
+def waves(where: Path, rooms: Sequence[str], depth: Path, units: int) -> None:
     """Print size and correlation of the errors that repeat from room to room."""
     seen = []
     for scene in capture.open_set(where).scenes:
@@ -188,6 +213,11 @@ def waves(where: Path, rooms: Sequence[str], depth: Path) -> None:
     size = repeated(seen, 0, 0)
     print(f"block medians: RMS {spread**0.5:.3f} px, repeated {max(size, 0) ** 0.5:.3f} px")
     steps = range(0, 12, 2)
+    if units:
+        sizes = [max(repeated(waving(seen, unit), 0, 0), 0) ** 0.5 for unit in range(units)]
+        spread = f"standard deviation {np.std(sizes):.3f}, {min(sizes):.3f} to {max(sizes):.3f} px"
+        print(f"waves of {units} units: repeated {np.mean(sizes):.3f} px, {spread}")
+        print(f"unit 0: {sizes[0]:.3f} px")
     for label, places in (("across", [(0, k) for k in steps]), ("down", [(k, 0) for k in steps])):
         shares = " ".join(f"{repeated(seen, *place) / size:5.2f}" for place in places)
         print(f"correlation {label}, by {2 * BLOCK_PX} px: {shares}")
@@ -226,11 +256,12 @@ def main() -> None:
     parser.add_argument("--sensor", help="preset or sensor file, calibrated except for the warp")
     parser.add_argument("--held", nargs="+", default=[], help="rooms to hold out from the warp fit")
     parser.add_argument("--waves", nargs="+", default=[], help="rooms to measure what repeats in")
+    parser.add_argument("--units", type=int, default=0, help="units whose waves --waves compares")
     parser.add_argument("--depth", type=Path, help="capture set with another depth for --waves")
     options = parser.parse_args()
     where = match_faro.folder()
     if options.waves:
-        return waves(where, options.waves, options.depth or where)
+        return waves(where, options.waves, options.depth or where, options.units)
     if options.sensor:
         return warped(where, options.sensor, options.held)
     device, ours = [], []
