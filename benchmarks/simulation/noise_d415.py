@@ -7,9 +7,10 @@ scanner's disparity. A shift, a gain and an offset are fitted, as rectification 
 0.2 px. The difference has no pattern and no texture. Its power over 1 + gain^2 is the noise of one
 imager. Interpolation removes equal parts of real and simulated noise.
 
-It prints figures of each scene, real and simulated: noise by period, and how the heights of
-neighbouring dots scatter. A dot's height is compared with the median of nine neighbours. Then it
-fits noise = a + b level + c power of dots to all windows. b gives electrons, c speckle.
+It prints figures of each scene, real and simulated: noise by period, the left image's power by
+period, and how the heights of neighbouring dots scatter. A dot's height is compared with the median
+of nine neighbours. Then it fits noise = a + b level + c power of dots to all windows. b gives
+electrons, c speckle.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ GAINS = (0.5, 2.0)  # Windows with another gain show two surfaces.
 ROBUST = 0.25  # Residual, relative, that halves a window's weight.
 
 Array = NDArray[np.float32]
-Table = NDArray[np.float64]  # (windows, 5): row, column, level, noise at 2-4 px, at 4-8 px, dots.
+Table = NDArray[np.float64]  # (windows, 6): level, noise at 2-4 px, at 4-8 px, power, same; dots.
 
 
 def surface(scene: CapturedScene) -> tuple[Array, NDArray[np.bool_]]:
@@ -77,7 +78,7 @@ def windows(left: Array, right: Array, disparity_px: Array, inner: NDArray[np.bo
                 for values in (rest, left[part] - left[part].mean())
             )
             noise = [power / (1 + gain**2) for power in noise]
-            rows.append([row, column, level, *noise, max(whole[1] - noise[1], 0)])
+            rows.append([level, *noise, *whole, max(whole[1] - noise[1], 0)])
     return np.array(rows)
 
 
@@ -109,9 +110,9 @@ def registered(
 
 def fit(rows: Table) -> NDArray[np.floating[Any]]:
     """Fit noise at 2 to 4 px = a + b level + c power of dots; robust, with relative weights."""
-    rows = rows[(rows[:, 2] > LEVELS_DN[0]) & (rows[:, 2] < LEVELS_DN[1])]
-    terms = np.column_stack([np.ones(len(rows)), rows[:, 2], rows[:, 5]])
-    noise = rows[:, 3]
+    rows = rows[(rows[:, 0] > LEVELS_DN[0]) & (rows[:, 0] < LEVELS_DN[1])]
+    terms = np.column_stack([np.ones(len(rows)), rows[:, 0], rows[:, 5]])
+    noise = rows[:, 1]
     weight = 1 / np.maximum(np.median(noise), noise)
     values: NDArray[np.floating[Any]] = np.zeros(3)
     for _ in range(20):
@@ -160,7 +161,8 @@ def main() -> None:
     simulated = {scene.name: scene for scene in capture.open_set(options.simulated).scenes}
     tables: tuple[list[Table], list[Table]] = ([], [])
     print(
-        "scene, room: noise 2-4 px, 4-8 px [DN^2], scatter of dots, level: real, simulated, ratio"
+        "scene, room: noise at 2-4 px, at 4-8 px, power at 2-4 px, at 4-8 px [DN^2], scatter of "
+        "dots, level [DN]; real, simulated, ratio"
     )
     for scene in capture.open_set(options.real).scenes:
         if scene.name not in simulated or (options.rooms and scene.room not in options.rooms):
@@ -170,8 +172,9 @@ def main() -> None:
         for table, seen in zip(tables, (scene, simulated[scene.name]), strict=True):
             left, right = pair(seen)
             table.append(windows(left, right, disparity_px, inner))
-            noise = np.median(table[-1][:, 3:5], axis=0)
-            figures.append([*noise, scatter(left - BLACK_DN), left.mean()])
+            noise = np.median(table[-1][:, 1:3], axis=0)
+            power = np.mean(table[-1][:, 3:5], axis=0)
+            figures.append([*noise, *power, scatter(left - BLACK_DN), left.mean()])
         columns = " | ".join(
             f"{real:.3f} {ours:.3f} {ours / real:.3f}" for real, ours in zip(*figures, strict=True)
         )

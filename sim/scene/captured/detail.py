@@ -38,7 +38,6 @@ _BOX_PX = 0.5  # Sigma that pixel box and bilinear texture blur the reflectance 
 _STRENGTH = 0.25  # Standard deviation of a dot's light, relative.
 _PLACE_PX = 0.5  # Standard deviation of a dot's place [px].
 _LEAK = 2.0  # Margin of the leak of removed dots, as real dots are less even than simulated ones.
-_NOISE = 0.5  # Variance of a D415's noise over the preset's, from differences of the pair.
 _RESIDUAL = (-1.0, 4.0)  # Range of relative residuals.
 _STEP = (0.4, 2.5)  # Range of one refinement's factor.
 _RANGE = (0.15, 4.0)  # Range of the refined reflectance over the base.
@@ -257,8 +256,8 @@ def _noise_variance(imager: Imager, level_dn: _Floats) -> _Floats:
     """Variance of the noise [DN^2]: photons, readout, rounding."""
     gain = imager.dn_per_electron
     electrons = imager.shot_noise**2 * gain * level_dn + (imager.read_noise_e * gain) ** 2
-    share = _NOISE * variance_share(imager.smoothing_px) ** 2
-    return np.asarray(share * electrons + _NOISE / 12, np.float32)
+    share = variance_share(imager.smoothing_px) ** 2
+    return np.asarray(share * electrons + 1 / 12, np.float32)
 
 
 def _local(image: _Floats, weight: _Floats) -> _Floats:
