@@ -7,10 +7,9 @@ scanner's disparity. A shift, a gain and an offset are fitted, as rectification 
 0.2 px. The difference has no pattern and no texture. Its power over 1 + gain^2 is the noise of one
 imager. Interpolation removes equal parts of real and simulated noise.
 
-It prints figures of each scene, real and simulated: noise by period, the left image's power by
-period, and how the heights of neighbouring dots scatter. A dot's height is compared with the median
-of nine neighbours. Then it fits noise = a + b level + c power of dots to all windows. b gives
-electrons, c speckle.
+It prints figures of each scene, real and simulated: noise and power of the left image by period,
+and the scatter of dots. A dot's height is compared with the median of nine neighbours. Then it fits
+noise = a + b level + c power of dots to all windows. b gives electrons, c speckle.
 """
 
 from __future__ import annotations
