@@ -28,8 +28,8 @@ if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
 
 Array = NDArray[np.float32]
 
-# Sigma of the smoothing of reflectance in fits and scores [px]. Detail of the images under fit would
-# absorb a quarter of what is fitted (docs/design/calibration.md).
+# Sigma of the smoothing of reflectance in fits and scores [px]. Detail would absorb a part of
+# what is fitted (docs/results/calibration.md).
 SMOOTHING_PX = 12.0
 
 
