@@ -130,7 +130,7 @@ def fit_photometry(
     means = not light_model.dots_match(images)
     case = _case(images, sensor, free, means=means)
     values, equations, costs = _run(case)
-    if _black_is_open(case, equations):
+    if _black_is_open(case, values, equations):
         case = _case(images, sensor, [name for name in free if name != LEFT_BLACK], means=means)
         values, equations, costs = _run(case)
     return Photometry(
@@ -186,11 +186,17 @@ def fit_exposure_level(observations: Sequence[Observation], sensor: Sensor) -> S
     )
 
 
-def _black_is_open(case: _Case, equations: tiles.ClusterEquations) -> bool:
-    """Return whether a fitted black level is confounded with ambient light."""
+def _black_is_open(
+    case: _Case, values: Mapping[str, float], equations: tiles.ClusterEquations
+) -> bool:
+    """Return whether a fitted black level is confounded with ambient light.
+
+    Codes begin at 0. A fit below it took light between the dots, such as haze that differs between
+    surfaces, for a black level.
+    """
     deviation = np.sqrt(np.diagonal(equations.covariance()))
     return any(
-        name in (LEFT_BLACK, RIGHT_BLACK) and sd > BLACK_DN
+        name in (LEFT_BLACK, RIGHT_BLACK) and (sd > BLACK_DN or values[name] < 0)
         for name, sd in zip(case.names, deviation, strict=True)
     )
 

@@ -186,6 +186,17 @@ def test_one_wall_leaves_the_black_level_undetermined() -> None:
     assert any("left.black_level_dn and ambient" in line for line in fit.solution.undetermined)
 
 
+def test_a_black_level_below_all_codes_is_not_taken() -> None:
+    """Levels 8 DN too low would have a black level of -2 DN, which no imager has."""
+    seen = observed()
+    assert seen.left is not None and seen.right is not None
+    low = dataclasses.replace(seen, left=seen.left - 8, right=seen.right - 8)
+    fit = fit_photometry([low], START, layers=fitted_layers())
+    estimate = next(e for e in fit.solution.estimates if e.name == "left.black_level_dn")
+    assert np.isinf(estimate.sd)
+    assert any("left.black_level_dn and ambient" in line for line in fit.solution.undetermined)
+
+
 def test_noise_of_a_whole_capture() -> None:
     """Electrons per DN 5 %, speckle 10 %, from levels fitted on the same images."""
     truth = edits.with_values(TRUTH, [("imager.full_well_e", 14_000.0)])
