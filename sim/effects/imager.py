@@ -6,26 +6,18 @@ step.
 
 from __future__ import annotations
 
+from starling.sim.effects import pixel_noise
 from starling.sim.effects.effect import Effect, Parameter, Stage
+from starling.sim.effects.pixel_noise import EMVA, IMX900, imager_parameter
 
-_EMVA = "EMVA Standard 1288, release 4.0"
-_IMX900 = "Sony IMX900 (global shutter, 2.25 um; EMVA report by FRAMOS)"
 _OV9281 = "driver of the OV9282 (Linux, drivers/media/i2c/ov9282.c)"
-
-
-def _imager_parameter(
-    name: str, field: str, unit: str, neutral: float | None, low: float, high: float
-) -> tuple[Parameter]:
-    """Return the parameter that sets one field of both imagers."""
-    path = (f"imager.{field}",)
-    return (Parameter(name=name, paths=path, unit=unit, neutral=neutral, low=low, high=high),)
 
 
 _EXPOSURE = Effect(
     name="exposure",
     family="signal_gain",
     stage=Stage.IMAGER,
-    parameters=_imager_parameter("time_s", "exposure_s", "s", None, 5e-4, 33e-3),
+    parameters=imager_parameter("time_s", "exposure_s", "s", None, 5e-4, 33e-3),
     imitates="A fixed integration time that is not the assumed one.",
     law="electrons = rate t; with auto exposure on it has no effect",
     shows=(
@@ -41,7 +33,7 @@ _GAIN = Effect(
     name="gain",
     family="signal_gain",
     stage=Stage.IMAGER,
-    parameters=_imager_parameter("factor", "gain", "1", None, 1.0, 15.5),
+    parameters=imager_parameter("factor", "gain", "1", None, 1.0, 15.5),
     imitates="Analog gain: more DN for an electron, noise included.",
     law="DN = gain electrons ceiling / full well + black level",
     shows=(
@@ -61,8 +53,8 @@ _AUTO_EXPOSURE = Effect(
     family="signal_gain",
     stage=Stage.IMAGER,
     parameters=(
-        *_imager_parameter("level", "auto_exposure_level", "1", 0.0, 0.05, 0.7),
-        *_imager_parameter("longest_s", "auto_exposure_max_s", "s", None, 4e-3, 33e-3),
+        *imager_parameter("level", "auto_exposure_level", "1", 0.0, 0.05, 0.7),
+        *imager_parameter("longest_s", "auto_exposure_max_s", "s", None, 4e-3, 33e-3),
     ),
     imitates="A control that sets the integration time by the image's mean; level 0 is off.",
     law="t = min((level ceiling - black level) / (mean rate x DN per electron), longest)",
@@ -75,61 +67,11 @@ _AUTO_EXPOSURE = Effect(
     source="Setpoints 400 and 1536, of 4096 as assumed: librealsense presets.cpp",
 )
 
-_SHOT_NOISE = Effect(
-    name="shot_noise",
-    family="shot_noise",
-    stage=Stage.IMAGER,
-    parameters=_imager_parameter("share", "shot_noise", "1", 0.0, 0.3, 1.0),
-    imitates="Photons arrive one by one; a share below 1 models a device that averages.",
-    law="temporal variance [electrons^2] = share^2 (light + dark electrons)",
-    shows=(
-        "Temporal deviation grows as the root of the level; frames average it out. Without it "
-        "temporal disparity noise falls from 0.066 to 0.023 px."
-    ),
-    confused_with=("read_noise", "gain", "saturation", "laser_speckle", "smoothing"),
-    source=f"{_EMVA}, photon transfer; {_IMX900}: 2.5 electrons a step of 12 bits",
-)
-
-_READ_NOISE = Effect(
-    name="read_noise",
-    family="read_noise",
-    stage=Stage.IMAGER,
-    parameters=_imager_parameter("deviation_e", "read_noise_e", "electrons", 0.0, 1.0, 150.0),
-    imitates="Amplifier and reset noise of each pixel's read-out.",
-    law="temporal variance [electrons^2] = read^2 at every level",
-    shows=(
-        "Temporal deviation also in black areas; frames average it out. At 8 bits 5 electrons "
-        "are invisible. At 150: 3.4 DN of temporal noise, disparity noise 0.066 to 0.115 px, "
-        "0.3 % more holes in the dark."
-    ),
-    confused_with=("shot_noise", "dsnu", "row_noise", "gain", "dark_current", "quantisation"),
-    source=f"{_EMVA}; {_IMX900}: 5.6 electrons (1.95 at high conversion gain)",
-)
-
-_PRNU = Effect(
-    name="prnu",
-    family="sensitivity_pattern",
-    stage=Stage.IMAGER,
-    parameters=_imager_parameter("share", "prnu", "1", 0.0, 0.003, 0.1),
-    imitates=(
-        "Unequal sensitivity of pixels (photo response non-uniformity), fixed for each device."
-    ),
-    law="electrons x (1 + share n), n standard normal for each pixel, from the unit's number",
-    shows=(
-        "A static pattern that grows with the level. At 3 % the disparity error's spread over "
-        "the image goes from 0.106 to 0.145 px; temporal noise does not grow. At 10 % 0.7 % "
-        "more holes."
-    ),
-    confused_with=("dsnu", "column_noise", "laser_speckle"),
-    source=f"{_EMVA}; {_IMX900}: 0.7 to 0.8 %; Sony IMX492 (EMVA report by LUCID): 0.62 %",
-    drawn=True,
-)
-
 _DARK_CURRENT = Effect(
     name="dark_current",
     family="dark_current",
     stage=Stage.IMAGER,
-    parameters=_imager_parameter("rate_e_s", "dark_current_e_s", "electrons / s", 0.0, 1.0, 1e5),
+    parameters=imager_parameter("rate_e_s", "dark_current_e_s", "electrons / s", 0.0, 1.0, 1e5),
     imitates="Electrons freed by heat; the rate doubles every 6 to 8 K.",
     law="electrons + rate t, with their shot noise; auto exposure meters light alone",
     shows=(
@@ -138,81 +80,14 @@ _DARK_CURRENT = Effect(
         "px."
     ),
     confused_with=("black_level", "read_noise"),
-    source=f"{_EMVA}, dark current; {_IMX900}: 1.5 electrons/s",
-)
-
-_DSNU = Effect(
-    name="dsnu",
-    family="offset_pattern",
-    stage=Stage.IMAGER,
-    parameters=_imager_parameter("deviation_e", "dsnu_e", "electrons", 0.0, 1.0, 60.0),
-    imitates="Unequal offset of pixels (dark signal non-uniformity), fixed for each device.",
-    law="electrons + deviation n, n standard normal for each pixel, from the unit's number",
-    shows=(
-        "A static pattern, equal at all levels, visible in dark frames. At 8 bits 4 electrons "
-        "are invisible. At 40 (1 DN): static disparity error 0.106 to 0.124 px, temporal "
-        "noise unchanged."
-    ),
-    confused_with=("prnu", "read_noise", "column_noise", "hot_pixels"),
-    source=f"{_EMVA}; {_IMX900}: 3.7 electrons (1.3 at high conversion gain); IMX492: 0.97",
-    drawn=True,
-)
-
-_COLUMN_NOISE = Effect(
-    name="column_noise",
-    family="column_noise",
-    stage=Stage.IMAGER,
-    parameters=_imager_parameter("deviation_e", "column_noise_e", "electrons", 0.0, 1.0, 40.0),
-    imitates="Unequal offsets of the column amplifiers, fixed for each device.",
-    law="electrons + deviation n, n standard normal for each column, from the unit's number",
-    shows=(
-        "Static vertical stripes in dark parts, different in left and right. At 40 electrons "
-        "(1 DN): static error 0.106 to 0.179 px, 0.3 % less depth."
-    ),
-    confused_with=("dsnu", "prnu", "row_noise"),
-    source=f"{_EMVA}, column variance (release 4.0); range assumed",
-    drawn=True,
-)
-
-_ROW_NOISE = Effect(
-    name="row_noise",
-    family="row_noise",
-    stage=Stage.IMAGER,
-    parameters=_imager_parameter("deviation_e", "row_noise_e", "electrons", 0.0, 1.0, 40.0),
-    imitates="Noise of a shared reference or supply during a row's read-out.",
-    law="electrons + deviation n, n standard normal for each row of each frame",
-    shows=(
-        "Horizontal lines that change from frame to frame. At 40 electrons (1 DN): temporal "
-        "noise 1.2 to 1.5 DN, 0.26 % more holes. Disparity noise does not rise: the offset is "
-        "constant along the search."
-    ),
-    confused_with=("read_noise", "column_noise"),
-    source=f"{_EMVA}, row variance; bands on an OV9282 by its supply (luxonis/depthai-core#740)",
-    drawn=True,
-)
-
-_HOT_PIXELS = Effect(
-    name="hot_pixels",
-    family="hot_pixels",
-    stage=Stage.IMAGER,
-    parameters=_imager_parameter("share", "hot_pixels", "1", 0.0, 1e-5, 1e-2),
-    imitates="Defect pixels that are always full, fixed for each device.",
-    law="charge = full well in a fixed random share of the pixels",
-    shows=(
-        "Single pixels at the ceiling in every scene, emitter on or off. Errors have the size "
-        "of the matcher's window. At 0.001: spread 0.106 to 0.111 px; at 0.01: 0.151 px, 0.2 "
-        "% more holes."
-    ),
-    confused_with=("dsnu",),
-    source=f"{_EMVA}, defect pixels; 1e-5 to 1e-3 is typical, assumed",
-    drawn=True,
+    source=f"{EMVA}, dark current; {IMX900}: 1.5 electrons/s",
 )
 
 _SATURATION = Effect(
     name="saturation",
     family="signal_gain",
     stage=Stage.IMAGER,
-    parameters=_imager_parameter("full_well_e", "full_well_e", "electrons", None, 2000.0, 50000.0),
+    parameters=imager_parameter("full_well_e", "full_well_e", "electrons", None, 2000.0, 50000.0),
     imitates="A full well, which also sets the scale's ceiling.",
     law="charge <= full well; DN per electron = gain ceiling / full well",
     shows=(
@@ -230,7 +105,7 @@ _SATURATION = Effect(
         "quantisation",
     ),
     source=(
-        f"{_EMVA}, saturation capacity; {_IMX900}: 9458 electrons (2183 at high conversion gain)"
+        f"{EMVA}, saturation capacity; {IMX900}: 9458 electrons (2183 at high conversion gain)"
     ),
 )
 
@@ -238,7 +113,7 @@ _BLOOMING = Effect(
     name="blooming",
     family="blooming",
     stage=Stage.IMAGER,
-    parameters=_imager_parameter("share", "blooming", "1", 0.0, 0.02, 0.5),
+    parameters=imager_parameter("share", "blooming", "1", 0.0, 0.02, 0.5),
     imitates="Charge above the full well that flows along its column.",
     law="share of the excess flows half up, half down into free capacity; the rest drains",
     shows=(
@@ -256,7 +131,7 @@ _CROSSTALK = Effect(
     name="crosstalk",
     family="crosstalk",
     stage=Stage.IMAGER,
-    parameters=_imager_parameter("share", "crosstalk", "1", 0.0, 0.01, 0.3),
+    parameters=imager_parameter("share", "crosstalk", "1", 0.0, 0.01, 0.3),
     imitates="Electrons freed deep in the silicon that reach a neighbouring pixel.",
     law=(
         "kernel 1 - c in the middle, c / 4 in four neighbours, before the charge is counted; "
@@ -277,7 +152,7 @@ _SMOOTHING = Effect(
     name="smoothing",
     family="smoothing",
     stage=Stage.IMAGER,
-    parameters=_imager_parameter("sigma_px", "smoothing_px", "px", 0.0, 0.3, 1.0),
+    parameters=imager_parameter("sigma_px", "smoothing_px", "px", 0.0, 0.3, 1.0),
     imitates="Averaging of pixels by the device's own rectification.",
     law=(
         "Gaussian after noise and clipping; noise variance x 1 / (4 pi sigma^2), correlated "
@@ -298,7 +173,7 @@ _GAMMA = Effect(
     name="gamma",
     family="tone_curve",
     stage=Stage.IMAGER,
-    parameters=_imager_parameter("exponent", "gamma", "1", 1.0, 0.8, 2.2),
+    parameters=imager_parameter("exponent", "gamma", "1", 1.0, 0.8, 2.2),
     imitates="A tone curve between converter and output.",
     law="DN = ceiling (signal / ceiling)^(1 / gamma) + black level",
     shows=(
@@ -314,7 +189,7 @@ _BLACK_LEVEL = Effect(
     name="black_level",
     family="black_level",
     stage=Stage.IMAGER,
-    parameters=_imager_parameter("level_dn", "black_level_dn", "DN", 0.0, 1.0, 16.0),
+    parameters=imager_parameter("level_dn", "black_level_dn", "DN", 0.0, 1.0, 16.0),
     imitates="The pedestal that keeps noise about zero representable.",
     law="DN = signal + level",
     shows=(
@@ -380,14 +255,14 @@ ROWS: tuple[Effect, ...] = (
     _GAIN,
     _AUTO_EXPOSURE,
     _CROSSTALK,
-    _PRNU,
+    pixel_noise.PRNU,
     _DARK_CURRENT,
-    _SHOT_NOISE,
-    _READ_NOISE,
-    _DSNU,
-    _COLUMN_NOISE,
-    _ROW_NOISE,
-    _HOT_PIXELS,
+    pixel_noise.SHOT_NOISE,
+    pixel_noise.READ_NOISE,
+    pixel_noise.DSNU,
+    pixel_noise.COLUMN_NOISE,
+    pixel_noise.ROW_NOISE,
+    pixel_noise.HOT_PIXELS,
     _SATURATION,
     _BLOOMING,
     _SMOOTHING,
