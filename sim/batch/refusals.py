@@ -76,6 +76,7 @@ def refuse_unsupported(sensor: Sensor, camera: depth_input.InputCamera) -> None:
     for side, imager in (("left", sensor.left), ("right", sensor.right)):
         shifted = {name: getattr(imager.alignment, name) for name in _SHIFTS}
         values[f"{side}.alignment"] = (imager.alignment, Alignment(**shifted))
+        values[f"{side}.lens.spot_shape"] = (imager.lens.spot_shape, 0.0)
         values[f"{side}.blooming"] = (imager.blooming, 0.0)
         values[f"{side}.mosaic"] = (imager.mosaic, "none")
     for name, (value, neutral) in values.items():

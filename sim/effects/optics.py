@@ -51,6 +51,30 @@ LENS_BLUR = Effect(
     ),
 )
 
+SPOT_SHAPE = Effect(
+    name="spot_shape",
+    family="spot_shape",
+    stage=Stage.OPTICS,
+    parameters=(
+        _parameter("imager.lens.spot_shape", "shape", unit="1", neutral=0.0, low=-1.0, high=1.0),
+    ),
+    imitates="A lens whose spot is a disc, by defocus, or has tails, by scatter in glass.",
+    law=(
+        "A share |shape| of the light lies in a disc (shape < 0) or in exp(-r / a) (shape > 0), "
+        "the rest in a Gaussian; all have the variance of the blur."
+    ),
+    shows=(
+        "Finest contrast alone: a disc has less, tails more, at one width. At a blur of 1.5 px "
+        "the dots' contrast is 0.214, 0.209 as a disc, 0.227 with tails; depth errors change by "
+        "2 %. At 0.6 px a diagnosis does not see it."
+    ),
+    confused_with=("lens_blur", "crosstalk", "dot_blur"),
+    source=(
+        "disc: Potmesil and Chakravarty, ACM TOG 1(2), 1982; tails: limit of Moffat's profiles, "
+        "Astron. Astrophys. 3 (1969) 455; share assumed"
+    ),
+)
+
 CORNER_BLUR = Effect(
     name="corner_blur",
     family="lens_blur",
@@ -297,6 +321,7 @@ FOCAL_SCALE = Effect(
 
 ROWS: tuple[Effect, ...] = (
     LENS_BLUR,
+    SPOT_SHAPE,
     CORNER_BLUR,
     NEAR_DEFOCUS,
     VIGNETTING,

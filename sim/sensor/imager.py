@@ -48,7 +48,8 @@ class Lens:
 
     f_number: float = 2.0  # Aperture number.
     transmission: float = 1.0  # Transmission of lens and filter on the axis, at the band centre.
-    blur_px: float = 0.0  # Sigma of the Gaussian spot [px].
+    blur_px: float = 0.0  # Sigma of the spot along each axis [px].
+    spot_shape: float = 0.0  # Shape at the same sigma: -1 disc, 0 Gaussian, 1 exponential tails.
     corner_blur_px: float = (
         0.0  # Sigma added in quadrature, linear in the radius, at half the diagonal [px].
     )
@@ -66,6 +67,7 @@ class Lens:
         errors.positive("lens.f_number", self.f_number)
         errors.in_interval("lens.transmission", self.transmission, 1e-6, 1.0)
         errors.in_interval("lens.blur_px", self.blur_px, 0.0, 20.0)
+        errors.in_interval("lens.spot_shape", self.spot_shape, -1.0, 1.0)
         errors.in_interval("lens.corner_blur_px", self.corner_blur_px, 0.0, 20.0)
         errors.in_interval("lens.defocus_px_m", self.defocus_px_m, 0.0, 20.0)
         errors.in_interval("lens.focus_m", self.focus_m, 0.01, 1e4, "Give the distance [m].")

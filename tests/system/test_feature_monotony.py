@@ -50,6 +50,7 @@ MEANT = {
         "gamma": ("level.x.centre.dots.between",),
         "vignetting": ("level.radius.corner.dots.on dots",),
         "lens_blur": ("texture.laplacian.radius.centre.dots.on dots", "dots.width x.all"),
+        "spot_shape": ("texture.laplacian.radius.centre.dots.on dots",),
         "corner_blur": ("texture.laplacian.radius.corner.dots.on dots",),
         "near_defocus": ("texture.laplacian.depth.far.dots.on dots",),
         "smoothing": ("texture.laplacian.radius.centre.dots.on dots", "noise.alike 1,0"),

@@ -106,6 +106,7 @@ _TABLE = (
     _image("flicker", "1", 0, 0.01, 0.3),
     # Optics.
     _image("lens_blur", "px", "lens_blur_px", 0.2, 1.5, signs=_BOTH, least=0, most=1.5),
+    _image("spot_shape", "1", 0, 0.1, 1, signs=_BOTH, least=-1, most=1),
     _image("corner_blur", "px", 0, 0.2, 2),
     _image("near_defocus", "px m", 0, 0.05, 0.5),
     _image("vignetting", "1", 0, 0.5, 4),

@@ -18,6 +18,7 @@ from starling.diagnosis.validation.camera.light import LightView
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.camera.psf import Image
 
+_TAIL_HALO = 0.41  # Share of a halo with the fourth moment of exponential tails.
 _FARTHEST_APART = 8.0  # Upper bound of the stops' shift at the image corner [radii].
 _VEIL_WIDTH = 0.75  # Sigma of the scattered light over the longer side of the image.
 _NEWTON_STEPS = 8  # More than enough from a start within a pixel of the solution.
@@ -35,7 +36,17 @@ def focus(light_e: Image, view: LightView, strengths: Strengths) -> Image:
     nominal_px = strengths.nominal.lens_blur_px
     narrow_px = min(nominal_px, strengths["lens_blur"])
     sharp = psf.with_halo(light_e, narrow_px, strengths.nominal.lens_halo)
+    shape = strengths["spot_shape"]
+    if shape != 0.0:
+        sharp = (1.0 - abs(shape)) * sharp + abs(shape) * _shaped(light_e, narrow_px, shape)
     return psf.scatter(sharp, added_blur_px(view, strengths), "disc")
+
+
+def _shaped(light_e: Image, sigma_px: float, shape: float) -> Image:
+    """Blur by the spot at one end of `spot_shape`: a disc, or two Gaussians for the tails."""
+    if shape < 0.0:
+        return psf.blur(light_e, psf.kernel("disc", sigma_px))
+    return psf.with_halo(light_e, sigma_px, _TAIL_HALO)
 
 
 def added_blur_px(view: LightView, strengths: Strengths) -> Image:

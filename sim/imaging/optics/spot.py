@@ -1,8 +1,9 @@
-"""The lens's spot: a Gaussian, wider in the corners and out of focus.
+"""The lens's spot: wider in the corners and out of focus, Gaussian or of another shape.
 
 Variances of independent blurs add, so each pixel has one variance: uniform blur plus corner blur
 plus defocus. Each pixel is interpolated linearly in variance between uniformly blurred images.
-The second moment of its spot is then exact, and its shape is Gaussian within 3 % of contrast.
+The second moment of its spot is then exact. A Gaussian spot stays Gaussian within 3 % of contrast;
+`spot_shapes` has the other shapes.
 
 Each pixel gathers light with its own spot. The model therefore omits light that a blurred near
 object sheds over a sharp far one, and the loss at the near object's edge.
@@ -18,6 +19,7 @@ from scipy import special
 
 from starling.sim.arrays import Image
 from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.imaging.optics import spot_shapes
 from starling.sim.sensor.imager import Lens
 
 _NEAREST_M = 1e-3  # Defocus of nearer surfaces is that at this distance [m].
@@ -46,31 +48,39 @@ def kernel(variance_px2: float) -> NDArray[np.float32]:
     return (weights / weights.sum()).astype(np.float32)
 
 
-def spread(radiance: Image, variance_px2: float, into: Image | None = None) -> Image:
-    """Blur with a Gaussian of this variance [px^2]; the image is mirrored at its border.
+def spread(
+    radiance: Image, variance_px2: float, into: Image | None = None, *, shape: float = 0.0
+) -> Image:
+    """Blur with a spot of this variance [px^2]; the image is mirrored at its border.
 
     Args:
         radiance: (h, w) [W m^-2 sr^-1].
         variance_px2: variance of the spot on each axis [px^2].
         into: array for the result; None allocates one.
+        shape: -1 for a disc, 0 for a Gaussian, 1 for exponential tails; mixtures between.
     """
     weights = kernel(variance_px2)
+    if shape != 0:
+        spot = spot_shapes.mixed(weights, variance_px2, shape)
+        shaped = cv2.filter2D(radiance, cv2.CV_32F, spot, dst=into, borderType=cv2.BORDER_REFLECT)
+        return np.asarray(shaped, np.float32)
     blurred = cv2.sepFilter2D(
         radiance, cv2.CV_32F, weights, weights, dst=into, borderType=cv2.BORDER_REFLECT
     )
     return np.asarray(blurred, np.float32)
 
 
-def blur(radiance: Image, sigma_px: float) -> Image:
-    """Blur with the lens's Gaussian spot; 0 px is the identity, bit for bit.
+def blur(radiance: Image, sigma_px: float, *, shape: float = 0.0) -> Image:
+    """Blur with the lens's spot; 0 px is the identity, bit for bit.
 
     Args:
         radiance: (h, w) [W m^-2 sr^-1].
         sigma_px: standard deviation of the spot [px].
+        shape: of the spot, as of `spread`.
     """
     if sigma_px == 0:
         return radiance
-    return spread(radiance, sigma_px**2)
+    return spread(radiance, sigma_px**2, shape=shape)
 
 
 def variance(depth_m: Image, lens: Lens, pinhole: Pinhole) -> Image:
@@ -121,14 +131,18 @@ def blur_by_spot(parts: tuple[Image, ...], depth_m: Image, lens: Lens, pinhole: 
         pinhole: intrinsics of the image.
     """
     if lens.corner_blur_px == 0 and lens.defocus_px_m == 0:
-        return tuple(blur(part, lens.blur_px) for part in parts)
+        return tuple(blur(part, lens.blur_px, shape=lens.spot_shape) for part in parts)
     wanted = variance(depth_m, lens, pinhole)
     steps = levels(float(wanted.min()), float(wanted.max()))
-    return tuple(_interpolated(part, wanted, steps) for part in parts)
+    return tuple(_interpolated(part, wanted, steps, lens.spot_shape) for part in parts)
 
 
-def _interpolated(part: Image, wanted: Image, steps: list[float]) -> Image:
+def _interpolated(part: Image, wanted: Image, steps: list[float], shape: float) -> Image:
     stack = np.empty((len(steps), *part.shape), np.float32)
+    if shape != 0:  # Two discs in a row are no disc.
+        for number, step in enumerate(steps):
+            spread(part, step, into=stack[number], shape=shape)
+        return _between(stack, np.array(steps, np.float32), wanted)
     spread(part, steps[0], into=stack[0])
     for number in range(1, len(steps)):
         added = steps[number] - steps[number - 1]

@@ -42,6 +42,22 @@ def test_lens_blur_is_the_whole_spot(sigma_px: float, light: SceneLight, camera:
     assert blurred.sum() == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("shape", [-1.0, -0.4, 0.4, 1.0])
+def test_the_shape_of_a_spot_keeps_light_and_width(
+    shape: float, light: SceneLight, camera: Nominal
+) -> None:
+    """Law: the variance of the blur; a kurtosis below that of a Gaussian for discs, else above."""
+    wide = dataclasses.replace(camera, lens_blur_px=1.5)
+    spots = []
+    for value in (0.0, shape):
+        strengths = Strengths(nominal=wide, values={"spot_shape": value})
+        spots.append(optics.focus(_point(camera, 31, 47), light.left, strengths))
+        assert spots[-1].sum() == pytest.approx(1.0) and spots[-1].min() > -1e-12
+        assert _variance(spots[-1], 47) == pytest.approx(1.5**2, rel=2e-3)
+    fourth = [(spot.sum(0) * (np.arange(96) - 47) ** 4).sum() for spot in spots]
+    assert (fourth[1] - fourth[0]) * shape > 0
+
+
 def test_corner_blur_grows_with_the_square_of_the_radius(
     light: SceneLight, camera: Nominal
 ) -> None:

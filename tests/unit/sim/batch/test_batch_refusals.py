@@ -139,6 +139,7 @@ def test_refused_images(change: dict[str, Any], message: str) -> None:
         ("post.hole_filling=left", "post.hole_filling must be 'off' in a batch"),
         ("post.registered=true", "post.registered must be False in a batch"),
         ("left.blooming=0.5", "left.blooming must be 0.0 in a batch"),
+        ("left.lens.spot_shape=-1", "left.lens.spot_shape must be 0.0 in a batch; got -1"),
         ("left.mosaic=rggb", "left.mosaic must be 'none' in a batch; got 'rggb'"),
         ("right.alignment.yaw_deg=0.1", "right.alignment must be Alignment.* in a batch"),
     ],
