@@ -185,8 +185,14 @@ def read_out(
     signal = wp.empty(shape, dtype=float, device=device)
     matched = wp.empty(shape, dtype=wp.uint16, device=device)
     seeds = [draws.stream("imager", f"{noise} {side}", draws.frame) for noise in ("noise", "row")]
+    n, h, w = shape
+    normal = wp.empty((0, 0, 0), dtype=float, device=device)
+    if len(rig.colour):
+        border = len(rig.colour) - 1
+        normal = wp.empty((n, h + border, w + border), dtype=float, device=device)
+        launch(imaging.draw_normal, normal.shape, device, seeds[0], draws.first, normal)
     exposure = (exposures.exposure_s, exposures.gain)
-    image = (formed.radiance, formed.mean, *exposure, rig.die, rig.fixed)
+    image = (formed.radiance, formed.mean, *exposure, rig.die, rig.fixed, normal, rig.colour)
     launch(imaging.collect, shape, device, *image, *seeds, draws.first, signal)
     converter = (rig.smoothing, rig.die, delivered, matched)
     launch(imaging.digitise, shape, device, signal, *converter)

@@ -121,6 +121,20 @@ def draw_normal(
 
 
 @wp.func
+def _filtered(
+    normal: wp.array3d(dtype=float), taps: wp.array(dtype=float), e: int, y: int, x: int
+) -> float:  # pragma: no cover - compiled
+    """Deviate of a pixel from deviates (n, h + taps - 1, w + taps - 1) of its neighbours."""
+    z = wp.float32(0.0)
+    for j in range(taps.shape[0]):
+        line = wp.float32(0.0)
+        for i in range(taps.shape[0]):
+            line += taps[i] * normal[e, y + j, x + i]
+        z += taps[j] * line
+    return z
+
+
+@wp.func
 def _grain(
     normal: wp.array3d(dtype=float),
     taps: wp.array(dtype=float),
@@ -132,12 +146,7 @@ def _grain(
     """Factor of speckle; 1 without quantiles."""
     if quantiles.shape[0] == 0:
         return 1.0
-    z = wp.float32(0.0)
-    for j in range(taps.shape[0]):
-        line = wp.float32(0.0)
-        for i in range(taps.shape[0]):
-            line += taps[i] * normal[e, y + j, x + i]
-        z += taps[j] * line
+    z = _filtered(normal, taps, e, y, x)
     last = quantiles.shape[0] - 1
     place = (z / _REACH + 1.0) * 0.5 * float(last)
     place = wp.clamp(place, 0.0, float(last - 1))
@@ -256,6 +265,8 @@ def collect(
     gain: wp.array(dtype=float),
     die: PixelChain,
     fixed: wp.array2d(dtype=wp.vec4),
+    normal: wp.array3d(dtype=float),
+    colour: wp.array(dtype=float),
     noise_seed: int,
     row_seed: int,
     first: int,
@@ -270,6 +281,8 @@ def collect(
         gain: (n,) of the left imager.
         die: the electronics.
         fixed: (h, w) deviates of the device: PRNU, DSNU, column (normal), hot pixels (uniform).
+        normal: (n, h + taps - 1, w + taps - 1) deviates of correlated noise; () if it is white.
+        colour: (taps,) its filter; () if it is white.
         noise_seed, row_seed: of the frame's shot and read noise, and of its row noise.
         first: number of the first environment.
         signal: (n, h, w) is filled [DN], above the black level.
@@ -290,6 +303,8 @@ def collect(
     if die.shot > 0.0 or die.read > 0.0:
         state = wp.rand_init(noise_seed, ((first + e) * h + y) * w + x)
         z = wp.randn(state)
+        if colour.shape[0] > 0:
+            z = _filtered(normal, colour, e, y, x)
         mean = wp.max(charge, 0.0)
         variance = die.shot * die.shot * mean + die.read * die.read
         deviation = wp.sqrt(variance)

@@ -14,7 +14,7 @@ from starling.sim.batch.imaging import PixelChain, Spot
 from starling.sim.batch.light import EmitterBeam, PairCamera
 from starling.sim.geometry.pinhole import Pinhole
 from starling.sim.imaging import imager as electronics
-from starling.sim.imaging.imager import charge, converter
+from starling.sim.imaging.imager import charge, converter, noise_colour
 from starling.sim.imaging.optics import alignment, shading, speckle, spot
 from starling.sim.render.emission import NEAREST_M
 from starling.sim.scene.scene import Scene
@@ -53,6 +53,7 @@ class SideRig:
     metered: tuple[slice, slice]  # Rows and columns of the exposure control.
     die: Any  # `imaging.PixelChain`
     fixed: Any  # (h, w) vec4
+    colour: Any  # (taps,) of correlated noise; () for white noise.
     smoothing: Any  # (2 reach + 1,)
 
 
@@ -127,6 +128,9 @@ def side_rig(sensor: Sensor, side: Side, device: Any) -> SideRig:
         "taps": speckle.taps_of_grain(grain_px),
         "quantiles": speckle.gamma_of_normal(contrast) if contrast > 0 else none,
         "smoothing": smoothing,
+        "colour": none
+        if imager.noise_correlation == 0
+        else noise_colour.weights(imager.noise_correlation),
     }
     return SideRig(
         spot=blur,

@@ -36,6 +36,7 @@ SHOWN_WITH: dict[str, dict[str, Value]] = {
     "blooming": {"projector_power": 2.0},
     "dropped_bits": {"quantisation": 8},
     "spot_shape": {"lens_blur": 1.5},
+    "noise_colour": {"shot_noise": 1.0, "read_noise": 40.0},
 }
 _FRAMES = 6  # Frames with the temporal filter on: enough for it to settle.
 _CROP = (0.42, 0.40, 0.36)  # Left, top and size of the infrared crop, relative to the image.

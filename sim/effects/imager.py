@@ -259,6 +259,7 @@ ROWS: tuple[Effect, ...] = (
     _DARK_CURRENT,
     pixel_noise.SHOT_NOISE,
     pixel_noise.READ_NOISE,
+    pixel_noise.NOISE_COLOUR,
     pixel_noise.DSNU,
     pixel_noise.COLUMN_NOISE,
     pixel_noise.ROW_NOISE,

@@ -22,6 +22,7 @@ _FROM_ZERO = {  # Upper limits of fields that are neutral at 0.
     "rolling_shutter_s": 1.0,
     "crosstalk": 0.5,
     "prnu": 0.5,
+    "noise_correlation": 0.9,
     "dark_current_e_s": 1e6,
     "dsnu_e": 1e4,
     "column_noise_e": 1e4,
@@ -141,6 +142,7 @@ class Imager:
     full_well_e: float = 1.0e4  # Electrons that fill the scale at gain 1.
     crosstalk: float = 0.0  # Share of a pixel's charge that ends in its four neighbours.
     prnu: float = 0.0  # Standard deviation / mean of the pixels' sensitivities; fixed.
+    noise_correlation: float = 0.0  # Of the temporal noise of adjacent pixels.
     dark_current_e_s: float = 0.0  # Mean dark current [electrons / s].
     dsnu_e: float = 0.0  # Standard deviation of the pixels' offsets [electrons]; fixed.
     column_noise_e: float = 0.0  # Standard deviation of the columns' offsets [electrons]; fixed.

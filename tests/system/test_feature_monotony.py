@@ -60,6 +60,7 @@ MEANT = {
         "laser_speckle": ("noise.expected.4/4",),
         "read_noise": ("time.noise.expected.1/4", "noise.expected.1/4"),
         "shot_noise": ("time.noise.expected.4/4", "noise.expected.4/4"),
+        "noise_colour": ("noise.alike 1,0",),
         "row_noise": ("noise.rows", "time.rows"),
         "column_noise": ("noise.columns",),
         "dsnu": ("noise.expected.1/4",),

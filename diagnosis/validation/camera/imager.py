@@ -10,6 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.optimize import brentq
+from scipy.special import i0e, i1e
 
 from starling.diagnosis.validation.camera import psf
 from starling.diagnosis.validation.camera.catalogue import Strengths
@@ -17,6 +19,7 @@ from starling.diagnosis.validation.camera.draws import Draws
 from starling.diagnosis.validation.camera.psf import Image, Mask
 
 Codes = NDArray[np.uint8] | NDArray[np.uint16]
+_RATES = (np.fft.fftfreq, np.fft.rfftfreq)  # Frequencies of a real image, down and across.
 _KNOTS = 129  # Number of entries of the tone curve table.
 
 
@@ -39,7 +42,11 @@ def charge(light_e: Image, strengths: Strengths, side: str, draws: Draws) -> Ima
         charge_e = charge_e * sensitivity(charge_e.shape, share, rng)
     charge_e = charge_e + strengths["dark_current"] * strengths["exposure"]
     charge_e = share_charge(charge_e, strengths["crosstalk"])
+    correlation, mean_e = strengths["noise_colour"], charge_e
     charge_e = draw_electrons(charge_e, strengths["shot_noise"], draws.frame_rng(f"{side}/shot"))
+    if correlation != 0.0:
+        deviation_e = np.sqrt(np.maximum(mean_e, 1e-9))
+        charge_e = mean_e + deviation_e * coloured((charge_e - mean_e) / deviation_e, correlation)
     charge_e = _read(charge_e, strengths, side, draws)
     full_well_e = strengths["saturation"]
     charge_e = bloom(charge_e, strengths["blooming"], full_well_e)
@@ -110,6 +117,22 @@ def sensitivity(shape: tuple[int, int], share: float, rng: np.random.Generator) 
     return rng.gamma(share**-2, share**2, shape)
 
 
+def coloured(white: Image, correlation: float) -> Image:
+    """Correlate the deviates of adjacent pixels (h, w) and keep their variance.
+
+    The spectrum is that of the correlation I_m(2t) I_n(2t) / I_0(2t)^2 of the effect page. Opposite
+    borders correlate, as frequencies join them.
+    """
+    if correlation == 0.0:
+        return white
+    t = brentq(lambda t: i1e(2.0 * t) / i0e(2.0 * t) - correlation, 0.0, 100.0)
+    assert isinstance(t, float)
+    down, across = (2.0 * math.pi * rate(n) for rate, n in zip(_RATES, white.shape, strict=True))
+    wave = 2.0 - np.cos(down)[:, None] - np.cos(across)[None, :]
+    filtered = np.fft.irfft2(np.fft.rfft2(white) * np.exp(-t * wave), s=white.shape)
+    return filtered / i0e(2.0 * t)
+
+
 def offsets(shape: tuple[int, int], deviation_e: float, rng: np.random.Generator) -> Image:
     """Draw the offset of each pixel (h, w) [electrons]: logistic variates with heavy tails."""
     return rng.logistic(0.0, deviation_e * math.sqrt(3.0) / math.pi, shape)
@@ -150,9 +173,8 @@ def _read(charge_e: Image, strengths: Strengths, side: str, draws: Draws) -> Ima
         charge_e = charge_e + rows.sum(0)
     read_e = strengths["read_noise"]
     if read_e != 0.0:
-        charge_e = charge_e + read_e * draws.frame_rng(f"{side}/read").standard_normal(
-            charge_e.shape
-        )
+        white = draws.frame_rng(f"{side}/read").standard_normal(charge_e.shape)
+        charge_e = charge_e + read_e * coloured(white, strengths["noise_colour"])
     return charge_e
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.sim.arrays import Image
-from starling.sim.imaging.imager import mosaic
+from starling.sim.imaging.imager import mosaic, noise_colour
 from starling.sim.sensor.imager import Mosaic
 from starling.sim.sensor.sensor import Imager
 
@@ -39,19 +39,29 @@ def mix(part: Imager, signal: Image) -> Image:
 
 
 @cache
-def mosaic_variance_share(kind: Mosaic, sigma_px: float) -> float:
-    """Return the share of independent noise's variance that a mosaic leaves, before averaging.
+def pixel_variance_share(kind: Mosaic, sigma_px: float, correlation: float = 0.0) -> float:
+    """Return the variance of pixels' noise after mixing, over that of white noise after averaging.
 
-    The share is the mean over the pixels. Luminance correlates the noise of neighbours, so that
-    averaging reduces it less. The share contains this difference.
+    It is the mean over the pixels. Luminance of a mosaic reduces noise and correlates it, so that
+    averaging reduces it less. So does the correlation that the noise has before.
+
+    Args:
+        kind: colour filters.
+        sigma_px: of the averaging [px].
+        correlation: of the noise of adjacent pixels.
     """
-    if kind == "none":
+    if kind == "none" and correlation == 0:
         return 1.0
-    side = 2 * int(np.ceil(4 * sigma_px) + 4)
+    line = noise_colour.weights(correlation)
+    reach = len(line) // 2
+    half = int(np.ceil(4 * sigma_px) + 4) + reach
     total = 0.0
-    for place in np.ndindex(2, 2):
-        point = np.zeros((side, side), np.float32)
-        point[side // 2 + place[0], side // 2 + place[1]] = 1
+    for down, right in np.ndindex(2, 2):
+        point = np.zeros((2 * half, 2 * half), np.float32)
+        rows, columns = (
+            slice(half + place - reach, half + place + reach + 1) for place in (down, right)
+        )
+        point[rows, columns] = np.outer(line, line)
         mixed = smooth(mosaic.luminance(point, kind), sigma_px).astype(np.float64)
         total += float((mixed**2).sum())
     return total / 4 / variance_share(sigma_px) ** 2

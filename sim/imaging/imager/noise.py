@@ -10,7 +10,7 @@ import numpy as np
 
 from starling.sim import randomness
 from starling.sim.arrays import Image
-from starling.sim.imaging.imager import converter
+from starling.sim.imaging.imager import converter, noise_colour
 from starling.sim.imaging.imager.charge import Die
 from starling.sim.sensor.sensor import Imager
 
@@ -40,8 +40,11 @@ def variances(part: Imager) -> tuple[float, float]:
     alone = part.read_noise_e**2 + part.dsnu_e**2
     along = part.row_noise_e**2 + part.column_noise_e**2
     share = converter.variance_share(part.smoothing_px)
-    pixel = share * converter.mosaic_variance_share(part.mosaic, part.smoothing_px)
-    return part.shot_noise**2 * share * pixel, share * (pixel * alone + along)
+    mixing = (part.mosaic, part.smoothing_px)
+    white = share * converter.pixel_variance_share(*mixing)
+    drawn = share * converter.pixel_variance_share(*mixing, part.noise_correlation)
+    steady = white * alone + (drawn - white) * part.read_noise_e**2 + along
+    return part.shot_noise**2 * share * drawn, share * steady
 
 
 class DarkWindow(NamedTuple):
@@ -98,7 +101,7 @@ def shot_and_read(part: Imager, charge: Image, *, die: Die, seed: int, frame: in
     if part.shot_noise == 0 and part.read_noise_e == 0:
         return charge
     rng = randomness.generator(seed, frame, "imager", f"noise {die.side}")
-    draw = rng.standard_normal(charge.shape, np.float32)
+    draw = noise_colour.draw(rng, charge.shape, part.noise_correlation)
     _add_noise(charge, draw, np.float32(part.shot_noise), np.float32(part.read_noise_e))
     return draw
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starling.sim.arrays import Image, Mask
-from starling.sim.imaging.imager.converter import variance_share
+from starling.sim.imaging.imager.converter import pixel_variance_share, variance_share
 from starling.sim.metrics import depth_edges
 from starling.sim.scene.captured import room_light
 from starling.sim.sensor.imager import Imager
@@ -257,6 +257,7 @@ def _noise_variance(imager: Imager, level_dn: _Floats) -> _Floats:
     gain = imager.dn_per_electron
     electrons = imager.shot_noise**2 * gain * level_dn + (imager.read_noise_e * gain) ** 2
     share = variance_share(imager.smoothing_px) ** 2
+    share *= pixel_variance_share("none", imager.smoothing_px, imager.noise_correlation)
     return np.asarray(share * electrons + 1 / 12, np.float32)
 
 

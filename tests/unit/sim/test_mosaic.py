@@ -87,8 +87,8 @@ def test_luminance_reduces_noise_by_less_than_its_averages() -> None:
     at_red = red**2 + green**2 / 4 + blue**2 / 4
     at_blue = blue**2 + green**2 / 4 + red**2 / 4
     expected = (2 * at_green + at_red + at_blue) / 4
-    assert converter.mosaic_variance_share("rggb", 0.0) == pytest.approx(expected, rel=1e-5)
-    assert converter.mosaic_variance_share("none", 0.7) == 1.0
+    assert converter.pixel_variance_share("rggb", 0.0) == pytest.approx(expected, rel=1e-5)
+    assert converter.pixel_variance_share("none", 0.7) == 1.0
 
 
 def test_only_colours_in_visible_light_make_bands() -> None:

@@ -54,6 +54,25 @@ def test_fixed_patterns_belong_to_the_imager(name: str, value: float, camera: No
     assert brighter == pytest.approx(4.0 if name == "prnu" else 1.0)
 
 
+@pytest.mark.parametrize("noise", [{"shot_noise": 1.0}, {"read_noise": 40.0}])
+@pytest.mark.parametrize("correlation", [0.2, 0.5, 0.8])
+def test_coloured_noise_keeps_its_variance(
+    correlation: float, noise: dict[str, Any], camera: Nominal
+) -> None:
+    """Law: the variance of the photon transfer, and the correlation of adjacent pixels."""
+    frames = np.stack(
+        [
+            _charge(camera, 1600.0, frame=frame, noise_colour=correlation, **noise)
+            for frame in range(4)
+        ]
+    )
+    assert frames.var() == pytest.approx(1600.0, rel=0.06)
+    off = frames - frames.mean()
+    across = (off[..., 1:] * off[..., :-1]).mean() / off.var()
+    down = (off[:, 1:] * off[:, :-1]).mean() / off.var()
+    assert (across, down) == pytest.approx((correlation, correlation), abs=0.04)
+
+
 def test_columns_and_rows(camera: Nominal) -> None:
     columns = _charge(camera, 100.0, column_noise=25.0)
     assert columns.std(0).max() == pytest.approx(0.0, abs=1e-9)

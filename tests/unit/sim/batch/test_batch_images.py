@@ -11,6 +11,7 @@ import pytest
 from starling.sim import simulate
 from starling.sim.corrupt import Corruptor
 from starling.sim.reason import Reason
+from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.matching import readable
 from tests.unit.sim.batch import steps
@@ -218,6 +219,19 @@ def test_noise_has_the_moments_of_the_compiled_path() -> None:
     assert ((ours / ours.std()) ** 3).mean() == pytest.approx(
         ((theirs / theirs.std()) ** 3).mean(), abs=0.1
     )
+
+
+def test_noise_correlates_as_that_of_the_compiled_path() -> None:
+    changes = ("imager.noise_correlation=0.6", "imager.bit_depth=12", "imager.dropped_bits=0")
+    sensor = plain(steps.sensor(*changes))
+    corruptor, _ = build(dataclasses.replace(sensor, projector=sensor.projector.steady()))
+    noise = residuals(corruptor).reshape(2, steps.HEIGHT, steps.WIDTH)
+    left, right = noise[:, :, :-1].ravel(), noise[:, :, 1:].ravel()
+    over, under = noise[:, :-1].ravel(), noise[:, 1:].ravel()
+    for first, second in ((left, right), (over, under)):
+        assert np.corrcoef(first, second)[0, 1] == pytest.approx(0.6, abs=0.03)
+    white, _ = build(with_values(corruptor.sensor, [("imager.noise_correlation", 0.0)]))
+    assert noise.std() == pytest.approx(residuals(white).std(), rel=0.03)
 
 
 def test_rows_share_row_noise() -> None:
