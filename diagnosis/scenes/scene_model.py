@@ -61,6 +61,7 @@ _NOISELESS = (  # Settings that remove noise and speckle.
     ("imager.shot_noise", 0.0),
     ("imager.read_noise_e", 0.0),
     ("imager.prnu", 0.0),
+    ("imager.pattern_contrast", 0.0),
     ("imager.dsnu_e", 0.0),
     ("projector.speckle_contrast", 0.0),
 )

@@ -194,7 +194,9 @@ def _die(sensor: Sensor, imager: Imager) -> Any:
     wavelength = sensor.projector.wavelength_nm
     die.electrons = electronics.electrons_per_radiance(imager, wavelength, 1.0)
     die.veil = imager.lens.veil
-    die.crosstalk, die.prnu, die.hot = imager.crosstalk, imager.prnu, imager.hot_pixels
+    die.crosstalk, die.hot = imager.crosstalk, imager.hot_pixels
+    # With a smooth pattern, `_fixed` holds the whole sensitivity.
+    die.prnu = imager.prnu if imager.pattern_contrast == 0 else 1.0
     die.dark, die.shot, die.read = imager.dark_current_e_s, imager.shot_noise, imager.read_noise_e
     die.dsnu, die.row, die.column = imager.dsnu_e, imager.row_noise_e, imager.column_noise_e
     die.full_well, die.conversion = imager.full_well_e, imager.dn_per_electron
@@ -216,11 +218,13 @@ def _shift(sensor: Sensor, imager: Imager, side: Side) -> Image:
 
 
 def _fixed(sensor: Sensor, imager: Imager, side: Side) -> Image:
-    """Fixed patterns (h, w, 4) of the device: PRNU, DSNU, columns, hot pixels; see `Die`."""
+    """Fixed patterns (h, w, 4) of the device: sensitivity, DSNU, columns, hot pixels; see `Die`."""
     shape, die = (sensor.height, sensor.width), charge.Die(sensor.unit, side)
     patterns = np.zeros((*shape, 4), np.float32)
     patterns[..., 3] = 1.0
-    if imager.prnu > 0:
+    if imager.pattern_contrast > 0:
+        patterns[..., 0] = charge.sensitivity(imager, die, shape) - 1
+    elif imager.prnu > 0:
         patterns[..., 0] = die.normal("prnu", shape)
     if imager.dsnu_e > 0:
         patterns[..., 1] = die.normal("dsnu", shape)

@@ -256,6 +256,7 @@ ROWS: tuple[Effect, ...] = (
     _AUTO_EXPOSURE,
     _CROSSTALK,
     pixel_noise.PRNU,
+    pixel_noise.FIXED_PATTERN,
     _DARK_CURRENT,
     pixel_noise.SHOT_NOISE,
     pixel_noise.READ_NOISE,

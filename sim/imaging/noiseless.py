@@ -51,6 +51,7 @@ def _quiet(imager: Imager) -> Imager:
         shot_noise=0.0,
         read_noise_e=0.0,
         prnu=0.0,
+        pattern_contrast=0.0,
         dsnu_e=0.0,
         dark_current_e_s=0.0,
         row_noise_e=0.0,

@@ -22,6 +22,7 @@ _FROM_ZERO = {  # Upper limits of fields that are neutral at 0.
     "rolling_shutter_s": 1.0,
     "crosstalk": 0.5,
     "prnu": 0.5,
+    "pattern_contrast": 0.5,
     "noise_correlation": 0.9,
     "dark_current_e_s": 1e6,
     "dsnu_e": 1e4,
@@ -142,6 +143,8 @@ class Imager:
     full_well_e: float = 1.0e4  # Electrons that fill the scale at gain 1.
     crosstalk: float = 0.0  # Share of a pixel's charge that ends in its four neighbours.
     prnu: float = 0.0  # Standard deviation / mean of the pixels' sensitivities; fixed.
+    pattern_contrast: float = 0.0  # Standard deviation / mean of a smooth sensitivity; fixed.
+    pattern_px: float = 8.0  # Its length: the correlation falls to 1/e [px].
     noise_correlation: float = 0.0  # Of the temporal noise of adjacent pixels.
     dark_current_e_s: float = 0.0  # Mean dark current [electrons / s].
     dsnu_e: float = 0.0  # Standard deviation of the pixels' offsets [electrons]; fixed.
@@ -167,6 +170,7 @@ class Imager:
         errors.in_interval("imager.auto_exposure_roi", self.auto_exposure_roi, 0.05, 1.0)
         for name, high in _FROM_ZERO.items():
             errors.in_interval(f"imager.{name}", getattr(self, name), 0.0, high)
+        errors.in_interval("imager.pattern_px", self.pattern_px, 0.1, 500.0)
         errors.in_interval("imager.gamma", self.gamma, 0.2, 5.0)
         errors.one_of("imager.mosaic", self.mosaic, get_args(Mosaic))
         if self.bit_depth not in BIT_DEPTHS:

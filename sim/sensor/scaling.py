@@ -113,6 +113,7 @@ def _imager(imager: Imager, zoom: _Zoom) -> Imager:
         read_noise_e=imager.read_noise_e / ratio,
         dsnu_e=imager.dsnu_e / ratio,
         prnu=imager.prnu * ratio,
+        pattern_px=imager.pattern_px * ratio,
         hot_pixels=imager.hot_pixels * area,
         # Equal along a line: its pixels add up, and the lines are independent.
         column_noise_e=imager.column_noise_e * area**0.75,

@@ -45,6 +45,7 @@ IMAGER = {
     **{"alignment.pitch_deg": 0.2, "alignment.yaw_deg": 0.2, "alignment.magnification": 1.01},
     **{"alignment.distortion_px": 0.3, "alignment.warp_px": [[0.1, 0.2], [0.2, 0.3]]},
     "alignment.waves_px": 0.2,
+    "pattern_contrast": 0.05,
     "noise_correlation": 0.3,
     "lens.spot_shape": 0.5,
     **{"rolling_shutter_s": 0.01, "crosstalk": 0.05, "column_noise_e": 3.0, "row_noise_e": 3.0},

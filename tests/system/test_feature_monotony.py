@@ -65,6 +65,7 @@ MEANT = {
         "column_noise": ("noise.columns",),
         "dsnu": ("noise.expected.1/4",),
         "prnu": ("noise.expected.4/4",),
+        "fixed_pattern": ("noise.expected.4/4", "noise.alike 2,0"),
         "hot_pixels": ("noise.bright outliers",),
         "flicker": ("time.flicker",),
     },

@@ -120,6 +120,7 @@ def nominal(sensor: Sensor) -> dict[str, Any]:
         "lens_blur_px": imager.lens.blur_px,
         "smoothing_px": imager.smoothing_px,
         "speckle_contrast": sensor.projector.speckle_contrast,
+        "pattern_px": imager.pattern_px,
         "lens_focus_m": imager.lens.focus_m,
         "projector_focus_m": sensor.projector.focus_m,
         "projector_x_m": sensor.projector.position_m[0],

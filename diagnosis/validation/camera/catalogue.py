@@ -123,6 +123,7 @@ _TABLE = (
     _ratio("gain", "1", "gain", 0.1, 3, least=1, most=15.5),
     _image("crosstalk", "1", 0, 0.01, 0.3, most=1),
     _image("prnu", "1", 0, 0.003, 0.1, most=0.5),
+    _image("fixed_pattern", "1", 0, 0.005, 0.1, most=0.5),
     _image("dark_current", "electrons / s", 0, 1, 100000),
     _image("shot_noise", "1", "shot_noise", 0.1, 0.7, signs=_BOTH, least=0.3, most=1),
     _image("read_noise", "electrons", "read_noise_e", 1, 150, signs=_BOTH, least=0, most=150),

@@ -40,6 +40,7 @@ def charge(light_e: Image, strengths: Strengths, side: str, draws: Draws) -> Ima
     if share != 0.0:
         rng = draws.device_rng(f"{side}/prnu")
         charge_e = charge_e * sensitivity(charge_e.shape, share, rng)
+    charge_e = charge_e * film(strengths, side, draws, charge_e.shape)
     charge_e = charge_e + strengths["dark_current"] * strengths["exposure"]
     charge_e = share_charge(charge_e, strengths["crosstalk"])
     correlation, mean_e = strengths["noise_colour"], charge_e
@@ -115,6 +116,28 @@ def _run_up(charge_e: Image, over: Image, full_well_e: float) -> Image:
 def sensitivity(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Image:
     """Draw the gain of each pixel (h, w): gamma variates of mean 1 and std `share`."""
     return rng.gamma(share**-2, share**2, shape)
+
+
+def film(strengths: Strengths, side: str, draws: Draws, shape: tuple[int, int]) -> Image:
+    """Draw the smooth gain of a device's imager (h, w): log-normal, of mean 1.
+
+    Its logarithm has the correlation exp(-(d / L)^2), by a Gaussian in the frequencies. The image
+    is cut from a larger one, as frequencies join its borders.
+    """
+    contrast = strengths["fixed_pattern"]
+    if contrast == 0.0:
+        return np.ones((1, 1))
+    length_px = strengths.nominal.pattern_px
+    border = math.ceil(2.0 * length_px)
+    height, width = shape[0] + border, shape[1] + border
+    down, across = np.fft.fftfreq(height), np.fft.rfftfreq(width)
+    square = down[:, None] ** 2 + across[None, :] ** 2
+    white = draws.device_rng(f"{side}/fixed_pattern").standard_normal((height, width))
+    filtered = np.fft.rfft2(white) * np.exp(-0.5 * (math.pi * length_px) ** 2 * square)
+    field = np.fft.irfft2(filtered, s=(height, width))[: shape[0], : shape[1]]
+    field *= length_px * math.sqrt(math.pi)  # The filter leaves 1 / (pi L^2) of the variance.
+    variance = math.log1p(contrast**2)
+    return np.exp(math.sqrt(variance) * field - 0.5 * variance)
 
 
 def coloured(white: Image, correlation: float) -> Image:

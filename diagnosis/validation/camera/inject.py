@@ -34,6 +34,7 @@ EFFECTS = frozenset(
         "vignetting",
         "veil",
         "crosstalk",
+        "fixed_pattern",
         "laser_speckle",
         "column_noise",
         "hot_pixels",
@@ -52,7 +53,7 @@ EFFECTS = frozenset(
 LEVELS = frozenset({"black_level", "gain"})  # Automatic exposure would compensate for these.
 INCREASE_ONLY = frozenset({"lens_blur", "read_noise", "smoothing"})  # Cannot be removed.
 _OPTICAL = (
-    *("lens_blur", "vignetting", "veil", "crosstalk"),
+    *("lens_blur", "vignetting", "veil", "crosstalk", "fixed_pattern"),
     *("lens_ghost", "astigmatism", "finger_print", "brightness_ramp"),
 )
 _DOT_PX = 9  # Bright structures narrower than this count as dots [px].
@@ -208,7 +209,8 @@ class _Injection:
         depth = self.strengths["finger_print"]
         image = outside.finger_print(image, depth, self.side, self.draws)
         image = outside.ramp(image, self.strengths["brightness_ramp"], self.draws.frame)
-        return imager.share_charge(image, self.strengths["crosstalk"])
+        image = imager.share_charge(image, self.strengths["crosstalk"])
+        return image * imager.film(self.strengths, self.side, self.draws, image.shape)
 
     def _lens(self, signal: Image) -> Image:
         nominal_px = self.strengths.nominal.lens_blur_px

@@ -62,6 +62,7 @@ class Nominal:
     lens_halo: float = 0.0  # Share of the lens spot's light in a halo; its variance stays.
     smoothing_px: float = 0.0  # Gaussian sigma of the device's averaging of codes.
     speckle_contrast: float = 0.0  # Speckle contrast per pixel before smoothing.
+    pattern_px: float = 8.0  # Length of the smooth fixed pattern.
     lens_focus_m: float = 1.0
     projector_focus_m: float = 1.0
 

@@ -36,7 +36,7 @@ class Die:
         return _drawn(self, effect, shape, "uniform")
 
 
-@lru_cache(maxsize=14)  # Three patterns of two image sizes and the waves, two imagers.
+@lru_cache(maxsize=18)  # Four patterns of two image sizes and the waves, two imagers.
 def _drawn(die: Die, effect: str, shape: tuple[int, ...], law: Literal["normal", "uniform"]):
     rng = randomness.generator(die.unit, 0, "imager", f"fixed {effect} {die.side}")
     draw = rng.standard_normal if law == "normal" else rng.random
@@ -55,10 +55,49 @@ def collect(part: Imager, electrons: Image, exposure_s: float, die: Die) -> Imag
         die: supplies the pixels' sensitivities.
     """
     charge = crosstalk(electrons, part.crosstalk)
+    if part.pattern_contrast > 0:
+        charge = charge * smooth_sensitivity(part, die, charge.shape)
     dark = np.float32(part.dark_current_e_s * exposure_s)
     if part.prnu > 0:
         return _sensed(charge, np.float32(part.prnu), die.normal("prnu", charge.shape), dark)
     return charge + dark if dark > 0 else charge
+
+
+def sensitivity(part: Imager, die: Die, shape: tuple[int, int]) -> Image:
+    """Return the pixels' sensitivities (h, w), of mean 1: PRNU times the smooth part."""
+    smooth = smooth_sensitivity(part, die, shape)
+    if part.prnu == 0:
+        return smooth
+    pixel = np.float32(1) + np.float32(part.prnu) * die.normal("prnu", shape)
+    return smooth * np.maximum(pixel, np.float32(0))
+
+
+def smooth_sensitivity(part: Imager, die: Die, shape: tuple[int, ...]) -> Image:
+    """Return the smooth part of the pixels' sensitivities (h, w), of mean 1.
+
+    It is max(1 + contrast g, 0). The field g is normal, of variance 1, and of correlation
+    exp(-(d / L)^2) at the distance d. Each imager of each device has its own.
+
+    Source: EMVA Standard 1288, release 4.0, which separates the slow part of the photo response
+    from PRNU by a high-pass. Films, dust and interference in glass and silicon cause it.
+    """
+    field = _smooth_field(die, (shape[0], shape[1]), part.pattern_px)
+    return np.maximum(np.float32(1) + np.float32(part.pattern_contrast) * field, np.float32(0))
+
+
+@lru_cache(maxsize=4)  # Both imagers, two image sizes.
+def _smooth_field(die: Die, shape: tuple[int, int], length_px: float) -> Image:
+    """White noise through a Gaussian whose sigma is half the length, and of unit variance."""
+    sigma = length_px / 2
+    reach = int(np.ceil(4 * sigma))
+    weights = cv2.getGaussianKernel(2 * reach + 1, sigma, cv2.CV_32F)
+    weights /= np.sqrt((weights**2).sum())
+    height, width = shape
+    white = die.normal("pattern", (height + 2 * reach, width + 2 * reach))
+    smooth = cv2.sepFilter2D(white, cv2.CV_32F, weights, weights)
+    field = np.ascontiguousarray(smooth[reach : reach + height, reach : reach + width], np.float32)
+    field.setflags(write=False)  # All captures share the array.
+    return field
 
 
 @nb.njit(nogil=True, cache=True)

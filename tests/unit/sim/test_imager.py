@@ -120,6 +120,7 @@ def test_fixed_exposure_is_fixed():
 FULL = Imager(
     crosstalk=0.1,
     prnu=0.02,
+    pattern_contrast=0.03,
     dark_current_e_s=500.0,
     dsnu_e=4.0,
     column_noise_e=3.0,
@@ -137,6 +138,7 @@ FULL = Imager(
 NEUTRAL: dict[str, Any] = {  # Of what an ideal imager has not.
     "crosstalk": 0.0,
     "prnu": 0.0,
+    "pattern_contrast": 0.0,
     "dark_current_e_s": 0.0,
     "dsnu_e": 0.0,
     "column_noise_e": 0.0,
@@ -263,6 +265,7 @@ def test_noise_e_is_the_deviation_seen(sigma: float):
     part = dataclasses.replace(
         FULL,
         prnu=0.0,
+        pattern_contrast=0.0,
         hot_pixels=0.0,
         gamma=1.0,
         gain=1.0,

@@ -53,6 +53,7 @@ def test_noiseless_image_has_no_random_part():
         ("projector.flicker", 0.2),
         ("imager.read_noise_e", 90.0),
         ("imager.prnu", 0.05),
+        ("imager.pattern_contrast", 0.05),
     ]
     second = noiseless(LAYERS, SCENE, with_values(SENSOR, drawn))
     for side, image in noiseless(LAYERS, SCENE, SENSOR).items():

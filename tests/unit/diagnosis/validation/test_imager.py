@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,32 @@ def test_fixed_patterns_belong_to_the_imager(name: str, value: float, camera: No
     assert deviation == pytest.approx(value, rel=0.15 if name == "column_noise" else 0.03)
     brighter = _charge(camera, 4000.0, **setting).std() / first.std()
     assert brighter == pytest.approx(4.0 if name == "prnu" else 1.0)
+
+
+@pytest.mark.parametrize("length_px", [2.0, 8.0, 20.0])
+def test_a_film_has_the_contrast_and_length_of_the_page(length_px: float, camera: Nominal) -> None:
+    """Law: standard deviation over mean, and a correlation of 1/e at the length."""
+    device = dataclasses.replace(camera, pattern_px=length_px)
+    gains = []
+    for seed in range(6):
+        strengths = Strengths(nominal=device, values={"fixed_pattern": 0.1})
+        gains.append(imager.film(strengths, "left", Draws(seed=seed, frame=seed), (300, 400)) - 1)
+    field = np.stack(gains)
+    assert field.std() == pytest.approx(0.1, rel=0.05) and abs(field.mean()) < 0.01
+    apart = int(length_px)
+    alike = (field[..., apart:] * field[..., :-apart]).mean() / field.var()
+    assert alike == pytest.approx(np.exp(-1), abs=0.05)
+    skewed = ((field - field.mean()) ** 3).mean() / field.std() ** 3
+    assert 0.1 < skewed < 0.6  # Of a log-normal law 0.3, of a Gaussian 0.
+
+
+def test_a_film_is_static_and_of_its_imager(camera: Nominal) -> None:
+    first = _charge(camera, 1000.0, fixed_pattern=0.1)
+    np.testing.assert_array_equal(first, _charge(camera, 1000.0, frame=5, fixed_pattern=0.1))
+    np.testing.assert_allclose(4 * first, _charge(camera, 4000.0, fixed_pattern=0.1))
+    right = _charge(camera, 1000.0, side="right", fixed_pattern=0.1)
+    assert abs(np.corrcoef(first.ravel(), right.ravel())[0, 1]) < 0.3
+    np.testing.assert_array_equal(_charge(camera, 1000.0), 1000.0)
 
 
 @pytest.mark.parametrize("noise", [{"shot_noise": 1.0}, {"read_noise": 40.0}])

@@ -79,6 +79,7 @@ def test_second_exposures_differ_as_two_readings_do(real: Nominal) -> None:
         ("vignetting", 3.0),
         ("roll", 0.3),
         ("veil", 0.1),
+        ("fixed_pattern", 0.05),
     ],
 )
 @pytest.mark.parametrize("again", [False, True], ids=["as captured", "exposed again"])

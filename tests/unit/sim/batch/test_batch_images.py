@@ -78,6 +78,8 @@ def test_light_is_that_of_the_compiled_path(name: str, changes: tuple[str, ...])
         ("d435", ("imager.lens.corner_blur_px=1.0", "imager.dsnu_e=30.0", "imager.prnu=0.05")),
         ("d435", ("imager.bit_depth=10", "imager.dropped_bits=0", "imager.dark_current_e_s=5e3")),
         ("d435", ("imager.lens.blur_px=0.0", "imager.lens.defocus_px_m=0.0", "imager.gamma=1.6")),
+        ("d435", ("imager.pattern_contrast=0.1", "imager.pattern_px=5.0", "imager.prnu=0.03")),
+        ("d435", ("imager.pattern_contrast=0.2", "imager.crosstalk=0.1")),
         ("d435", RAISED),
         ("d435", ("imager.auto_exposure_roi=0.4", "imager.lens.veil=0.1")),
         ("d435", ("left.alignment.warp_px=[[0.4, -0.3]]", "right.alignment.waves_px=0.5")),
