@@ -58,11 +58,8 @@ _SAMPLES = 4  # Paths per pixel of indirect light.
 _STEP_PX = 2.0  # Image motion between the moments of one exposure.
 _FINER_BITS = 8  # Extra bits of simulated images that must not be quantised.
 _NOISELESS = (  # Settings that remove noise and speckle.
-    ("imager.shot_noise", 0.0),
-    ("imager.read_noise_e", 0.0),
-    ("imager.prnu", 0.0),
-    ("imager.pattern_contrast", 0.0),
-    ("imager.dsnu_e", 0.0),
+    *((f"imager.{name}", 0.0) for name in ("shot_noise", "read_noise_e", "dsnu_e")),
+    *((f"imager.{name}", 0.0) for name in ("prnu", "pattern_contrast")),
     ("projector.speckle_contrast", 0.0),
 )
 
