@@ -10,6 +10,17 @@ from tyro.conf import Positional
 from starling.sim.console import shell
 from starling.sim.console.flags import Common, Edits, ModeName, Shared
 
+Imperfect = Literal[
+    "all",
+    "each",
+    "occluded_sky",
+    "disc_spot",
+    "tailed_spot",
+    "texture",
+    "exposure",
+    "other_matcher",
+]
+
 
 def diagnose(
     captures: Positional[str],
@@ -82,7 +93,7 @@ def diagnose(
 def withheld(
     *,
     out: Path,
-    tier: Literal[1, 2, 3, 4] = 1,
+    tier: Literal[1, 2, 3, 4, 5] = 1,
     cases: int | None = None,
     no_infrared: bool = False,
     power: bool = False,
@@ -92,6 +103,7 @@ def withheld(
     captures: Path | None = None,
     sensor: str | None = None,
     mode: ModeName = "",
+    imperfect: Imperfect | None = None,
     common: Shared = Common(),
 ) -> None:
     """Validate the diagnosis on effects that are withheld from it.
@@ -105,7 +117,8 @@ def withheld(
     Args:
         out: folder of a new or earlier run.
         tier: 1: scenes by Starling's renderer; 2: scenes by Blender's Cycles, and another matcher;
-            3: effects outside the effect table; 4: effects applied to real infrared pairs.
+            3: effects outside the effect table; 4: effects applied to real infrared pairs;
+            5: captures of a world that the base does not describe completely.
         cases: number of cases with a single effect; other kinds follow in proportion. Default: the
             number of the tier.
         no_infrared: give the diagnosis depth only (tiers 1 and 3).
@@ -118,6 +131,9 @@ def withheld(
         blender: Python with bpy, for tier 2 (see tools/blender.sh).
         captures: capture set of a real camera with at least eight scenes, for tier 4.
         sensor: preset or sensor file of that camera, for tier 4.
+        imperfect: what the base of tier 5 lacks: all at once, each in turn, or a single one:
+            occluded ambient light, a lens spot of another shape, texture of surfaces, exposure
+            of each scene, the matcher of the device. Default: all.
     """
     import subprocess
     import sys
@@ -130,6 +146,7 @@ def withheld(
         *(["--captures", str(captures)] if captures is not None else []),
         *(["--sensor", sensor] if sensor is not None else []),
         *(["--mode", mode] if mode else []),
+        *(["--imperfect", imperfect] if imperfect is not None else []),
         *(["--json"] if common.json else []),
         *(["--debug"] if common.debug else []),
     ]

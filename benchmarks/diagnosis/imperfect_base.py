@@ -11,6 +11,7 @@ Usage:
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import shutil
 from collections.abc import Mapping, Sequence
@@ -18,13 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
 from starling.diagnosis.validation.adapters import light_sets
 from starling.diagnosis.validation.adapters.cameras import builtin_camera
 from starling.diagnosis.validation.camera import nominal
 from starling.diagnosis.validation.camera.catalogue import ROWS
+from starling.diagnosis.validation.camera.imperfections import OCCLUDED_SKY, TAILED_SPOT
 from starling.diagnosis.validation.protocol import limits, programs, shoot
 from starling.diagnosis.validation.protocol.case import Case, CaseKind, draw
 from starling.sim import effects
@@ -36,10 +36,7 @@ SIZE = (320, 180)  # Width and height [px].
 FRAMES = 2  # Frames per scene.
 ENTROPY = 59  # Seed of the drawn cases.
 COUNTS: dict[CaseKind, int] = {"null": 10, "single": 24, "pair": 8, "unknown": 10}
-HALO = 0.2  # Share of the lens spot's light in its halo.
-REACH_M = 0.15  # Distance up to which surfaces occlude ambient light [m].
-DIRECTIONS = 12  # Directions in the image in which occluders are looked for.
-STEPS = 6  # Samples in each direction.
+IMPERFECTIONS = {OCCLUDED_SKY: 1.0, TAILED_SPOT: 0.2}
 
 Effects = dict[str, Any]  # Reported effects of a verdict by row of the table.
 
@@ -52,9 +49,9 @@ def main() -> None:
     parser.add_argument("--cases", type=int, help="number of cases; default: all")
     options = parser.parse_args()
     name = "perfect" if options.perfect else "imperfect"
-    light = make_light(options.work, imperfect=not options.perfect)
+    light = make_light(options.work)
     believed = nominal.read(light / nominal.FILE)
-    cases = draw_cases(believed)[: options.cases]
+    cases = draw_cases(believed, {} if options.perfect else IMPERFECTIONS)[: options.cases]
     folder = options.work / name
     make_captures(folder / "cases", light, cases)
     sensor = options.work / "light" / programs.SENSOR
@@ -69,68 +66,17 @@ def main() -> None:
         print(f"By the {rule} rule: {json.dumps(result, indent=1)}")
 
 
-def make_light(work: Path, *, imperfect: bool) -> Path:
-    """Render the scenes once, and copy them with occluded ambient light."""
+def make_light(work: Path) -> Path:
+    """Render the scenes once."""
     light = work / "light"
     if not light.exists():
         light_sets.write(light, SCENES, builtin_camera(*SIZE))
-    return make_occluded(light, work / "occluded light") if imperfect else light
+    return light
 
 
-def make_occluded(light: Path, out: Path) -> Path:
-    """Copy light with occluded ambient light, and a lens spot with a halo."""
-    if out.exists():
-        return out
-    part = out.with_name("part")
-    shutil.rmtree(part, ignore_errors=True)
-    shutil.copytree(light, part)
-    camera = nominal.read(light / nominal.FILE)
-    for path in sorted(part.glob(f"*/{light_sets.LIGHT}")):
-        with np.load(path) as file:
-            arrays = {name: file[name] for name in file.files}
-        for side in ("left", "right"):
-            share = open_sky(arrays[f"{side}_depth_m"].astype(float), camera)
-            arrays[f"{side}_ambient_e"] *= share.astype(np.float32)
-        np.savez_compressed(path, **arrays)
-    table = json.loads((part / nominal.FILE).read_text())
-    (part / nominal.FILE).write_text(json.dumps({**table, "lens_halo": HALO}, indent=1))
-    return part.rename(out)
-
-
-def open_sky(depth_m: NDArray[np.float64], camera: nominal.Nominal) -> NDArray[np.float64]:
-    """Return the share (h, w) of ambient light that nearby surfaces leave, from a depth image.
-
-    In each direction, the highest surface above the tangent plane within `REACH_M` blocks light
-    below it. Source: Bavoil et al., Image-space horizon-based ambient occlusion (2008).
-    """
-    across, down = camera.tangents()
-    point = np.stack([across * depth_m, down * depth_m, depth_m])
-    smooth = ndimage.uniform_filter(np.nan_to_num(depth_m, nan=100.0), 3)
-    position = np.stack([across * smooth, down * smooth, smooth])
-    normal = np.cross(np.gradient(position, axis=1), np.gradient(position, axis=2), axis=0)
-    normal *= np.sign(-(normal * point).sum(0)) / np.maximum(np.linalg.norm(normal, axis=0), 1e-12)
-    reach_px = np.clip(np.nan_to_num(camera.fx_px * REACH_M / depth_m, nan=1.0), 1.0, 60.0)
-    rows, columns = np.indices(depth_m.shape)
-    blocked = np.zeros_like(depth_m)
-    for angle in 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
-        sine = np.zeros_like(depth_m)
-        for step in (1 + np.arange(STEPS)) / STEPS:
-            row = np.clip(np.rint(rows + step * reach_px * np.sin(angle)), 0, camera.height - 1)
-            column = np.clip(
-                np.rint(columns + step * reach_px * np.cos(angle)), 0, camera.width - 1
-            )
-            toward = point[:, row.astype(int), column.astype(int)] - point
-            distance = np.maximum(np.linalg.norm(toward, axis=0), 1e-9)
-            height = (toward * normal).sum(0) / distance
-            fade = np.clip(1.0 - (distance / REACH_M) ** 2, 0.0, 1.0)
-            sine = np.fmax(sine, np.clip(height - 0.1, 0.0, 1.0) * fade)
-        blocked += sine / DIRECTIONS
-    return np.nan_to_num(1.0 - blocked, nan=1.0)
-
-
-def draw_cases(believed: nominal.Nominal) -> tuple[Case, ...]:
-    """Draw the cases."""
-    return draw(
+def draw_cases(believed: nominal.Nominal, imperfections: Mapping[str, float]) -> tuple[Case, ...]:
+    """Draw the cases, all with the same imperfections of the base."""
+    cases = draw(
         believed,
         COUNTS,
         families={effect.name: effect.family for effect in effects.table()},
@@ -138,6 +84,7 @@ def draw_cases(believed: nominal.Nominal) -> tuple[Case, ...]:
         kinds=("image", "post"),
         entropy=ENTROPY,
     )
+    return tuple(dataclasses.replace(case, imperfections=imperfections) for case in cases)
 
 
 def make_captures(folder: Path, light: Path, cases: Sequence[Case]) -> None:

@@ -14,7 +14,7 @@ import json
 import shutil
 from pathlib import Path
 
-from imperfect_base import make_occluded
+from imperfect_base import IMPERFECTIONS
 
 from starling.diagnosis.command import diagnose_captures
 from starling.diagnosis.validation.adapters import light_sets
@@ -38,14 +38,19 @@ def main() -> None:
     light = options.work / "light"
     if not light.exists():
         light_sets.write(light, SCENES, builtin_camera(*options.size))
-    occluded = make_occluded(light, options.work / "occluded light")
     captures = options.work / f"captures {options.offset:g}"
     if not captures.exists():
-        case = Case(number=0, kind="single", settings={"vertical_offset": options.offset}, seed=3)
+        case = Case(
+            number=0,
+            kind="single",
+            settings={"vertical_offset": options.offset},
+            seed=3,
+            imperfections=IMPERFECTIONS,
+        )
         part = options.work / "part"
         shutil.rmtree(part, ignore_errors=True)
-        shoot.shoot(occluded, case, part, frames=2)
-        match_captures(part, nominal.read(occluded / nominal.FILE))
+        shoot.shoot(light, case, part, frames=2)
+        match_captures(part, nominal.read(light / nominal.FILE))
         for path in part.glob("*/scene.toml"):
             path.unlink()
         part.rename(captures)

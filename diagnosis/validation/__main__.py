@@ -2,6 +2,7 @@
 
     python -m starling.diagnosis.validation OUT [--tier 1] [--cases N] [--sets N] [--power]
     python -m starling.diagnosis.validation OUT --tier 4 --captures SET --sensor FILE
+    python -m starling.diagnosis.validation OUT --tier 5 [--imperfect all]
 
 OUT holds all files, so an interrupted run can continue. The program prints the scores as a table,
 or as JSON with --json.
@@ -17,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from starling.diagnosis.validation.camera.errors import WithheldError, refusal
-from starling.diagnosis.validation.protocol import score_table, seal
+from starling.diagnosis.validation.protocol import plan, score_table, seal
 from starling.diagnosis.validation.protocol.check import Check
 from starling.diagnosis.validation.protocol.tier import TIERS
 
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     flag = parser.add_argument
     flag("out", type=Path, help="folder of the run, new or of an interrupted run")
-    tiers = "source of the captures: 1 and 3 Starling, 2 Cycles, 4 real pairs"
+    tiers = "source of the captures: 1, 3, 5 Starling, 2 Cycles, 4 real pairs; 5 imperfect base"
     flag("--tier", type=int, choices=sorted(TIERS), default=1, help=tiers)
     cases = "number of single-effect cases; with --power, cases per effect and level"
     flag("--cases", type=int, help=cases)
@@ -44,6 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     flag("--captures", type=Path, help="real capture set, for tier 4")
     flag("--sensor", help="preset or sensor file of the real camera, for tier 4")
     flag("--mode", default="", help="mode of that camera, WxH or WxH@FPS, for tier 4")
+    imperfect = "imperfections of the base, for tier 5: all at once, each in turn, or a single one"
+    flag("--imperfect", choices=plan.PLANS, help=f"{imperfect}; default: all")
     flag("--json", action="store_true", help="print the scores as JSON")
     flag("--debug", action="store_true", help="show the traceback of an error")
     options = parser.parse_args(arguments)
@@ -61,6 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             jobs=options.jobs,
             set_limit=options.sets,
             singles=options.cases,
+            imperfect=options.imperfect,
         )
         sealed = check.prepare()
         print((check.folder / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
@@ -50,6 +51,14 @@ class EffectRow:
         if self.scale == "ratio":
             room = (self.most / neutral if sign > 0 else neutral / self.least) - 1.0
         return max(min(self.high, room), 0.0)
+
+    def beyond(self, factor: float) -> EffectRow:
+        """Return the row with a larger range. Bounds that physics sets stay: 0, and shares of 1."""
+        share = self.unit == "1" and self.most == 1
+        most = self.most if share else self.most * factor
+        return dataclasses.replace(
+            self, high=self.high * factor, least=self.least / factor, most=most
+        )
 
     def value(self, nominal: Nominal, departure: float, sign: int) -> float:
         """Return the strength at a departure >= 0 on one side of the neutral."""

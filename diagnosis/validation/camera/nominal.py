@@ -25,6 +25,7 @@ _MAY_BE_ZERO = {
     "shot_noise",
     "lens_blur_px",
     "lens_halo",
+    "lens_disc",
     "smoothing_px",
     "speckle_contrast",
 }
@@ -60,6 +61,7 @@ class Nominal:
     f_number: float
     wavelength_nm: float
     lens_halo: float = 0.0  # Share of the lens spot's light in a halo; its variance stays.
+    lens_disc: float = 0.0  # Share of it in a disc of the same variance.
     smoothing_px: float = 0.0  # Gaussian sigma of the device's averaging of codes.
     speckle_contrast: float = 0.0  # Speckle contrast per pixel before smoothing.
     pattern_px: float = 8.0  # Length of the smooth fixed pattern.

@@ -29,13 +29,17 @@ _FINE = 24  # Quadrature points per pixel.
 def focus(light_e: Image, view: LightView, strengths: Strengths) -> Image:
     """Blur light (h, w) by the spot of the lens.
 
-    The nominal lens has a Gaussian spot, with a halo if `Nominal.lens_halo` is set. Added variance
-    has the shape of a disc, the spot of a defocused round aperture. Removed variance narrows the
-    spot.
+    The nominal lens has a Gaussian spot, with a halo or a disc if `Nominal.lens_halo` or
+    `Nominal.lens_disc` is set. Added variance has the shape of a disc, the spot of a defocused
+    round aperture. Removed variance narrows the spot.
     """
     nominal_px = strengths.nominal.lens_blur_px
     narrow_px = min(nominal_px, strengths["lens_blur"])
     sharp = psf.with_halo(light_e, narrow_px, strengths.nominal.lens_halo)
+    disc = strengths.nominal.lens_disc
+    if disc > 0.0:
+        spot = psf.kernel("disc", narrow_px)
+        sharp = (1.0 - disc) * sharp + disc * psf.blur(light_e, spot)
     shape = strengths["spot_shape"]
     if shape != 0.0:
         sharp = (1.0 - abs(shape)) * sharp + abs(shape) * _shaped(light_e, narrow_px, shape)

@@ -6,9 +6,12 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.protocol.score_statistic import ScoreStatistic, statistic
 from starling.diagnosis.validation.protocol.verdict import CaseResult, NamedEffect, row_of
+
+_ROUNDING = 1e-9  # Relative rounding of strengths at the end of a range.
 
 
 def by_effect(singles: Sequence[CaseResult], nominal: Nominal) -> dict[str, dict[str, Any]]:
@@ -26,6 +29,66 @@ def by_effect(singles: Sequence[CaseResult], nominal: Nominal) -> dict[str, dict
         }
         for row, results in by_row.items()
     }
+
+
+def by_range(singles: Sequence[CaseResult], nominal: Nominal) -> dict[str, dict[str, Any]]:
+    """Compute the scores of single-effect cases within and beyond the range of the table.
+
+    Returns:
+        By range, the scores; empty if all strengths are within.
+    """
+    beyond = [result for result in singles if _is_beyond(result, nominal)]
+    if not beyond:
+        return {}
+    within = [result for result in singles if result not in beyond]
+    return {
+        name: {**_reported(results), "parameter_error_pct": strength_error(results, nominal).value}
+        for name, results in (("within the range", within), ("beyond the range", beyond))
+    }
+
+
+def by_imperfection(results: Sequence[CaseResult]) -> dict[str, dict[str, Any]]:
+    """Compute the scores of the cases whose captures have each imperfection of the base.
+
+    Returns:
+        By imperfection, the scores; empty with a perfect base.
+    """
+    names = sorted({name for result in results for name in result.case.imperfections})
+    rows = {}
+    for name in names:
+        having = [result for result in results if name in result.case.imperfections]
+        null, single, pair, unknown = (
+            [result for result in having if result.case.kind == kind]
+            for kind in ("null", "single", "pair", "unknown")
+        )
+        rows[name] = {
+            **{f"single_{key}": value for key, value in _reported(single).items()},
+            "pairs_both": statistic(pair, lambda result: result.both_in_sets).value,
+            "nulls": len(null),
+            "false_named": statistic(null, lambda result: result.wrong_named).value,
+            "unknown_named": statistic(unknown, lambda result: result.wrong_named).value,
+        }
+    return rows
+
+
+def _reported(singles: Sequence[CaseResult]) -> dict[str, Any]:
+    return {
+        "cases": len(singles),
+        "first": statistic(singles, lambda result: result.listed_first).value,
+        "reported": statistic(singles, lambda result: result.all_named).value,
+        "wrong": statistic(singles, lambda result: result.wrong_named).value,
+        "cosine": statistic(singles, lambda result: names_true(result, "cosine")).value,
+        "closed_pct": statistic(singles, closed_pct, median=True).value,
+    }
+
+
+def _is_beyond(result: CaseResult, nominal: Nominal) -> bool:
+    ((name, value),) = result.case.settings.items()
+    row = ROWS[name]
+    if row.scale == "choice":
+        return False
+    sign = 1 if value >= row.neutral_of(nominal) else -1
+    return row.departure(nominal, value) > row.reach(nominal, sign) * (1.0 + _ROUNDING)
 
 
 def strength_error(results: Sequence[CaseResult], nominal: Nominal) -> ScoreStatistic:
@@ -58,11 +121,19 @@ def baselines(singles: Sequence[CaseResult]) -> dict[str, dict[str, float | None
     return {
         name: {
             "top1": statistic(
-                singles, lambda result, name=name: _baseline_correct(result, name)
+                singles, lambda result, name=name: bool(names_true(result, name))
             ).value
         }
         for name in names
     }
+
+
+def names_true(result: CaseResult, baseline: str) -> bool | None:
+    """Return whether a baseline method names a true effect, or None if it was not run."""
+    if baseline not in result.verdict.baselines:
+        return None
+    answer = result.verdict.baselines[baseline]
+    return answer is not None and row_of(answer) in result.rows
 
 
 def count_as_good(
@@ -125,7 +196,8 @@ def failures(known: Iterable[CaseResult], left_out: Iterable[CaseResult]) -> lis
 
 def _correct(result: CaseResult) -> bool:
     if result.case.kind == "null":
-        return not result.gap_reported
+        # An imperfect base has a gap that no effect explains.
+        return not (result.wrong_named if result.case.imperfections else result.gap_reported)
     if result.case.kind == "single":
         return result.top1_correct
     return result.both_in_sets if result.case.kind == "pair" else result.declared_unknown
@@ -150,8 +222,3 @@ def _format_effect(named: NamedEffect) -> str:
     value = named.value if isinstance(named.value, str) else f"{named.value:.3g}"
     equivalent = [name for name in named.credible_set if name != named.name]
     return f"{named.name} {value}" + (f" (or {', '.join(equivalent)})" if equivalent else "")
-
-
-def _baseline_correct(result: CaseResult, name: str) -> bool:
-    answer = result.verdict.baselines.get(name)
-    return answer is not None and row_of(answer) in result.rows

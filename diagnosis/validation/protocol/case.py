@@ -12,14 +12,17 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from starling.diagnosis.validation.camera import json_file
+from starling.diagnosis.validation.camera import imperfections, json_file
 from starling.diagnosis.validation.camera.catalogue import ROWS, EffectRow, Kind, check_names
 from starling.diagnosis.validation.camera.errors import refusal
 from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol import plan
 from starling.diagnosis.validation.protocol.limits import DetectionLimits
 
 CaseKind = Literal["null", "single", "pair", "unknown"]
+FARTHEST = 1.5  # Largest departure of a case over that of the table.
 _SEED_BITS = 62
+_OPTIONAL = "imperfections"  # Key that a case with a perfect base lacks.
 _ADVICE = "Put the sealed file back."
 
 
@@ -31,9 +34,11 @@ class Case:
     kind: CaseKind
     settings: Mapping[str, float] = field(default_factory=dict)
     seed: int
+    imperfections: Mapping[str, float] = field(default_factory=dict)  # Strength by name.
 
     def __post_init__(self) -> None:
         check_names(self.settings)
+        imperfections.check(self.imperfections)
 
     @property
     def name(self) -> str:
@@ -50,6 +55,8 @@ def draw(
     kinds: Sequence[Kind] = ("image",),
     leave_out: Iterable[str] = (),
     upwards: Iterable[str] = (),
+    beyond: float = 0.0,
+    imperfect: str | None = None,
     entropy: int | None = None,
 ) -> tuple[Case, ...]:
     """Draw cases at random.
@@ -66,10 +73,12 @@ def draw(
         kinds: Kinds of effects that singles and pairs are drawn from.
         leave_out: Names of effects that are not drawn.
         upwards: Names of effects that are drawn only above their neutral.
+        beyond: Share of strengths beyond the high end of the table, by up to `FARTHEST`.
+        imperfect: One of `plan.PLANS`: imperfections of the base. None is a perfect base.
         entropy: Seed of the draw; by default from the operating system.
 
     Raises:
-        WithheldError: if no effect can be drawn.
+        WithheldError: if no effect can be drawn, or there is no such plan.
     """
     rng = random_generator(entropy)
     drawer = _Drawer(
@@ -78,6 +87,7 @@ def draw(
         families=families or {},
         limits=limits or DetectionLimits(),
         upwards=frozenset(upwards),
+        beyond=beyond,
     )
     rows = [row for row in ROWS.values() if row.name not in {*leave_out}]
     known = drawer.drawable(row for row in rows if row.kind in kinds)
@@ -93,9 +103,16 @@ def draw(
         for kind, draw_rows in draw_effects.items()
         for effects in draw_rows(counts.get(kind, 0))
     ]
+    worlds = [{}] * len(drawn) if imperfect is None else plan.draw(imperfect, len(drawn), rng)
     order = rng.permutation(len(drawn))
     return tuple(
-        Case(number=number, kind=drawn[i][0], settings=drawn[i][1], seed=seed(rng))
+        Case(
+            number=number,
+            kind=drawn[i][0],
+            settings=drawn[i][1],
+            seed=seed(rng),
+            imperfections=worlds[i],
+        )
         for number, i in enumerate(order)
     )
 
@@ -119,6 +136,7 @@ class _Drawer:
     families: Mapping[str, str]
     limits: DetectionLimits
     upwards: frozenset[str]
+    beyond: float
 
     def family(self, row: EffectRow) -> str:
         return self.families.get(row.name, row.name)
@@ -157,13 +175,19 @@ class _Drawer:
             return float(self.rng.choice(self.choices(row)))
         sign = int(self.rng.choice(self.sides(row)))
         low, high = max(self.limits.least(row, sign), 1e-12), row.reach(self.nominal, sign)
+        if self.beyond > 0.0 and self.rng.random() < self.beyond:
+            low, high = high, row.beyond(FARTHEST).reach(self.nominal, sign)
         departure = math.exp(self.rng.uniform(math.log(low), math.log(high)))
         return row.value(self.nominal, departure, sign)
 
 
 def dumps(cases: Sequence[Case]) -> str:
     """Write cases as JSON text. `loads` reads equal cases from it."""
-    return json.dumps([dataclasses.asdict(case) for case in cases], indent=1) + "\n"
+    tables = [dataclasses.asdict(case) for case in cases]
+    for table in tables:
+        if not table[_OPTIONAL]:
+            del table[_OPTIONAL]
+    return json.dumps(tables, indent=1) + "\n"
 
 
 def loads(text: str) -> tuple[Case, ...]:
@@ -179,13 +203,14 @@ def loads(text: str) -> tuple[Case, ...]:
 
 
 def _case(table: object) -> Case:
-    names = {field.name for field in dataclasses.fields(Case)}
-    if not isinstance(table, dict) or table.keys() != names:
+    names = {field.name for field in dataclasses.fields(Case)} - {_OPTIONAL}
+    if not isinstance(table, dict) or table.keys() - {_OPTIONAL} != names:
         raise refusal("case", f"must have the keys {sorted(names)}", table, _ADVICE)
-    settings = table["settings"]
-    numbers = settings.values() if isinstance(settings, dict) else [None]
-    if not all(isinstance(number, int | float) for number in numbers):
-        raise refusal("settings", "must be numbers by effect", settings, _ADVICE)
+    for key in ("settings", _OPTIONAL):
+        values = table.get(key, {})
+        numbers = values.values() if isinstance(values, dict) else [None]
+        if not all(isinstance(number, int | float) for number in numbers):
+            raise refusal(key, "must be numbers by name", values, _ADVICE)
     if not (type(table["number"]) is int and type(table["seed"]) is int):
         raise refusal("case", "must have a whole number and seed", table, _ADVICE)
     if table["kind"] not in get_args(CaseKind):

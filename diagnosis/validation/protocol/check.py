@@ -16,7 +16,7 @@ from typing import Any
 
 from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.camera.errors import refusal
-from starling.diagnosis.validation.protocol import case, power, programs, score, seal
+from starling.diagnosis.validation.protocol import case, plan, power, programs, score, seal
 from starling.diagnosis.validation.protocol.case import Case
 from starling.diagnosis.validation.protocol.real_pairs import RealPairs
 from starling.diagnosis.validation.protocol.rendered import Rendered
@@ -45,6 +45,7 @@ class Check:
     power: bool = False  # Whether to measure power curves, with separate cases.
     jobs: int = 2  # Scene sets in parallel, each in a process; 1 stays in this process.
     set_limit: int | None = None  # Number of scene sets to diagnose and score; None for all.
+    imperfect: str | None = None  # One of `plan.PLANS`, for tier 5; None is all at once.
 
     def __post_init__(self) -> None:
         number, captures = self.tier.number, self.captures
@@ -61,6 +62,11 @@ class Check:
         if self.mode and not real:
             rule, advice = "must be given for tier 4 only", "Leave it out."
             raise refusal("mode", rule, f"{self.mode} for tier {number}", advice)
+        if self.imperfect is not None:
+            if not self.tier.imperfect:
+                rule, got = "must be given for tier 5 only", f"{self.imperfect} for tier {number}"
+                raise refusal("imperfect", rule, got, "Leave it out, or give --tier 5.")
+            plan.check(self.imperfect)
         if not self.infrared and (real or self.tier.segment == "image"):
             raise refusal(f"tier {number}", "must have infrared", "none", "Omit --no-infrared.")
         if self.power and number != POWER_TIER:
@@ -82,6 +88,10 @@ class Check:
             )
             for number in range(self.set_limit or self.tier.sets)
         ]
+
+    @property
+    def _plan(self) -> str | None:
+        return (self.imperfect or plan.ALL) if self.tier.imperfect else None
 
     def _source(self, number: int) -> Rendered | RealPairs:
         folder = self.out / f"set-{number}"
@@ -220,6 +230,7 @@ class Check:
             "captures": self.captures and seal.path_digest(self.captures),
             "sensor": self.sensor and seal.sensor_digest(Path(self.sensor)),
             **({"mode": self.mode} if self.mode else {}),
+            **({"imperfect": self._plan} if self._plan else {}),
         }
         return json.dumps(options, indent=1).encode()
 
@@ -253,6 +264,8 @@ class Check:
             kinds=self.tier.kinds,
             leave_out=ROWS.keys() - source.effects,
             upwards=source.upwards,
+            beyond=self.tier.beyond,
+            imperfect=self._plan,
         )
 
     def _left_out(self, cases: Sequence[Case]) -> list[Case]:

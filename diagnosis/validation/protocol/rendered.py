@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from starling.diagnosis.validation.camera import matcher, nominal
 from starling.diagnosis.validation.camera.catalogue import ROWS
+from starling.diagnosis.validation.camera.imperfections import OTHER_MATCHER
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.protocol import files, limits, programs, seal, shoot
 from starling.diagnosis.validation.protocol.case import Case
@@ -95,7 +96,8 @@ class Rendered:
         camera = self.camera
         for case in cases:
             shoot.shoot(self.light, case, out / case.name, frames=self.tier.frames)
-            if self.tier.has_own_depth(case.number):
+            other = case.imperfections.get(OTHER_MATCHER, 0.0) > 0.0
+            if other or self.tier.has_own_depth(case.number):
                 match_captures(out / case.name, camera)
         if self.tier.matcher == "starling":
             programs.run("own_depth", out, flags={"--sensor": self.sensor})

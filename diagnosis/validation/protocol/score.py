@@ -57,6 +57,15 @@ _GOALS = {
     "closed_pct": (Goal(least=85, percent=True), Goal(least=60, percent=True)),
 }
 
+# Goals with an imperfect base.
+_IMPERFECT = {
+    "reported": Goal(least=0.85),
+    "reported_wrong": Goal(most=0.10),
+    "baselines_as_good": Goal(most=0),
+    "false_named": Goal(most=0.05),
+    "closed_pct": Goal(least=60, percent=True),
+}
+
 # Depth and holes alone do not identify the effect in every case.
 _WITHOUT_INFRARED = {
     "answered": Goal(least=0.60),
@@ -80,7 +89,9 @@ def compare_with_goals(
         By score, the goal as text and whether it is reached (None without a score).
     """
     goals = _WITHOUT_INFRARED
-    if infrared:
+    if infrared and TIERS[tier].imperfect:
+        goals = _IMPERFECT
+    elif infrared:
         place = 0 if TIERS[tier].source == "starling" else 1
         goals = {key: pair[place] for key, pair in _GOALS.items()}
     return {
@@ -104,7 +115,7 @@ def score(
     Args:
         results: Cases of all kinds with their verdicts.
         nominal: Nominal camera of the cases.
-        tier: Tier of the check, 1 to 4. The goals depend on it.
+        tier: Tier of the check, 1 to 5. The goals depend on it.
         families: Sealed family of each effect of the diagnosis.
         infrared: Whether the captures hold infrared. Without infrared other goals apply.
         left_out: Single-effect cases, diagnosed without the family of the true effect and without
@@ -154,6 +165,8 @@ def score(
         **scores,
         "by_remainder": _by_remainder(results, left_out),
         "by_effect": breakdown.by_effect(single, nominal),
+        "by_range": breakdown.by_range(single, nominal),
+        "by_imperfection": breakdown.by_imperfection(results),
         "confusion": breakdown.confusion(results, left_out),
         "baselines": baseline_scores,
         "closed_by_metric": breakdown.closed_by_metric(present),
@@ -200,6 +213,10 @@ def _singles(
     return {
         "top1": statistic(singles, lambda result: result.top1_correct),
         "top1_family": statistic(singles, lambda result: result.top1_family_correct(families)),
+        "listed_first": statistic(singles, lambda result: result.listed_first),
+        "reported": statistic(singles, lambda result: result.all_named),
+        "reported_wrong": statistic(singles, lambda result: result.wrong_named),
+        "cosine_top1": statistic(singles, lambda result: breakdown.names_true(result, "cosine")),
         "in_set": statistic(singles, lambda result: result.in_set),
         "set_size": statistic(named, lambda result: len(result.verdict.named[0].rows)),
         "parameter_error_pct": breakdown.strength_error(singles, nominal),

@@ -12,7 +12,11 @@ _WIDTH = 120  # Longest line [characters].
 _LABELS = {
     "top1": "one effect: top-1 accuracy",
     "top1_family": "one effect: top-1 accuracy of the family",
+    "cosine_top1": "one effect: top-1 accuracy of the nearest response by cosine",
     "baselines_as_good": "one effect: baselines with at least this top-1 accuracy",
+    "listed_first": "one effect: it has the largest gain, named or a surrogate",
+    "reported": "one effect: it is named",
+    "reported_wrong": "one effect: a wrong effect is named",
     "in_set": "one effect: in the credible set of the top-1 effect",
     "set_size": "one effect: mean size of the credible set",
     "answered": "one effect: an effect is named",
@@ -30,7 +34,7 @@ _LABELS = {
     "unknown_recall_family": "unknown effect: recall, left out with its family alone",
     "unknown_false": "none to two effects: reported as unknown",
     "unknown_false_effects": "one or two effects: reported as unknown",
-    "closed_pct": "one or two effects: gap reduction, median [%]",
+    "closed_pct": "one or two effects: closable gap closed in held-out scenes, median [%]",
     "closed_not_identifiable": "one or two effects: named, gap reduction not identifiable",
 }
 _REAL_NOTE = (
@@ -67,6 +71,8 @@ def text(scores: Mapping[str, Any]) -> str:
         _wrapped(_REAL_NOTE) if TIERS[scores["tier"]].source == "real" else [],
         [] if scores.get("matcher_noticed") is None else [_MATCHER_NOTE.format_map(scores)],
         _rows(scores["by_effect"], "single effect"),
+        _rows(scores["by_range"], "strength, one effect"),
+        _rows(scores["by_imperfection"], "imperfection of the base"),
         _rows(scores["closed_by_metric"], "gap reduction [%], cases with a named effect"),
         _rows(scores["baselines"], "baseline, one effect"),
         ["Answers by true effect:", *_wrapped(*answers)] if answers else [],

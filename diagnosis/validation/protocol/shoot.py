@@ -7,7 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from starling.diagnosis.validation.camera import chain, depth_filters, light, nominal, projector
+from starling.diagnosis.validation.camera import (
+    chain,
+    depth_filters,
+    imperfections,
+    light,
+    nominal,
+    projector,
+)
 from starling.diagnosis.validation.camera.catalogue import Strengths
 from starling.diagnosis.validation.camera.draws import Draws
 from starling.diagnosis.validation.camera.errors import refusal
@@ -42,7 +49,8 @@ def shoot(light_folder: Path, case: Case, out: Path, frames: int = 1) -> tuple[s
     """
     if out.exists() and any(out.iterdir()):
         raise refusal("out", "must be empty", out, "Give a new folder.")
-    camera = nominal.read(light_folder / nominal.FILE)
+    departures = case.imperfections
+    camera = imperfections.with_spot(nominal.read(light_folder / nominal.FILE), departures)
     strengths = Strengths(nominal=camera, values=case.settings)
     scenes = sorted(path.parent for path in light_folder.glob(f"*/{light.FILE}"))
     if not scenes:
@@ -52,12 +60,16 @@ def shoot(light_folder: Path, case: Case, out: Path, frames: int = 1) -> tuple[s
     dots = np.empty((0, 2))
     if any(strengths.is_active(name) for name in _NEED_DOTS):
         dots = projector.gather(_lights(scenes, camera), camera.fx_px)
+    factors = imperfections.exposure_factors([each.name for each in scenes], departures, case.seed)
     files.copy(light_folder, out, _SET_FILES)
     for folder, scene_light in zip(scenes, _lights(scenes, camera), strict=True):
         files.copy(folder, out / folder.name, _SCENE_FILES)
+        of_scene = Draws(seed=case.seed, scene=folder.name)
+        lit = imperfections.on_surfaces(scene_light, camera, departures, of_scene)
+        exposed = imperfections.exposed(strengths, factors[folder.name])
         for frame in range(frames):
             draws = Draws(seed=case.seed, scene=folder.name, frame=frame)
-            pair = chain.expose(scene_light, strengths, dots, draws)
+            pair = chain.expose(lit, exposed, dots, draws)
             files.write_image(out / folder.name / str(frame) / "ir_left.png", pair.left)
             files.write_image(out / folder.name / str(frame) / "ir_right.png", pair.right)
     return tuple(folder.name for folder in scenes)

@@ -35,6 +35,8 @@ class Tier:
     # Number of cases with depth of the second matcher. They test whether the diagnosis detects the
     # matcher. Each costs a search, and their depth is not scored.
     own_depth_cases: int = 0
+    imperfect: bool = False  # Whether the base lacks what the captured world has.
+    beyond: float = 0.0  # Share of strengths beyond the range of the table.
 
     def scene_names(self, number: int) -> list[str]:
         """Return the names of the builtin scenes of a set."""
@@ -110,5 +112,18 @@ TIERS = {
         counts={"single": 24, "null": 20, "pair": 12, "unknown": 9},
         left_out=15,
         kinds=("image",),
+    ),
+    5: Tier(
+        number=5,
+        source="starling",
+        matcher="starling",
+        # Development scenes of an imperfect base are 7110 to 7123.
+        first_scene=8000,
+        scenes=8,
+        width=320,
+        height=180,
+        counts={"single": 48, "null": 24, "pair": 16, "unknown": 18},
+        imperfect=True,
+        beyond=0.2,
     ),
 }

@@ -161,6 +161,17 @@ class CaseResult:
         return {named.row for named in self.verdict.named}.issuperset(self.rows)
 
     @property
+    def wrong_named(self) -> bool:
+        """Whether an effect is named that is no true one."""
+        return not {named.row for named in self.verdict.named}.issubset(self.rows)
+
+    @property
+    def listed_first(self) -> bool:
+        """Whether a true effect has the largest gain, be it named or called a surrogate."""
+        listed = self.verdict.effects
+        return bool(listed) and listed[0].row in self.rows
+
+    @property
     def declared_unknown(self) -> bool:
         """Whether the verdict is an unknown effect."""
         return self.verdict.kind == "none of the known"
