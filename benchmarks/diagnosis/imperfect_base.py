@@ -36,7 +36,7 @@ SIZE = (320, 180)  # Width and height [px].
 FRAMES = 2  # Frames per scene.
 ENTROPY = 59  # Seed of the drawn cases.
 COUNTS: dict[CaseKind, int] = {"null": 10, "single": 24, "pair": 8, "unknown": 10}
-IMPERFECTIONS = {OCCLUDED_SKY: 1.0, TAILED_SPOT: 0.2}
+IMPERFECTIONS = {OCCLUDED_SKY: 0.15, TAILED_SPOT: 0.2}  # Reach [m] and share of the halo.
 
 Effects = dict[str, Any]  # Reported effects of a verdict by row of the table.
 

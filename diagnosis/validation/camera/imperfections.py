@@ -31,10 +31,10 @@ class Imperfection:
 
 
 IMPERFECTIONS = {
-    OCCLUDED_SKY: Imperfection(least=0.6, most=1.0),  # Share of the blocking by `sky.openness`.
+    OCCLUDED_SKY: Imperfection(least=0.15, most=0.5),  # Reach of the blocking surfaces [m].
     DISC_SPOT: Imperfection(least=0.6, most=1.0),  # Share of the lens spot's light in a disc.
     TAILED_SPOT: Imperfection(least=0.1, most=0.3),  # Share of the lens spot's light in a halo.
-    TEXTURE: Imperfection(least=0.1, most=0.3),  # Deviation over mean of the reflectance.
+    TEXTURE: Imperfection(least=0.05, most=0.2),  # Deviation over mean of the reflectance.
     EXPOSURE: Imperfection(least=0.1, most=0.4),  # Largest logarithm of a factor.
     OTHER_MATCHER: Imperfection(least=1.0, most=1.0),  # 1: depth by the second matcher.
 }

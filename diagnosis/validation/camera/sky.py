@@ -11,34 +11,33 @@ from starling.diagnosis.validation.camera.light import LightView, SceneLight
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.camera.psf import Image
 
-_REACH_M = 0.15  # Distance up to which surfaces block light [m].
-_FARTHEST_PX = 60.0  # Largest reach in the image [px].
+_FARTHEST_PX = 120.0  # Largest reach in the image [px].
 _DIRECTIONS = 12  # Directions in the image in which surfaces are looked for.
 _STEPS = 6  # Samples in each direction.
 _FLAT = 0.1  # Sine of the elevation that counts as noise of the normal.
 _FAR_M = 100.0  # Depth where there is no surface [m].
 
 
-def occlude(scene: SceneLight, camera: Nominal, share: float) -> SceneLight:
+def occlude(scene: SceneLight, camera: Nominal, reach_m: float) -> SceneLight:
     """Return the light of a scene with blocked ambient light.
 
     Args:
         scene: Light under an open sky.
         camera: Nominal camera of both views.
-        share: Share of the blocking that applies, 0 to 1.
+        reach_m: Distance up to which surfaces block light [m]; 0 is an open sky.
     """
-    if share == 0.0:
+    if reach_m == 0.0:
         return scene
-    left, right = (_occluded(view, camera, share) for view in (scene.left, scene.right))
+    left, right = (_occluded(view, camera, reach_m) for view in (scene.left, scene.right))
     return SceneLight(left=left, right=right)
 
 
-def _occluded(view: LightView, camera: Nominal, share: float) -> LightView:
-    kept = 1.0 - share * (1.0 - openness(view.depth_m, camera))
+def _occluded(view: LightView, camera: Nominal, reach_m: float) -> LightView:
+    kept = openness(view.depth_m, camera, reach_m)
     return dataclasses.replace(view, ambient_e=view.ambient_e * kept)
 
 
-def openness(depth_m: Image, camera: Nominal) -> Image:
+def openness(depth_m: Image, camera: Nominal, reach_m: float) -> Image:
     """Return the share (h, w) of ambient light that nearby surfaces leave, from a depth image.
 
     In each direction, the highest surface above the tangent plane blocks light below it. Source:
@@ -50,7 +49,7 @@ def openness(depth_m: Image, camera: Nominal) -> Image:
     position = np.stack([across * smooth, down * smooth, smooth])
     normal = np.cross(np.gradient(position, axis=1), np.gradient(position, axis=2), axis=0)
     normal *= np.sign(-(normal * point).sum(0)) / np.maximum(np.linalg.norm(normal, axis=0), 1e-12)
-    reach_px = np.nan_to_num(camera.fx_px * _REACH_M / depth_m, nan=1.0).clip(1.0, _FARTHEST_PX)
+    reach_px = np.nan_to_num(camera.fx_px * reach_m / depth_m, nan=1.0).clip(1.0, _FARTHEST_PX)
     rows, columns = np.indices(depth_m.shape)
     blocked = np.zeros_like(depth_m)
     for angle in 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS:
@@ -61,7 +60,7 @@ def openness(depth_m: Image, camera: Nominal) -> Image:
             toward = point[:, row.astype(int), column.astype(int)] - point
             distance = np.maximum(np.linalg.norm(toward, axis=0), 1e-9)
             height = (toward * normal).sum(0) / distance
-            fade = np.clip(1.0 - (distance / _REACH_M) ** 2, 0.0, 1.0)
+            fade = np.clip(1.0 - (distance / reach_m) ** 2, 0.0, 1.0)
             sine = np.fmax(sine, np.clip(height - _FLAT, 0.0, 1.0) * fade)
         blocked += sine / _DIRECTIONS
     return np.nan_to_num(1.0 - blocked, nan=1.0)
