@@ -104,6 +104,7 @@ def withheld(
     sensor: str | None = None,
     mode: ModeName = "",
     imperfect: Imperfect | None = None,
+    estimated: bool = False,
     common: Shared = Common(),
 ) -> None:
     """Validate the diagnosis on effects that are withheld from it.
@@ -134,6 +135,8 @@ def withheld(
         imperfect: what the base of tier 5 lacks: all at once, each in turn, or a single one:
             occluded ambient light, a lens spot of another shape, texture of surfaces, exposure
             of each scene, the matcher of the device. Default: all.
+        estimated: give tier 5 reference depth in place of described scenes. Reflectance and light
+            are then estimated for each case, which takes minutes.
     """
     import subprocess
     import sys
@@ -147,6 +150,7 @@ def withheld(
         *(["--sensor", sensor] if sensor is not None else []),
         *(["--mode", mode] if mode else []),
         *(["--imperfect", imperfect] if imperfect is not None else []),
+        *(["--estimated"] if estimated else []),
         *(["--json"] if common.json else []),
         *(["--debug"] if common.debug else []),
     ]

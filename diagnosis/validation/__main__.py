@@ -47,6 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     flag("--mode", default="", help="mode of that camera, WxH or WxH@FPS, for tier 4")
     imperfect = "imperfections of the base, for tier 5: all at once, each in turn, or a single one"
     flag("--imperfect", choices=plan.PLANS, help=f"{imperfect}; default: all")
+    estimated = "estimate the scenes from captures and reference depth, for tier 5"
+    flag("--estimated", action="store_true", help=estimated)
     flag("--json", action="store_true", help="print the scores as JSON")
     flag("--debug", action="store_true", help="show the traceback of an error")
     options = parser.parse_args(arguments)
@@ -65,6 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             set_limit=options.sets,
             singles=options.cases,
             imperfect=options.imperfect,
+            estimated=options.estimated,
         )
         sealed = check.prepare()
         print((check.folder / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)

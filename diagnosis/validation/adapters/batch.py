@@ -46,8 +46,8 @@ def batch(
 
     OUT gets a verdict FOLDER.json for each. With --without, it gets two verdicts, in `without
     family` and `without twins`. Existing verdicts are kept, so a stopped run continues where it
-    stopped. The effects on the scenes are simulated once for all sets. For one capture set,
-    `starling diagnose` reports more.
+    stopped. The effects on the scenes are simulated once for all sets, or for each set where scenes
+    are estimated from its captures. For one capture set, `starling diagnose` reports more.
 
     Args:
         cases: folder of capture sets of the same scenes.
@@ -61,7 +61,7 @@ def batch(
 
     Raises:
         InputError: if a capture set is missing or damaged, or shows other scenes than the first.
-            Also if scenes are neither known nor compared with others, or an effect is unknown.
+            Also if an effect is unknown.
     """
     single_threaded()
     folders = capture_sets(cases)
@@ -81,6 +81,8 @@ def batch(
         for folder in track(todo, "capture sets"):
             started = time.perf_counter()
             pairs = pair_scenes(capture.open_set(folder), reference_set).pairs
+            if _estimated(scene_models):  # Estimates belong to the captures they come from.
+                scene_models, screenings = [], {}
             scene_models = _scene_models(folder.name, pairs, camera, scene_models, references)
             training, held_out = split_test_rooms(scene_models)
             screened = [
@@ -165,13 +167,7 @@ def _scene_models(
 ) -> list[SceneModel]:
     """Load the scenes of a capture set; their models are reused from the previous set."""
     if not previous:
-        loaded = [load_scene_model(scene, sensor, against=reference) for scene, reference in pairs]
-        estimated = [model.name for model in loaded if model.estimates and model.against is None]
-        # Estimates come from the first set of a run, so a continued run would differ.
-        if estimated:
-            rule = "must each have a scene.toml or a capture to compare with"
-            raise refuse("scenes", rule, estimated, "Add scene.toml, or give --against.")
-        return loaded
+        return [load_scene_model(scene, sensor, against=reference) for scene, reference in pairs]
     names, known = [scene.name for scene, _ in pairs], [model.name for model in previous]
     if names != known:
         rule = "must be the same in all capture sets"
@@ -185,6 +181,11 @@ def _scene_models(
         rule = "must be equally many in all capture sets"
         raise refuse("repeats", rule, (case, repeats), f"Give {known}.")
     return models
+
+
+def _estimated(models: Sequence[SceneModel]) -> bool:
+    """Whether reflectance or light of a scene was estimated from its captures."""
+    return any(model.estimates and model.against is None for model in models)
 
 
 def _baselines(segments: Sequence[SegmentResult], *, seed: int) -> dict[str, str | None]:

@@ -176,8 +176,10 @@ class _Drawer:
         sign = int(self.rng.choice(self.sides(row)))
         low, high = max(self.limits.least(row, sign), 1e-12), row.reach(self.nominal, sign)
         if self.beyond > 0.0 and self.rng.random() < self.beyond:
-            low, high = high, row.beyond(FARTHEST).reach(self.nominal, sign)
+            farther = min(FARTHEST * high, row.beyond(FARTHEST).reach(self.nominal, sign))
+            low, high = (high, farther) if farther > high else (low, high)
         departure = math.exp(self.rng.uniform(math.log(low), math.log(high)))
+        departure = min(departure, high)  # Rounding must not cross a physical bound.
         return row.value(self.nominal, departure, sign)
 
 

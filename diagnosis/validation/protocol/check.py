@@ -46,6 +46,7 @@ class Check:
     jobs: int = 2  # Scene sets in parallel, each in a process; 1 stays in this process.
     set_limit: int | None = None  # Number of scene sets to diagnose and score; None for all.
     imperfect: str | None = None  # One of `plan.PLANS`, for tier 5; None is all at once.
+    estimated: bool = False  # Whether scenes are estimated from captures and reference depth.
 
     def __post_init__(self) -> None:
         number, captures = self.tier.number, self.captures
@@ -62,11 +63,15 @@ class Check:
         if self.mode and not real:
             rule, advice = "must be given for tier 4 only", "Leave it out."
             raise refusal("mode", rule, f"{self.mode} for tier {number}", advice)
+        for option, value in (("imperfect", self.imperfect), ("estimated", self.estimated)):
+            if value and not self.tier.imperfect:
+                rule, got = "must be given for tier 5 only", f"{value} for tier {number}"
+                raise refusal(option, rule, got, "Leave it out, or give --tier 5.")
         if self.imperfect is not None:
-            if not self.tier.imperfect:
-                rule, got = "must be given for tier 5 only", f"{self.imperfect} for tier {number}"
-                raise refusal("imperfect", rule, got, "Leave it out, or give --tier 5.")
             plan.check(self.imperfect)
+        if self.estimated and not self.infrared:
+            rule = "must have infrared"
+            raise refusal("estimated scenes", rule, "none", "Omit --no-infrared.")
         if not self.infrared and (real or self.tier.segment == "image"):
             raise refusal(f"tier {number}", "must have infrared", "none", "Omit --no-infrared.")
         if self.power and number != POWER_TIER:
@@ -85,6 +90,7 @@ class Check:
                 number=number,
                 source=self._source(number),
                 infrared=self.infrared,
+                estimated=self.estimated,
             )
             for number in range(self.set_limit or self.tier.sets)
         ]
@@ -231,6 +237,7 @@ class Check:
             "sensor": self.sensor and seal.sensor_digest(Path(self.sensor)),
             **({"mode": self.mode} if self.mode else {}),
             **({"imperfect": self._plan} if self._plan else {}),
+            **({"estimated": True} if self.estimated else {}),
         }
         return json.dumps(options, indent=1).encode()
 

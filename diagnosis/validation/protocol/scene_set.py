@@ -27,6 +27,7 @@ class SceneSet:
     number: int
     source: Rendered | RealPairs
     infrared: bool = True  # Whether captures hold infrared.
+    estimated: bool = False  # Whether captures lack the files that describe the scenes.
 
     def prepare(self) -> None:
         """Make the inputs of all cases if they do not exist.
@@ -116,9 +117,9 @@ class SceneSet:
         temporary = self.folder / ".cases"
         shutil.rmtree(temporary, ignore_errors=True)
         self.source.write_captures(cases, temporary)
-        if not self.infrared:
-            for path in temporary.rglob("ir_*.png"):
-                path.unlink()
+        withheld = [*([] if self.infrared else ["ir_*.png"]), *(["scene.toml"] * self.estimated)]
+        for path in [path for pattern in withheld for path in temporary.rglob(pattern)]:
+            path.unlink()
         self._cases.mkdir(exist_ok=True)
         for case in cases:
             (temporary / case.name).rename(self._cases / case.name)
