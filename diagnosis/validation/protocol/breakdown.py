@@ -62,10 +62,10 @@ def by_imperfection(results: Sequence[CaseResult]) -> dict[str, dict[str, Any]]:
             for kind in ("null", "single", "pair", "unknown")
         )
         rows[name] = {
-            **{f"single_{key}": value for key, value in _reported(single).items()},
-            "pairs_both": statistic(pair, lambda result: result.both_in_sets).value,
+            **_reported(single),
+            "pairs": statistic(pair, lambda result: result.both_in_sets).value,
             "nulls": len(null),
-            "false_named": statistic(null, lambda result: result.wrong_named).value,
+            "null_named": statistic(null, lambda result: result.wrong_named).value,
             "unknown_named": statistic(unknown, lambda result: result.wrong_named).value,
         }
     return rows
@@ -73,7 +73,7 @@ def by_imperfection(results: Sequence[CaseResult]) -> dict[str, dict[str, Any]]:
 
 def _reported(singles: Sequence[CaseResult]) -> dict[str, Any]:
     return {
-        "cases": len(singles),
+        "singles": len(singles),
         "first": statistic(singles, lambda result: result.listed_first).value,
         "reported": statistic(singles, lambda result: result.all_named).value,
         "wrong": statistic(singles, lambda result: result.wrong_named).value,

@@ -58,11 +58,15 @@ def make_verdict(
 
 
 def make_result(
-    settings: dict[str, float], table: dict[str, Any], number: int = 0, set_number: int = 0
+    settings: dict[str, float],
+    table: dict[str, Any],
+    number: int = 0,
+    set_number: int = 0,
+    **imperfections: float,
 ) -> CaseResult:
-    """Return a case with its verdict."""
+    """Return a case with its verdict, and the imperfections of its base."""
     kinds: tuple[CaseKind, ...] = ("null", "single", "pair")
     outside = any(ROWS[name].kind == "outside" for name in settings)
     kind = "unknown" if outside else kinds[len(settings)]
-    case = Case(number=number, kind=kind, settings=settings, seed=1)
+    case = Case(number=number, kind=kind, settings=settings, seed=1, imperfections=imperfections)
     return CaseResult(case=case, verdict=verdict.from_table(table), set_number=set_number)

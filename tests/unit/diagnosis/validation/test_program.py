@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import get_args
 
 import pytest
 
 from starling import command_line
+from starling.diagnosis import verbs
 from starling.diagnosis.validation import __main__ as program
 from starling.diagnosis.validation.adapters import __main__ as adapters
 from starling.diagnosis.validation.camera.errors import WithheldError
-from starling.diagnosis.validation.protocol import programs
+from starling.diagnosis.validation.protocol import plan, programs
 from starling.diagnosis.validation.protocol.check import Check
+from starling.diagnosis.validation.protocol.tier import TIERS
 
 
 def test_invalid_options_are_refused(tmp_path, capsys):
@@ -118,3 +121,36 @@ def test_the_verb_runs_the_program_in_a_process(monkeypatch):
     values = ["--tier", "4", "--captures", "real", "--sensor", "d415", "--sets", "2"]
     assert command_line.main(["withheld", "--out", "x", *values]) == 3
     assert {*values} <= {*commands[1]}
+    imperfect = ["--tier", "5", "--imperfect", "each", "--estimated"]
+    assert command_line.main(["withheld", "--out", "x", *imperfect]) == 3
+    assert {*imperfect} <= {*commands[2]}
+    assert "--estimated" not in commands[1] and "--imperfect" not in commands[1]
+
+
+def test_the_verb_has_all_plans():
+    assert get_args(verbs.Imperfect) == plan.PLANS
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--imperfect", "each"], "imperfect must be given for tier 5 only; got each for tier 1."),
+        (["--estimated"], "estimated must be given for tier 5 only; got True for tier 1."),
+        (
+            ["--tier", "5", "--estimated", "--no-infrared"],
+            "estimated scenes must have infrared; got none. Omit --no-infrared.",
+        ),
+    ],
+)
+def test_options_of_tier_five(tmp_path, capsys, options, message):
+    assert program.main([str(tmp_path / "run"), *options]) == 1
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_unknown_plan_is_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        program.main([str(tmp_path / "run"), "--tier", "5", "--imperfect", "fog"])
+    assert "invalid choice: 'fog'" in capsys.readouterr().err
+    with pytest.raises(WithheldError, match="imperfect must be one of"):
+        Check(out=tmp_path, tier=TIERS[5], blender=tmp_path, imperfect="fog")

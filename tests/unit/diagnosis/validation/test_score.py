@@ -22,6 +22,7 @@ from tests.unit.diagnosis.validation.made_results import (
 )
 
 RATES = (
+    "listed_first", "reported", "reported_wrong", "cosine_top1",
     "top1", "top1_family", "in_set", "answered", "top1_of_answered", "coverage", "false_alarm",
     "false_named", "pairs_both", "pairs_both_named", "pairs_first", "unknown_recall",
     "unknown_recall_outside", "unknown_recall_left_out", "unknown_recall_family", "unknown_false",
@@ -380,3 +381,78 @@ def test_the_earlier_rule_is_scored_beside_the_new_one(camera: Nominal) -> None:
     scores = score([make_result({"lens_blur": 0.8}, table)], camera, tier=1, families=FAMILIES)
     assert scores["top1"] == 1.0 and scores["by_remainder"]["top1"] == 0.0
     assert scores["by_remainder"]["unknown_false"] == 1.0
+
+
+def test_what_is_reported_is_scored_beside_what_is_first(camera: Nominal) -> None:
+    """A surrogate of the largest gain is first, but not reported."""
+    blur = {"lens_blur": 0.8}
+    right, wrong = make_effect("lens_blur", 0.8, gain=9.0), make_effect("veil", gain=30.0)
+    surrogate = make_effect("lens_blur", 0.8, gain=40.0, surrogate=True)
+    tables = [
+        make_verdict("effects", right, cosine="lens_blur.core"),
+        make_verdict("effects", wrong, right, cosine="veil"),
+        make_verdict("effects", wrong, surrogate, cosine=None),
+        make_verdict("none of the known", surrogate, cosine="lens_blur"),
+        make_verdict("no gap"),
+    ]
+    cases = [make_result(blur, table, number=n) for n, table in enumerate(tables)]
+    scores = score(cases, camera, families=FAMILIES, tier=5)
+    assert scores["reported"] == 2 / 5
+    assert scores["reported_wrong"] == 2 / 5
+    assert scores["listed_first"] == 3 / 5
+    assert scores["top1"] == 1 / 5
+    assert scores["cosine_top1"] == 2 / 4  # The last one was not run.
+    assert scores["by_range"] == {} and scores["by_imperfection"] == {}
+
+
+def test_strengths_beyond_the_table_are_scored_apart(camera: Nominal) -> None:
+    """The range of lens blur ends at 1.5 px, that of a choice never."""
+    right = make_verdict("effects", make_effect("lens_blur", 1.9))
+    cases = [
+        make_result({"lens_blur": 1.9}, right),
+        make_result({"lens_blur": 1.5}, make_verdict("no gap")),
+        make_result({"median": 3.0}, make_verdict("no gap")),
+    ]
+    ranges = score(cases, camera, families=FAMILIES, tier=5)["by_range"]
+    assert (ranges["within the range"]["singles"], ranges["beyond the range"]["singles"]) == (2, 1)
+    assert ranges["within the range"]["reported"] == 0.0
+    assert ranges["beyond the range"]["reported"] == 1.0
+    assert ranges["beyond the range"]["parameter_error_pct"] == pytest.approx(0.0)
+
+
+def test_scores_by_imperfection(camera: Nominal) -> None:
+    blur = {"lens_blur": 0.8}
+    right = make_verdict("effects", make_effect("lens_blur", 0.8), cosine="lens_blur")
+    veil, gap = make_verdict("effects", make_effect("veil")), make_verdict("none of the known")
+    pair = {"lens_blur": 0.8, "veil": 0.05}
+    cases = [
+        make_result(blur, right, texture=0.1),
+        make_result(blur, veil, disc_spot=0.7),
+        make_result({}, gap, texture=0.1),
+        make_result({}, veil, texture=0.1),
+        make_result({"lens_ghost": 0.2}, veil, texture=0.1, disc_spot=0.7),
+        make_result(pair, right, texture=0.1),
+    ]
+    scores = score(cases, camera, families=FAMILIES, tier=5)
+    texture, disc = scores["by_imperfection"]["texture"], scores["by_imperfection"]["disc_spot"]
+    assert list(scores["by_imperfection"]) == ["disc_spot", "texture"]
+    assert (texture["singles"], texture["reported"]) == (1, 1.0)
+    assert (texture["cosine"], texture["closed_pct"]) == (1.0, 90.0)
+    assert (texture["nulls"], texture["null_named"]) == (2, 0.5)
+    assert (texture["unknown_named"], texture["pairs"]) == (1.0, 0.0)
+    assert (disc["wrong"], disc["nulls"], disc["null_named"]) == (1.0, 0, None)
+    failed = [case["truth"] for case in scores["failures"]]
+    assert failed.count("no effect") == 1  # A gap that no effect explains is right here.
+
+
+def test_goals_with_an_imperfect_base() -> None:
+    goals = compare_with_goals(5, _ConstantScores(0.85))
+    assert {key: goal["asked"] for key, goal in goals.items()} == {
+        "reported": ">= 0.85",
+        "reported_wrong": "<= 0.10",
+        "baselines_as_good": "<= 0",
+        "false_named": "<= 0.05",
+        "closed_pct": ">= 60 %",
+    }
+    assert goals["reported"]["reached"] and not goals["reported_wrong"]["reached"]
+    assert "answered" in compare_with_goals(5, _ConstantScores(0.5), infrared=False)

@@ -122,3 +122,22 @@ def test_table_of_power_curves(camera: Nominal) -> None:
         "veil         0.05      1      0      0      0",
         "veil          0.1      1      0      0      0",
     ]
+
+
+def test_table_of_an_imperfect_base(camera: Nominal) -> None:
+    right = make_verdict("effects", make_effect("lens_blur", 1.9), cosine="veil")
+    cases = [
+        make_result({"lens_blur": 1.9}, right, texture=0.1),
+        make_result({}, make_verdict("none of the known"), disc_spot=0.7),
+    ]
+    lines = text(score(cases, camera, families={}, tier=5)).splitlines()
+    by_label = {line.split("  ")[0]: line.split() for line in lines}
+    named = by_label["one effect: it is named"]
+    assert named[-4:] == ["1", ">=", "0.85", "reached"]
+    assert by_label["no effect: an effect is named"][-3:] == ["<=", "0.05", "reached"]
+    cosine = by_label["one effect: top-1 accuracy of the nearest response by cosine"]
+    assert cosine[-1] == "0"
+    assert by_label["beyond the range"][3:5] == ["1", "1"]
+    assert by_label["texture"][:3] == ["texture", "1", "1"]
+    assert "disc_spot" in by_label
+    assert max(map(len, lines)) <= 120
