@@ -50,17 +50,18 @@ def openness(depth_m: Image, camera: Nominal, reach_m: float) -> Image:
     normal = np.cross(np.gradient(position, axis=1), np.gradient(position, axis=2), axis=0)
     normal *= np.sign(-(normal * point).sum(0)) / np.maximum(np.linalg.norm(normal, axis=0), 1e-12)
     reach_px = np.nan_to_num(camera.fx_px * reach_m / depth_m, nan=1.0).clip(1.0, _FARTHEST_PX)
-    rows, columns = np.indices(depth_m.shape)
+    rows, columns = np.indices(depth_m.shape, np.float64)
     blocked = np.zeros_like(depth_m)
     for angle in 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS:
         sine = np.zeros_like(depth_m)
         for step in (1 + np.arange(_STEPS)) / _STEPS:
-            row = np.rint(rows + step * reach_px * np.sin(angle)).clip(0, camera.height - 1)
-            column = np.rint(columns + step * reach_px * np.cos(angle)).clip(0, camera.width - 1)
-            toward = point[:, row.astype(int), column.astype(int)] - point
-            distance = np.maximum(np.linalg.norm(toward, axis=0), 1e-9)
-            height = (toward * normal).sum(0) / distance
-            fade = np.clip(1.0 - (distance / reach_m) ** 2, 0.0, 1.0)
+            row = np.rint(rows + step * np.sin(angle) * reach_px).clip(0, camera.height - 1)
+            column = np.rint(columns + step * np.cos(angle) * reach_px).clip(0, camera.width - 1)
+            there = (row * camera.width + column).astype(np.intp)
+            x, y, z = (np.take(axis, there) - axis for axis in point)
+            squared_m2 = np.maximum(x * x + y * y + z * z, 1e-18)
+            height = (x * normal[0] + y * normal[1] + z * normal[2]) / np.sqrt(squared_m2)
+            fade = np.clip(1.0 - squared_m2 / reach_m**2, 0.0, 1.0)
             sine = np.fmax(sine, np.clip(height - _FLAT, 0.0, 1.0) * fade)
         blocked += sine / _DIRECTIONS
     return np.nan_to_num(1.0 - blocked, nan=1.0)

@@ -86,6 +86,7 @@ def test_a_texture_has_its_contrast_on_every_body(light: SceneLight, camera: Nom
     contrast = 0.1
     draws = [Draws(seed=5, scene=str(number)) for number in range(12)]
     factors = []
+    textured = light
     for each in draws:
         textured = imperfections.on_surfaces(light, camera, {"texture": contrast}, each)
         seen = light.left.body > 0
