@@ -24,19 +24,37 @@ SPOTS = (DISC_SPOT, TAILED_SPOT)  # A lens has at most one of them.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Imperfection:
-    """Range of one imperfection's strength. Strengths are drawn uniformly."""
+    """Range of one imperfection's strength, and what names it.
+
+    Strengths are drawn uniformly.
+    """
 
     least: float
     most: float
+    rows: tuple[str, ...]  # Effects of the diagnosis' table that truly name it.
 
 
+_OF_MATCHER = (  # Settings in which `matcher` differs from the base.
+    "census_window",
+    "small_penalty",
+    "large_penalty",
+    "uniqueness",
+    "left_right_threshold",
+    "median",
+    "speckle_filter",
+)
 IMPERFECTIONS = {
-    OCCLUDED_SKY: Imperfection(least=0.15, most=0.5),  # Reach of the blocking surfaces [m].
-    DISC_SPOT: Imperfection(least=0.6, most=1.0),  # Share of the lens spot's light in a disc.
-    TAILED_SPOT: Imperfection(least=0.1, most=0.3),  # Share of the lens spot's light in a halo.
-    TEXTURE: Imperfection(least=0.05, most=0.2),  # Deviation over mean of the reflectance.
-    EXPOSURE: Imperfection(least=0.1, most=0.4),  # Largest logarithm of a factor.
-    OTHER_MATCHER: Imperfection(least=1.0, most=1.0),  # 1: depth by the second matcher.
+    # Reach of the blocking surfaces [m].
+    OCCLUDED_SKY: Imperfection(least=0.15, most=0.5, rows=("ambient_occlusion",)),
+    # Share of the lens spot's light in a disc, or in a halo.
+    DISC_SPOT: Imperfection(least=0.6, most=1.0, rows=("spot_shape",)),
+    TAILED_SPOT: Imperfection(least=0.1, most=0.3, rows=("spot_shape",)),
+    # Deviation over mean of the reflectance.
+    TEXTURE: Imperfection(least=0.05, most=0.2, rows=("texture",)),
+    # Largest logarithm of a factor that differs by scene; no effect of a device is its name.
+    EXPOSURE: Imperfection(least=0.1, most=0.4, rows=()),
+    # 1: depth by the second matcher.
+    OTHER_MATCHER: Imperfection(least=1.0, most=1.0, rows=_OF_MATCHER),
 }
 
 

@@ -134,6 +134,7 @@ def score(
         **_singles(single, nominal, families),
         "false_alarm": statistic(null, lambda result: result.gap_reported),
         "false_named": statistic(null, lambda result: result.verdict.kind == "effects"),
+        "false_wrong": statistic(null, lambda result: result.wrong_named),
         "pairs_both": statistic(pair, lambda result: result.both_in_sets),
         "pairs_both_named": statistic(pair, lambda result: result.all_named),
         "pairs_first": statistic(pair, lambda result: result.top1_correct),

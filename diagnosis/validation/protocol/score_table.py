@@ -25,6 +25,7 @@ _LABELS = {
     "coverage": "one effect: interval contains the strength",
     "false_alarm": "no effect: a gap is reported",
     "false_named": "no effect: an effect is named",
+    "false_wrong": "no effect: an effect is named that the captured world lacks",
     "pairs_both": "two effects: both in credible sets",
     "pairs_both_named": "two effects: both named",
     "pairs_first": "two effects: top-1 effect is one of them",

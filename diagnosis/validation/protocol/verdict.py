@@ -13,6 +13,7 @@ from typing import Any, Literal, TypeVar, get_args
 from starling.diagnosis.validation.camera import json_file
 from starling.diagnosis.validation.camera.catalogue import ROWS, EffectRow
 from starling.diagnosis.validation.camera.errors import refusal
+from starling.diagnosis.validation.camera.imperfections import IMPERFECTIONS
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.protocol.case import Case
 
@@ -162,8 +163,15 @@ class CaseResult:
 
     @property
     def wrong_named(self) -> bool:
-        """Whether an effect is named that is no true one."""
-        return not {named.row for named in self.verdict.named}.issubset(self.rows)
+        """Whether an effect is named that neither the case nor its imperfections have."""
+        named = {effect.row for effect in self.verdict.named}
+        return not named.issubset({*self.rows, *self.world_rows})
+
+    @property
+    def world_rows(self) -> frozenset[str]:
+        """Effects that truly name an imperfection of the base."""
+        imperfections = map(IMPERFECTIONS.__getitem__, self.case.imperfections)
+        return frozenset(row for each in imperfections for row in each.rows)
 
     @property
     def listed_first(self) -> bool:

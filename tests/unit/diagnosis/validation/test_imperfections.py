@@ -21,6 +21,7 @@ from starling.diagnosis.validation.camera.light import LightView, SceneLight
 from starling.diagnosis.validation.camera.nominal import Nominal
 from starling.diagnosis.validation.protocol.case import Case
 from starling.diagnosis.validation.protocol.shoot import shoot
+from starling.sim import effects
 from tests.unit.diagnosis.validation.conftest import BOX_M
 
 OF_SCENE = Draws(seed=5, scene="a")
@@ -38,6 +39,11 @@ def test_nothing_changes_at_zero(light_set: Path, tmp_path: Path) -> None:
     plain = _images(light_set, tmp_path / "plain")
     zero = _images(light_set, tmp_path / "zero", **dict.fromkeys(IMPERFECTIONS, 0.0))
     np.testing.assert_array_equal(zero, plain)
+
+
+def test_effects_that_name_an_imperfection_are_in_the_table() -> None:
+    names = {row for imperfection in IMPERFECTIONS.values() for row in imperfection.rows}
+    assert names - {row.name for row in effects.table()} <= {"spot_shape"}
 
 
 @pytest.mark.parametrize("name", IN_IMAGES)

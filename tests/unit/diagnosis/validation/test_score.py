@@ -22,7 +22,7 @@ from tests.unit.diagnosis.validation.made_results import (
 )
 
 RATES = (
-    "listed_first", "reported", "reported_wrong", "cosine_top1",
+    "false_wrong", "listed_first", "reported", "reported_wrong", "cosine_top1",
     "top1", "top1_family", "in_set", "answered", "top1_of_answered", "coverage", "false_alarm",
     "false_named", "pairs_both", "pairs_both_named", "pairs_first", "unknown_recall",
     "unknown_recall_outside", "unknown_recall_left_out", "unknown_recall_family", "unknown_false",
@@ -441,8 +441,23 @@ def test_scores_by_imperfection(camera: Nominal) -> None:
     assert (texture["nulls"], texture["null_named"]) == (2, 0.5)
     assert (texture["unknown_named"], texture["pairs"]) == (1.0, 0.0)
     assert (disc["wrong"], disc["nulls"], disc["null_named"]) == (1.0, 0, None)
+    assert (scores["false_named"], scores["false_wrong"]) == (0.5, 0.5)
     failed = [case["truth"] for case in scores["failures"]]
     assert failed.count("no effect") == 1  # A gap that no effect explains is right here.
+
+
+def test_the_name_of_an_imperfection_is_not_wrong(camera: Nominal) -> None:
+    """Texture that the base lacks is in the world, so a null that names it has no wrong effect."""
+    named = make_verdict("effects", make_effect("texture", 0.1))
+    both = make_verdict("effects", make_effect("lens_blur", 0.8), make_effect("texture", 0.1))
+    cases = [
+        make_result({}, named, texture=0.1),
+        make_result({}, named, exposure=0.2),
+        make_result({"lens_blur": 0.8}, both, texture=0.1),
+    ]
+    scores = score(cases, camera, families=FAMILIES, tier=5)
+    assert (scores["false_named"], scores["false_wrong"]) == (1.0, 0.5)
+    assert (scores["reported"], scores["reported_wrong"]) == (1.0, 0.0)
 
 
 def test_goals_with_an_imperfect_base() -> None:
