@@ -132,9 +132,9 @@ def withheld(
         blender: Python with bpy, for tier 2 (see tools/blender.sh).
         captures: capture set of a real camera with at least eight scenes, for tier 4.
         sensor: preset or sensor file of that camera, for tier 4.
-        imperfect: what the base of tier 5 lacks: all at once, each in turn, or a single one:
-            occluded ambient light, a lens spot of another shape, texture of surfaces, exposure
-            of each scene, the matcher of the device. Default: all.
+        imperfect: what the base of tier 5 lacks: all at once, each in turn, or a single one.
+            These are occluded ambient light, a lens spot of another shape, texture of surfaces,
+            exposure by scene, and the matcher of the device. Default: all.
         estimated: give tier 5 reference depth in place of described scenes. Reflectance and light
             are then estimated for each case, which takes minutes.
     """

@@ -60,16 +60,16 @@ def test_an_imperfect_base_is_scored_by_imperfection(done: tuple[Check, list[cas
 
 def test_a_run_keeps_its_plan(done: tuple[Check, list[case.Case]]) -> None:
     check, _ = done
-    for other in ({"imperfect": "each"}, {"estimated": True}):
+    for change in ({"imperfect": "each"}, {"estimated": True}):
         with pytest.raises(WithheldError, match=r"asked\.json must be what"):
-            dataclasses.replace(check, **other).prepare()
+            dataclasses.replace(check, **change).prepare()
 
 
 @pytest.mark.long
 def test_estimated_scenes_have_reference_depth_alone(
     done: tuple[Check, list[case.Case]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each case has its own estimates, so both are diagnosed anew, and a stopped run continues."""
+    """Each case has its own estimates, so the second is not compared with the first."""
     check, cases = done
     seen: list[set[str]] = []
     diagnose = programs.diagnose

@@ -33,8 +33,8 @@ def occlude(scene: SceneLight, camera: Nominal, reach_m: float) -> SceneLight:
 
 
 def _occluded(view: LightView, camera: Nominal, reach_m: float) -> LightView:
-    kept = openness(view.depth_m, camera, reach_m)
-    return dataclasses.replace(view, ambient_e=view.ambient_e * kept)
+    sky_share = openness(view.depth_m, camera, reach_m)
+    return dataclasses.replace(view, ambient_e=view.ambient_e * sky_share)
 
 
 def openness(depth_m: Image, camera: Nominal, reach_m: float) -> Image:
@@ -57,8 +57,8 @@ def openness(depth_m: Image, camera: Nominal, reach_m: float) -> Image:
         for step in (1 + np.arange(_STEPS)) / _STEPS:
             row = np.rint(rows + step * np.sin(angle) * reach_px).clip(0, camera.height - 1)
             column = np.rint(columns + step * np.cos(angle) * reach_px).clip(0, camera.width - 1)
-            there = (row * camera.width + column).astype(np.intp)
-            x, y, z = (np.take(axis, there) - axis for axis in point)
+            neighbour = (row * camera.width + column).astype(np.intp)
+            x, y, z = (np.take(axis, neighbour) - axis for axis in point)
             squared_m2 = np.maximum(x * x + y * y + z * z, 1e-18)
             height = (x * normal[0] + y * normal[1] + z * normal[2]) / np.sqrt(squared_m2)
             fade = np.clip(1.0 - squared_m2 / reach_m**2, 0.0, 1.0)

@@ -96,8 +96,8 @@ class Rendered:
         camera = self.camera
         for case in cases:
             shoot.shoot(self.light, case, out / case.name, frames=self.tier.frames)
-            other = case.imperfections.get(OTHER_MATCHER, 0.0) > 0.0
-            if other or self.tier.has_own_depth(case.number):
+            foreign = case.imperfections.get(OTHER_MATCHER, 0.0) > 0.0
+            if foreign or self.tier.has_own_depth(case.number):
                 match_captures(out / case.name, camera)
         if self.tier.matcher == "starling":
             programs.run("own_depth", out, flags={"--sensor": self.sensor})

@@ -76,12 +76,12 @@ def test_a_free_wall_sees_the_whole_sky(camera: Nominal) -> None:
 @pytest.mark.parametrize("name", SPOTS)
 def test_lens_spots_keep_light_and_variance(name: str, light: SceneLight, camera: Nominal) -> None:
     blurred = dataclasses.replace(camera, lens_blur_px=1.2)
-    other = imperfections.with_spot(blurred, {name: IMPERFECTIONS[name].most})
+    shaped = imperfections.with_spot(blurred, {name: IMPERFECTIONS[name].most})
     point = np.zeros(camera.shape)
     point[32, 48] = 1.0
     plain, spot = (
         optics.focus(point, light.left, Strengths(nominal=nominal, values={}))[1:, 1:]
-        for nominal in (blurred, other)
+        for nominal in (blurred, shaped)
     )
     assert spot.sum() == pytest.approx(1.0)
     assert psf.variance(spot) == pytest.approx(psf.variance(plain), rel=1e-6)

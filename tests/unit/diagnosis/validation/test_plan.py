@@ -121,9 +121,9 @@ def test_tier_five_has_other_scenes_than_development() -> None:
     assert tier.imperfect and not numbers & set(range(7100, 7130))
     others = {
         name
-        for number, other in TIERS.items()
+        for number, rendered in TIERS.items()
         if number not in (4, 5)
-        for each in range(other.sets)
-        for name in other.scene_names(each)
+        for each in range(rendered.sets)
+        for name in rendered.scene_names(each)
     }
     assert not others & {name for each in range(tier.sets) for name in tier.scene_names(each)}
