@@ -54,11 +54,10 @@ class EffectRow:
 
     def beyond(self, factor: float) -> EffectRow:
         """Return the row with a larger range. Bounds that physics sets stay: 0, and shares of 1."""
-        share = self.unit == "1" and self.most == 1
+        share = self.unit == "1" and self.most <= 1
         most = self.most if share else self.most * factor
-        return dataclasses.replace(
-            self, high=self.high * factor, least=self.least / factor, most=most
-        )
+        least = self.least / factor if self.least > 0 else self.least
+        return dataclasses.replace(self, high=self.high * factor, least=least, most=most)
 
     def value(self, nominal: Nominal, departure: float, sign: int) -> float:
         """Return the strength at a departure >= 0 on one side of the neutral."""

@@ -16,6 +16,7 @@ from typing import Any
 
 from starling.diagnosis.validation.camera.catalogue import ROWS
 from starling.diagnosis.validation.camera.errors import refusal
+from starling.diagnosis.validation.camera.imperfections import IMPERFECTIONS
 from starling.diagnosis.validation.protocol import case, plan, power, programs, score, seal
 from starling.diagnosis.validation.protocol.case import Case
 from starling.diagnosis.validation.protocol.real_pairs import RealPairs
@@ -98,6 +99,12 @@ class Check:
     @property
     def _plan(self) -> str | None:
         return (self.imperfect or plan.ALL) if self.tier.imperfect else None
+
+    @property
+    def _world_rows(self) -> set[str]:
+        """Effects that name an imperfection, and so are not withheld in this tier."""
+        rows = (row for each in IMPERFECTIONS.values() for row in each.rows)
+        return set(rows) if self.tier.imperfect else set()
 
     def _source(self, number: int) -> Rendered | RealPairs:
         folder = self.out / f"set-{number}"
@@ -269,7 +276,7 @@ class Check:
             families=seal.parse_families(families),
             limits=limits,
             kinds=self.tier.kinds,
-            leave_out=ROWS.keys() - source.effects,
+            leave_out={*(ROWS.keys() - source.effects), *self._world_rows},
             upwards=source.upwards,
             beyond=self.tier.beyond,
             imperfect=self._plan,
