@@ -99,7 +99,8 @@ def test_rooms_are_not_darker_at_image_borders(tmp_path):
     """The scene extends beyond the image, since lens blur brings in light from there."""
     lens = [("imager.lens.blur_px", 1.5), ("imager.smoothing_px", 1.5)]
     noiseless = [("imager.shot_noise", 0.0), ("imager.read_noise_e", 0.0)]
-    still = with_values(DARK, [*lens, *noiseless])
+    fine = [("imager.bit_depth", 12), ("imager.dropped_bits", 0)]  # One code of 8 bits is 4 %.
+    still = with_values(DARK, [*lens, *noiseless, *fine])
     scene = captured_scene.scene_from_light(
         room(tmp_path / "set", 1.0), RoomLight(np.full(SHAPE, 0.5, np.float32), 1.0)
     )
