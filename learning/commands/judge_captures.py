@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from starling.learning import registry
 from starling.learning.evaluation.evaluate import HolePrediction
 from starling.learning.judge import pictures, samples
 from starling.learning.judge.figures import summary
@@ -107,7 +106,7 @@ def judge_method(
     seed: int = 0,
     track: progress.Progress = progress.silent,
 ) -> dict[str, dict[str, Any]]:
-    """Judge depth images with the holes that a method draws, against the device's.
+    """Judge the holes that a method draws, against the device's.
 
     Args:
         method: name of the method.
@@ -117,33 +116,29 @@ def judge_method(
         track: wraps the long loops.
 
     Returns:
-        As `judge_captures`: `holes`, and `depth` for methods that use physics. Others have the
-        reference as depth.
+        As `judge_captures`, `holes` alone: drawn depth has no noise of a device.
 
     Raises:
         InputError: as `judge_captures`.
     """
     scenes = {scene.name: scene for scene in captures.scenes}
-    result: dict[str, dict[str, Any]] = {}
-    for kind in ("holes", "depth") if method in registry.ON_PHYSICS else ("holes",):
-        start_s = time.perf_counter()
-        judged = [
-            _drawn_pair(kind, method, each, scenes[each.example.scene], seed)
-            for each in track(predictions, f"draw {kind}")
-        ]
-        result[kind] = summary(room_scores(judge(judged, seed=seed, track=track)), seed)
-        result[kind]["seconds"] = time.perf_counter() - start_s
-    return result
+    start_s = time.perf_counter()
+    drawn = [
+        _drawn_pair(method, each, scenes[each.example.scene], seed)
+        for each in track(predictions, "draw holes")
+    ]
+    figures = summary(room_scores(judge(drawn, seed=seed, track=track)), seed)
+    return {"holes": {**figures, "seconds": time.perf_counter() - start_s}}
 
 
 def _drawn_pair(
-    kind: str, method: str, prediction: HolePrediction, real: CapturedScene, seed: int
+    method: str, prediction: HolePrediction, real: CapturedScene, seed: int
 ) -> samples.ScenePair:
     """Pair a scene of the device with the same scene as a method draws it."""
     drawn = sampling.draw_frame(method, prediction.probability, prediction.example, seed=seed)
     frame = Frame(number=0, depth_m=drawn.depth_m)
     return samples.pair(
-        real, samples.read(kind, real), real, samples.statistics(kind, frame, real.info)
+        real, samples.read("holes", real), real, samples.statistics("holes", frame, real.info)
     )
 
 
