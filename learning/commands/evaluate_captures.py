@@ -11,7 +11,7 @@ from typing import Any
 
 from starling.learning import registry, shipped
 from starling.learning.commands import work_folder
-from starling.learning.commands.judge_captures import judge_method
+from starling.learning.commands.judge_captures import judge_methods
 from starling.learning.commands.train_captures import PHYSICS, trained, trained_method
 from starling.learning.data import captured
 from starling.learning.data.captured import Simulation
@@ -108,7 +108,7 @@ def evaluate_captures(
 
     Returns:
         Metrics of every method (see `starling.learning.evaluation.evaluate.figures`; with
-        `plan.judge` also "judge", see `judge_captures.judge_method`), "icp" (see
+        `plan.judge` also "judge", see `judge_captures.judge_methods`), "icp" (see
         `starling.learning.icp.case_study.figures`; empty if omitted), "out", "seconds".
 
     Raises:
@@ -167,9 +167,10 @@ def evaluate_captures(
         predictions = {name: OnDemand(items, _Stored.read) for name, items in stored.items()}
         scores = {name: evaluate.scores(scenes) for name, scenes in predictions.items()}
         figures = evaluate.figures(scores, seed=plan.seed)
-        for name, scenes in predictions.items() if plan.judge else ():
-            judged = judge_method(name, scenes, tested, seed=plan.seed, track=track)
-            figures["methods"][name]["judge"] = judged
+        if plan.judge:
+            judged = judge_methods(predictions, tested, held_out, seed=plan.seed, track=track)
+            for name, score in judged.items():
+                figures["methods"][name]["judge"] = score
         figures["icp"] = {}
         if plan.icp:
             outcomes = case_study.case_study(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from starling.learning.judge.figures import summary
 from starling.learning.judge.judge import JudgedScene, judge, room_scores
 from starling.learning.judge.samples import pairs
 from starling.learning.sampling import sampling
-from starling.sim.captures.capture import CapturedScene, CaptureSet, Frame
+from starling.sim.captures.capture import CaptureSet, Frame
 from starling.sim.commands.compare import compare, pair_scenes
 from starling.sim.console import output, progress, record
 from starling.sim.console.names import file_name
@@ -98,48 +98,47 @@ def judge_captures(
     return result
 
 
-def judge_method(
-    method: str,
-    predictions: Sequence[HolePrediction],
+def judge_methods(
+    predictions: Mapping[str, Sequence[HolePrediction]],
     captures: CaptureSet,
+    rooms: Sequence[str],
     *,
     seed: int = 0,
     track: progress.Progress = progress.silent,
 ) -> dict[str, dict[str, Any]]:
-    """Judge the holes that a method draws, against the device's.
+    """Judge the holes that methods draw, against the device's.
 
     Args:
-        method: name of the method.
-        predictions: probabilities of held-out scenes.
+        predictions: probabilities of the same held-out scenes, by method.
         captures: set of these scenes.
+        rooms: held-out rooms.
         seed: seed of the holes, and as in `judge_captures`.
         track: wraps the long loops.
 
     Returns:
-        As `judge_captures`, `holes` alone: drawn depth has no noise of a device.
+        By method, as `judge_captures`, `holes` alone: drawn depth has no noise of a device.
 
     Raises:
         InputError: as `judge_captures`.
     """
-    scenes = {scene.name: scene for scene in captures.scenes}
-    start_s = time.perf_counter()
-    drawn = [
-        _drawn_pair(method, each, scenes[each.example.scene], seed)
-        for each in track(predictions, "draw holes")
-    ]
-    figures = summary(room_scores(judge(drawn, seed=seed, track=track)), seed)
-    return {"holes": {**figures, "seconds": time.perf_counter() - start_s}}
+    scenes = {scene.name: scene for scene in captures.scenes if scene.room in rooms}
+    known = {name: samples.read("holes", scene) for name, scene in scenes.items()}
+    result: dict[str, dict[str, Any]] = {}
+    for method, predicted in predictions.items():
+        start_s = time.perf_counter()
+        drawn = []
+        for each in track(predicted, "draw holes"):
+            real = scenes[each.example.scene]
+            cells = samples.statistics("holes", _drawn(method, each, seed), real.info)
+            drawn.append(samples.pair(real, known[real.name], real, cells))
+        figures = summary(room_scores(judge(drawn, seed=seed, track=track)), seed)
+        result[method] = {"holes": {**figures, "seconds": time.perf_counter() - start_s}}
+    return result
 
 
-def _drawn_pair(
-    method: str, prediction: HolePrediction, real: CapturedScene, seed: int
-) -> samples.ScenePair:
-    """Pair a scene of the device with the same scene as a method draws it."""
+def _drawn(method: str, prediction: HolePrediction, seed: int) -> Frame:
     drawn = sampling.draw_frame(method, prediction.probability, prediction.example, seed=seed)
-    frame = Frame(number=0, depth_m=drawn.depth_m)
-    return samples.pair(
-        real, samples.read("holes", real), real, samples.statistics("holes", frame, real.info)
-    )
+    return Frame(number=0, depth_m=drawn.depth_m)
 
 
 def _draw(

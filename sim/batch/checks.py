@@ -168,6 +168,24 @@ def _range(
     return high - low
 
 
+@wp.func
+def _disagree(
+    left: wp.array3d(dtype=float),
+    right: wp.array3d(dtype=float),
+    e: int,
+    y: int,
+    x: int,
+    tolerance: float,
+) -> bool:  # pragma: no cover - compiled
+    """Whether the match in the right view has another disparity, or none; False outside of it."""
+    target = x - int(wp.rint(left[e, y, x]))
+    if target < 0 or target >= right.shape[2]:
+        return False
+    match = right[e, y, target]
+    near = match >= 0.0 and wp.abs(match - left[e, y, x]) <= tolerance
+    return not near  # True for NaN.
+
+
 @wp.kernel
 def compare_views(
     best: wp.array3d(dtype=wp.int16),
@@ -192,12 +210,8 @@ def compare_views(
     """
     e, y, x = wp.tid()
     code = _VALID
-    target = x - int(wp.rint(left[e, y, x]))
-    if target >= 0 and target < best.shape[2]:
-        match = right[e, y, target]
-        near = match >= 0.0 and wp.abs(match - left[e, y, x]) <= limits.left_right
-        if not near:  # True for NaN.
-            code = _LEFT_RIGHT
+    if _disagree(left, right, e, y, x, limits.left_right):
+        code = _LEFT_RIGHT
     if ambiguous[e, y, x] > _VALID:
         code = _AMBIGUOUS
     if int(best[e, y, x]) > x:
@@ -222,12 +236,7 @@ def find_consistent(
     """
     e, y, x = wp.tid()
     mark = wp.uint8(1)
-    target = x - int(wp.rint(left[e, y, x]))
-    if target >= 0 and target < best.shape[2]:
-        match = right[e, y, target]
-        if not (match >= 0.0 and wp.abs(match - left[e, y, x]) <= _CONSISTENT):
-            mark = wp.uint8(0)
-    if int(best[e, y, x]) > x:
+    if int(best[e, y, x]) > x or _disagree(left, right, e, y, x, _CONSISTENT):
         mark = wp.uint8(0)
     consistent[e, y, x] = mark
 

@@ -295,11 +295,8 @@ def _consistent(winners: semiglobal.Winners, matcher: Matcher) -> NDArray[np.boo
     """Return where the winners of both views agree, before any mean."""
     if not matcher.checks.support_share:
         return np.ones(winners.best.shape, np.bool_)
-    shift = np.float32(matcher.min_disparity_px)
-    left = winners.best + winners.offset + shift
-    right = winners.right_best + winners.right_offset + shift
-    right = np.where(winners.right_best >= 0, right, np.float32(-1))
-    return ~checks.left_right(left, right, tolerance_px=CONSISTENT_PX)
+    left, right = winners.best + winners.offset, winners.right_best + winners.right_offset
+    return ~_disagree(left, right, winners, matcher, CONSISTENT_PX)
 
 
 def left_right_mean(matcher: Matcher) -> Refinement:
@@ -323,6 +320,17 @@ def _left_right(winners: semiglobal.Winners, matcher: Matcher) -> NDArray[np.boo
         left = subpixel.refine(left + winners.offset, smooth)
         right = np.where(known, right + winners.right_offset, np.float32(np.nan))
         right = subpixel.refine(right, smooth)
+    return _disagree(left, right, winners, matcher, setting.left_right_px)
+
+
+def _disagree(
+    left: NDArray[np.float32],
+    right: NDArray[np.float32],
+    winners: semiglobal.Winners,
+    matcher: Matcher,
+    tolerance_px: float,
+) -> NDArray[np.bool_]:
+    """Compare places of both views in the search [px]; missing matches of the right disagree."""
     shift = np.float32(matcher.min_disparity_px)
-    right = np.where(known, right + shift, np.float32(-1))
-    return checks.left_right(left + shift, right, tolerance_px=setting.left_right_px)
+    right = np.where(winners.right_best >= 0, right + shift, np.float32(-1))
+    return checks.left_right(left + shift, right, tolerance_px=tolerance_px)

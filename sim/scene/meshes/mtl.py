@@ -111,17 +111,21 @@ def missing_files(path: Path) -> list[str]:
 
 def unread_files(path: Path) -> list[str]:
     """Textures of the materials of an OBJ that exist, but are no pictures."""
-    files = [path.parent / name for name in _named(path, "mtllib")]
-    names = [name for file in files if file.is_file() for name in _named(file, "map_Kd")]
+    names = [name for file in _material_files(path) for name in _named(file, "map_Kd")]
     existing = [name for name in names if (path.parent / name).is_file()]
     return [name for name in existing if not _is_picture(path.parent / name)]
 
 
 def moves_textures(path: Path) -> bool:
     """Whether a material of an OBJ moves, scales or disturbs its texture, which is not done."""
-    files = [path.parent / name for name in _named(path, "mtllib")]
-    texts = [regular_file.read(file) for file in files if file.is_file()]
+    texts = map(regular_file.read, _material_files(path))
     return any(_MOVED.search(options[2]) for text in texts for options in _OPTIONS.finditer(text))
+
+
+def _material_files(path: Path) -> list[Path]:
+    """Material files that an OBJ names and that exist."""
+    files = [path.parent / name for name in _named(path, "mtllib")]
+    return [file for file in files if file.is_file()]
 
 
 def _is_picture(path: Path) -> bool:
@@ -134,7 +138,7 @@ def _is_picture(path: Path) -> bool:
 
 def used_materials(path: Path) -> set[str]:
     """Names of the materials of an OBJ that have faces; none without a material file."""
-    if not any((path.parent / name).is_file() for name in _named(path, "mtllib")):
+    if not _material_files(path):
         return set()
     names: set[str] = set()
     name = ""
