@@ -41,6 +41,7 @@ class Limits:
     like: float  # Largest difference of like disparities [px].
     border: float  # Least distance of a match from the right image's first column [px].
     reach: int  # Largest searched disparity [px].
+    mean_quantum: float  # Step before pixel locking [px]; 0 = no rounding.
     locking: float  # Amplitude of pixel locking [px].
     quantum: float  # Step of the result [px]; 0 = no rounding.
     speckle: int  # Islands of at most this many pixels are removed.
@@ -329,7 +330,7 @@ def reject_outside(
 def settle(
     limits: Limits, accepted: wp.array3d(dtype=float), island: wp.array(dtype=int)
 ):  # pragma: no cover - compiled
-    """Apply pixel locking and the quantum to `accepted` (n, h, w), and start the islands.
+    """Apply quanta and pixel locking to `accepted` (n, h, w), and start the islands.
 
     Args:
         limits: thresholds.
@@ -342,6 +343,8 @@ def settle(
     island[i] = -1
     if wp.isnan(value):
         return
+    if limits.mean_quantum > 0.0:
+        value = wp.rint(value / limits.mean_quantum) * limits.mean_quantum
     if limits.locking != 0.0:
         value -= limits.locking * wp.sin(2.0 * wp.PI * (value - wp.rint(value)))
     if limits.quantum > 0.0:

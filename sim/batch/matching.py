@@ -230,11 +230,7 @@ def _median(disparity: Any, setting: Refinement) -> Any:
 
 def _refine(disparity: Any, setting: Refinement, weight: Any | None) -> Any:
     filtered = _median(disparity, setting)
-    for _ in range(setting.smooth_passes if setting.smooth_px > 1 else 0):
-        filtered = _mean(filtered, setting, weight)
-        if weight is not None:
-            launch(refinement.level, weight.shape, weight.device, weight)
-    return filtered
+    return _mean(filtered, setting, weight) if setting.smooth_px > 1 else filtered
 
 
 def _mean(disparity: Any, setting: Refinement, weight: Any | None) -> Any:
@@ -299,6 +295,7 @@ def _limits(matcher: Matcher, codes_per_dn: int) -> Any:
     limits.border = setting.border_px
     limits.support, limits.like = setting.support_share, setting.support_step_px
     limits.reach = matcher.min_disparity_px + matcher.search_px
+    limits.mean_quantum = matcher.refinement.mean_quantum_px
     limits.locking = matcher.refinement.locking_px
     limits.quantum = matcher.refinement.quantum_px
     limits.speckle, limits.step = setting.speckle_count, 16 * setting.speckle_step_px

@@ -120,10 +120,3 @@ def average(
         centre += total / count
     out[e, y, x] = centre
     gathered[e, y, x] = count
-
-
-@wp.kernel
-def level(weight: wp.array3d(dtype=float)):  # pragma: no cover - compiled
-    """Make all positive weights (n, h, w) equal."""
-    e, y, x = wp.tid()
-    weight[e, y, x] = wp.where(weight[e, y, x] > 0.0, 1.0, 0.0)

@@ -141,7 +141,7 @@ class Refinement:
     smooth_px: int = 0  # Width of the jump-preserving mean, odd or 0.
     smooth_rows_px: int = 31  # Largest height of that window, odd; at most its width.
     smooth_step_px: float = 2.0  # Neighbours with a larger difference are excluded [px].
-    smooth_passes: int = 1  # Times that the mean is taken; two give it a triangular weight.
+    mean_quantum_px: float = 0.0  # Step that the mean is rounded to, before locking [px]; 0 = none.
     locking_px: float = 0.0  # Amplitude of pixel locking, which has a period of 1 px [px].
     quantum_px: float = 0.0  # Disparity step of the output [px]; 0 = no rounding.
 
@@ -152,7 +152,7 @@ class Refinement:
             _odd("smooth_px", self.smooth_px, 1, 31)
         _odd("smooth_rows_px", self.smooth_rows_px, 1, 31)
         in_interval("smooth_step_px", self.smooth_step_px, 0.0, 16.0)
-        whole("smooth_passes", self.smooth_passes, 1, 4)
+        in_interval("mean_quantum_px", self.mean_quantum_px, 0.0, 1.0)
         in_interval("locking_px", self.locking_px, -0.15, 0.15, "More would fold disparities.")
         in_interval("quantum_px", self.quantum_px, 0.0, 1.0)
 

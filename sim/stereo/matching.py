@@ -90,6 +90,7 @@ def match(
     outside = checks.outside_overlap(disparity, reach_px=reach, border_px=border)
     causes[Reason.OUTSIDE_OVERLAP] = outside | causes.get(Reason.OUTSIDE_OVERLAP, np.False_)
     disparity[outside] = np.nan
+    disparity = subpixel.quantise(disparity, matcher.refinement.mean_quantum_px)
     disparity = subpixel.apply_pixel_locking(disparity, matcher.refinement.locking_px)
     disparity = subpixel.quantise(disparity, matcher.refinement.quantum_px)
     causes[Reason.SPECKLE] = checks.speckle(
@@ -307,7 +308,6 @@ def left_right_mean(matcher: Matcher) -> Refinement:
         smooth_px=side,
         smooth_rows_px=matcher.checks.left_right_rows_px,
         smooth_step_px=LEFT_RIGHT_STEP_PX,
-        smooth_passes=1,
     )
 
 

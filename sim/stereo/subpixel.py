@@ -17,8 +17,7 @@ def refine(
 ) -> NDArray[np.float32]:
     """Apply the median to all winners, then the edge-preserving mean.
 
-    The median runs before any check and replaces single wrong winners by their neighbours. Later
-    passes of the mean weight equally all pixels that have a weight.
+    The median runs before any check and replaces single wrong winners by their neighbours.
 
     Args:
         disparity_px: (h, w) [px]; NaN without disparity stays NaN.
@@ -32,17 +31,15 @@ def refine(
         filled = out if known.all() else np.where(known, out, np.float32(0))
         out = np.asarray(cv2.medianBlur(filled, setting.median_px), np.float32)
         np.copyto(out, disparity_px, where=~known | (out <= 0))
-    weight = np.ones_like(out) if weight is None else weight
-    for _ in range(setting.smooth_passes if setting.smooth_px > 1 else 0):
-        out = smooth(
-            out,
-            weight,
-            columns_px=setting.smooth_px,
-            rows_px=min(setting.smooth_rows_px, setting.smooth_px),
-            step_px=setting.smooth_step_px,
-        )
-        weight = np.asarray(weight > 0, np.float32)
-    return out
+    if setting.smooth_px <= 1:
+        return out
+    return smooth(
+        out,
+        np.ones_like(out) if weight is None else weight,
+        columns_px=setting.smooth_px,
+        rows_px=min(setting.smooth_rows_px, setting.smooth_px),
+        step_px=setting.smooth_step_px,
+    )
 
 
 def apply_pixel_locking(

@@ -59,7 +59,7 @@ def test_unknown_name_is_refused_with_the_known_ones():
         (lambda: Refinement(smooth_px=4), "smooth_px must be odd"),
         (lambda: Refinement(smooth_rows_px=4), "smooth_rows_px must be odd"),
         (lambda: Refinement(smooth_step_px=-1), "smooth_step_px must be in"),
-        (lambda: Refinement(smooth_passes=0), "smooth_passes must be in [1, 4]; got 0"),
+        (lambda: Refinement(mean_quantum_px=2), "mean_quantum_px must be in [0, 1]; got 2"),
         (lambda: Checks(support_share=1.5), "support_share must be in [0, 1]; got 1.5"),
         (lambda: Checks(support_step_px=-1), "support_step_px must be in"),
         (lambda: Refinement(quantum_px=2), "quantum_px must be in"),

@@ -106,6 +106,18 @@ def test_disparities_come_in_steps_and_move_by_half_a_step_at_most(slanted, quan
     assert len(np.unique(steps)) >= 3 / quantum
 
 
+def test_the_mean_is_rounded_before_pixel_locking(slanted):
+    """Locking of 0.1 px moves multiples of 1/8 px by -0.1, -0.1 / sqrt(2), 0 or their opposites."""
+    coarse = replace(FINE.refinement, mean_quantum_px=1 / 8, locking_px=0.1)
+    result = match(slanted[0], slanted[1], replace(FINE, refinement=coarse))
+    disparity = result.disparity_px[result.valid]
+    eighths = np.arange(8) / 8
+    expected = (eighths - 0.1 * np.sin(2 * np.pi * eighths)) % 1
+    nearest = np.abs(disparity[:, None] % 1 - expected)
+    assert np.minimum(nearest, 1 - nearest).min(axis=1).max() < 1e-4
+    assert len(np.unique(np.rint(disparity % 1 * 1e3))) >= 8
+
+
 def test_equal_slopes_spread_disparities_of_an_unsmoothed_census(slanted):
     """Steps of 1/8 px on a slanted plane: a parabola through bits prefers whole pixels.
 

@@ -112,10 +112,11 @@ def test_presets_of_the_d4_family_have_its_matcher() -> None:
     of_pairs = sensor_edits.with_values(
         presets.load("d435"),
         [
-            ("matcher.refinement.locking_px", -0.04),
-            ("matcher.refinement.smooth_px", 11),
-            ("matcher.refinement.smooth_rows_px", 5),
-            ("matcher.refinement.smooth_passes", 2),
+            ("matcher.refinement.locking_px", -0.03),
+            ("matcher.refinement.median_px", 0),
+            ("matcher.refinement.smooth_px", 15),
+            ("matcher.refinement.smooth_rows_px", 9),
+            ("matcher.refinement.mean_quantum_px", 1 / 64),
             ("matcher.refinement.smooth_step_px", 4.0),
             ("matcher.engine.second_peak", 10.0),
             ("matcher.checks.support_share", 0.525),

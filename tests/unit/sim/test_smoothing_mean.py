@@ -44,14 +44,10 @@ def test_mean_window_has_the_requested_rows_and_columns(columns, rows):
     np.testing.assert_allclose(inside, 1 / (across * down), rtol=1e-3)
 
 
-def test_two_passes_of_the_mean_are_triangular_and_leave_out_what_has_no_weight() -> None:
+def test_the_mean_leaves_out_what_has_no_weight() -> None:
     off = np.full((31, 31), 7, np.float32)
     off[15, 15] = 8
-    setting = Refinement(smooth_px=5, smooth_passes=2)
-    spread = subpixel.refine(off, setting) - 7
-    triangle = np.convolve(np.ones(5), np.ones(5)) / 25
-    np.testing.assert_allclose(spread[15, 11:20], triangle * triangle[4], rtol=1e-3)
     rejected = np.ones_like(off)
     rejected[15, 15] = 0
-    unmoved = subpixel.refine(off, setting, rejected)
+    unmoved = subpixel.refine(off, Refinement(smooth_px=5), rejected)
     assert np.delete(unmoved[15], 15) == pytest.approx(7)
