@@ -19,7 +19,7 @@ from starling.diagnosis.which.search import EQUAL_COST, AcceptedEffect
 from starling.diagnosis.which.segment import SegmentResult
 from starling.diagnosis.which.table import FeatureTable, Rows
 
-SurrogateReason = Literal["rival", "range", "held out", "misfit", "worse"]
+SurrogateReason = Literal["rival", "range", "held out", "misfit", "worse", "another make"]
 
 _LEAST_EXPLAINED = 0.6  # Least share of the gap that an effect explains in its own features.
 _TINY = 1e-9  # Least denominator.
@@ -81,6 +81,8 @@ def _weigh(
         reasons.append("misfit")
     if worsened > _WORSE_SHARE * improved:
         reasons.append("worse")
+    if effect.fit.name in segment.like_another_make:
+        reasons.append("another make")
     return EffectEvidence(
         gain=gain,
         explained=explained,

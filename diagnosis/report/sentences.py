@@ -29,6 +29,7 @@ REASONS: dict[SurrogateReason, str] = {
     "held out": "it does not help on held-out rooms",
     "misfit": "its best value leaves much of the gap that it should close",
     "worse": "it makes other figures worse",
+    "another make": "a matcher of another make would explain as much",
 }
 SCALES: dict[Scale, str] = {
     "pixels": "from pixel to pixel",

@@ -15,6 +15,7 @@ from starling.diagnosis.scenes.shelf import Derived
 from starling.diagnosis.transfer import quantisation_step
 from starling.diagnosis.which import null, residuals
 from starling.diagnosis.which.candidates import Candidate, Segment, with_measured_node
+from starling.diagnosis.which.discrepancy import gains_beyond_makes
 from starling.diagnosis.which.fit import Fit, fit, room_folds
 from starling.diagnosis.which.likelihood import (
     Likelihood,
@@ -64,6 +65,8 @@ class SegmentResult:
     explained_below: float  # Unexplained size up to which the gap counts as explained.
     lead: tuple[str, ...]  # Groups of features that stay unexplained in all scenes, worst first.
     varying: tuple[str, ...]  # Groups that stay unexplained in most scenes, differently in each.
+    # Accepted effects that explain no more than a matcher of another make would.
+    like_another_make: frozenset[str] = frozenset()
 
     @property
     def settings(self) -> dict[str, Value]:
@@ -241,7 +244,7 @@ def diagnose_segment(table: FeatureTable, screening: Screening) -> SegmentResult
     )
     search = search_effects(context, promising if before > screening.noise else [], alone)
     lead, varying = residuals.leads(table.names, search.unexplained)
-    return SegmentResult(
+    result = SegmentResult(
         table=table,
         screening=screening,
         likelihood=likelihood,
@@ -250,3 +253,25 @@ def diagnose_segment(table: FeatureTable, screening: Screening) -> SegmentResult
         lead=lead,
         varying=varying,
     )
+    return dataclasses.replace(result, like_another_make=_like_another_make(result))
+
+
+def _like_another_make(result: SegmentResult) -> frozenset[str]:
+    """List accepted effects that explain no more than a matcher of another make would.
+
+    Another make is assumed only where the effects leave a gap, and not between two captures.
+    """
+    table, screening, search = result.table, result.screening, result.search
+    if table.segment is not Segment.DEPTH or table.compared or not search.accepted:
+        return frozenset()
+    if not result.unexplained:
+        return frozenset()
+    gains, threshold = gains_beyond_makes(
+        table,
+        screening.base.mean,
+        result.likelihood,
+        screening.folds,
+        [effect.fit.signature for effect in search.accepted],
+        screening.signatures,
+    )
+    return frozenset(name for name, gain in gains.items() if gain < threshold)
