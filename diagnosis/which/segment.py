@@ -262,9 +262,8 @@ def _like_another_make(result: SegmentResult) -> frozenset[str]:
     Another make is assumed only where the effects leave a gap, and not between two captures.
     """
     table, screening, search = result.table, result.screening, result.search
-    if table.segment is not Segment.DEPTH or table.compared or not search.accepted:
-        return frozenset()
-    if not result.unexplained:
+    of_matcher = table.segment is Segment.DEPTH and bool(search.accepted)
+    if not (of_matcher and result.unexplained) or table.compared:
         return frozenset()
     gains, threshold = gains_beyond_makes(
         table,
