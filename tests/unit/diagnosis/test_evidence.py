@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, get_args
 
@@ -40,10 +41,17 @@ class NamedTable(FakeTable):
     )
 
 
-def weigh(likelihood: Likelihood, effect: AcceptedEffect = EFFECT) -> EffectEvidence:
+def weigh(
+    likelihood: Likelihood,
+    effect: AcceptedEffect = EFFECT,
+    *,
+    like_another_make: Sequence[str] = (),
+) -> EffectEvidence:
     table: Any = NamedTable()
     segment: Any = SimpleNamespace(
-        search=SimpleNamespace(accepted=(effect,)), settings={effect.fit.name: effect.fit.value}
+        search=SimpleNamespace(accepted=(effect,)),
+        settings={effect.fit.name: effect.fit.value},
+        like_another_make=frozenset(like_another_make),
     )
     return evidence.weigh_effects(segment, table, likelihood)[effect.fit.name]
 
@@ -91,6 +99,11 @@ def test_an_end_of_the_range_is_a_reason(place: int, at_end: bool):
 def test_no_gain_on_held_out_rooms_is_a_reason():
     assert "held out" in weigh(plain(np.zeros_like(CHANGE))).reasons
     assert "held out" not in weigh(plain(CHANGE)).reasons
+
+
+@pytest.mark.parametrize("name, reasons", [("crosstalk", ("another make",)), ("veil", ())])
+def test_another_make_of_matcher_is_a_reason(name: str, reasons: tuple[str, ...]):
+    assert weigh(plain(CHANGE), like_another_make=[name]).reasons == reasons
 
 
 @pytest.mark.parametrize("step, misfit", [(0.01, False), (-0.01, True)])
