@@ -105,6 +105,7 @@ def withheld(
     mode: ModeName = "",
     imperfect: Imperfect | None = None,
     estimated: bool = False,
+    effects: str = "",
     common: Shared = Common(),
 ) -> None:
     """Validate the diagnosis on effects that are withheld from it.
@@ -137,6 +138,8 @@ def withheld(
             exposure by scene, and the matcher of the device. Default: all.
         estimated: give tier 5 reference depth in place of described scenes. Reflectance and light
             are then estimated for each case, which takes minutes.
+        effects: effects of the singles, separated by commas; there are then no pairs and no unknown
+            effects. Default: all effects of the tier.
     """
     import subprocess
     import sys
@@ -151,6 +154,7 @@ def withheld(
         *(["--mode", mode] if mode else []),
         *(["--imperfect", imperfect] if imperfect is not None else []),
         *(["--estimated"] if estimated else []),
+        *(["--effects", effects] if effects else []),
         *(["--json"] if common.json else []),
         *(["--debug"] if common.debug else []),
     ]

@@ -49,6 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     flag("--imperfect", choices=plan.PLANS, help=f"{imperfect}; default: all")
     estimated = "estimate the scenes from captures and reference depth, for tier 5"
     flag("--estimated", action="store_true", help=estimated)
+    flag("--effects", default="", help="effects of the singles, by comma; default: all")
     flag("--json", action="store_true", help="print the scores as JSON")
     flag("--debug", action="store_true", help="show the traceback of an error")
     options = parser.parse_args(arguments)
@@ -68,6 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             singles=options.cases,
             imperfect=options.imperfect,
             estimated=options.estimated,
+            effects=tuple(filter(None, options.effects.split(","))),
         )
         sealed = check.prepare()
         print((check.folder / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)

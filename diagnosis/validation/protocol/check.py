@@ -48,6 +48,7 @@ class Check:
     set_limit: int | None = None  # Number of scene sets to diagnose and score; None for all.
     imperfect: str | None = None  # One of `plan.PLANS`, for tier 5; None is all at once.
     estimated: bool = False  # Whether scenes are estimated from captures and reference depth.
+    effects: tuple[str, ...] = ()  # Effects that cases are drawn from; empty for all of the tier.
 
     def __post_init__(self) -> None:
         number, captures = self.tier.number, self.captures
@@ -70,6 +71,14 @@ class Check:
                 raise refusal(option, rule, got, "Leave it out, or give --tier 5.")
         if self.imperfect is not None:
             plan.check(self.imperfect)
+        if unknown := {*self.effects} - ROWS.keys():
+            rule, advice = "must be rows of the catalogue", f"Choose from {', '.join(ROWS)}."
+            raise refusal("effects", rule, ", ".join(sorted(unknown)), advice)
+        if self.effects and self.power:
+            raise refusal("effects", "must be used without power", "both", "Leave one out.")
+        if self.effects and "single" not in self.tier.counts:
+            rule = "must be used with a tier of known effects"
+            raise refusal("effects", rule, f"tier {number}", "Give another tier.")
         if self.estimated and not self.infrared:
             rule = "must have infrared"
             raise refusal("estimated scenes", rule, "none", "Omit --no-infrared.")
@@ -245,6 +254,7 @@ class Check:
             **({"mode": self.mode} if self.mode else {}),
             **({"imperfect": self._plan} if self._plan else {}),
             **({"estimated": True} if self.estimated else {}),
+            **({"effects": sorted(self.effects)} if self.effects else {}),
         }
         return json.dumps(options, indent=1).encode()
 
@@ -270,13 +280,16 @@ class Check:
         if self.power:
             return power.draw(source.camera, limits, self.tier.sets, each=self.singles)
         counts, _ = self.tier.scaled_counts(self.singles)
+        unnamed = ROWS.keys() - {*self.effects} if self.effects else set()
+        if self.effects:  # Few effects give no pairs, and unknown ones are not among them.
+            counts = {kind: n for kind, n in counts.items() if kind in ("single", "null")}
         return case.draw(
             source.camera,
             counts,
             families=seal.parse_families(families),
             limits=limits,
             kinds=self.tier.kinds,
-            leave_out={*(ROWS.keys() - source.effects), *self._world_rows},
+            leave_out={*(ROWS.keys() - source.effects), *self._world_rows, *unnamed},
             upwards=source.upwards,
             beyond=self.tier.beyond,
             imperfect=self._plan,

@@ -121,7 +121,7 @@ def test_the_verb_runs_the_program_in_a_process(monkeypatch):
     values = ["--tier", "4", "--captures", "real", "--sensor", "d415", "--sets", "2"]
     assert command_line.main(["withheld", "--out", "x", *values]) == 3
     assert {*values} <= {*commands[1]}
-    imperfect = ["--tier", "5", "--imperfect", "each", "--estimated"]
+    imperfect = ["--tier", "5", "--imperfect", "each", "--estimated", "--effects", "flicker"]
     assert command_line.main(["withheld", "--out", "x", *imperfect]) == 3
     assert {*imperfect} <= {*commands[2]}
     assert "--estimated" not in commands[1] and "--imperfect" not in commands[1]
@@ -135,6 +135,9 @@ def test_the_verb_has_all_plans():
     ("options", "message"),
     [
         (["--imperfect", "each"], "imperfect must be given for tier 5 only; got each for tier 1."),
+        (["--effects", "fog"], "effects must be rows of the catalogue; got fog."),
+        (["--effects", "flicker", "--power"], "effects must be used without power; got both."),
+        (["--effects", "flicker", "--tier", "3"], "effects must be used with a tier of known"),
         (["--estimated"], "estimated must be given for tier 5 only; got True for tier 1."),
         (
             ["--tier", "5", "--estimated", "--no-infrared"],
