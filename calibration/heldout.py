@@ -98,15 +98,22 @@ def score(
 
 
 def simulate(
-    stage: MitsubaScene, sensor: Sensor, scale: float
+    stage: MitsubaScene, sensor: Sensor, scale: float, *, subpixels: int = 2
 ) -> tuple[dict[Side, Array], dict[Side, Array]]:
-    """Simulate noiseless infrared images [DN above black] and depths [m] of each imager, (h, w)."""
+    """Simulate noiseless infrared images [DN above black] and depths [m] of each imager, (h, w).
+
+    Args:
+        stage: loaded scene.
+        sensor: camera.
+        scale: pattern scale.
+        subpixels: n of the n x n rays of a pixel.
+    """
     from starling.sim.imaging.noiseless import noiseless
     from starling.sim.render import direct
 
     light = dataclasses.replace(sensor.projector, pattern_scale=scale)
     scaled = dataclasses.replace(sensor, projector=light)
-    layers = direct.layers(stage, scaled)
+    layers = direct.layers(stage, scaled, subpixels=subpixels)
     depth: dict[Side, Array] = {"left": layers.left.depth_m}
     if layers.right is not None:
         depth["right"] = layers.right.depth_m

@@ -238,8 +238,8 @@ def fitted_values(nuisances: Nuisances) -> dict[str, float]:
 def estimate_pattern_scale(captured: CapturedScene, scene: Scene, sensor: Sensor) -> float | None:
     """Estimate the pattern scale at which simulated dots coincide with the captured ones.
 
-    The local correlation of both views is computed at several scales; a parabola is fitted about
-    the best one.
+    The local correlation of both views is computed at several scales, with one ray per pixel. A
+    parabola is fitted about the best one, with all rays.
 
     Args:
         captured: captured scene.
@@ -256,24 +256,30 @@ def estimate_pattern_scale(captured: CapturedScene, scene: Scene, sensor: Sensor
     real = [correlation.high_passed(image) for image in (frame.ir_left, frame.ir_right)]
     stage, base = MitsubaScene(scene), sensor.projector.pattern_scale
     scales = base * (1 + _STEP * np.arange(-_STEPS, _STEPS + 1))
-    scores = [_correlation(real, stage, sensor, float(scale)) for scale in scales]
-    best = int(np.argmax(scores))
-    if scores[best] < _LEAST_CORRELATION:
+    coarse = [_correlation(real, stage, sensor, float(scale), subpixels=1) for scale in scales]
+    best = float(scales[np.argmax(coarse)])
+    middle = _correlation(real, stage, sensor, best)
+    if middle < _LEAST_CORRELATION:
         return None
     below, above = (
-        _correlation(real, stage, sensor, float(scales[best] * (1 + offset)))
+        _correlation(real, stage, sensor, best * (1 + offset))
         for offset in (-_FINE_STEP, _FINE_STEP)
     )
-    curvature = 2 * scores[best] - below - above
+    curvature = 2 * middle - below - above
     offset = 0.5 * (above - below) / curvature if curvature > 0 else 0.0
-    return float(scales[best] * (1 + _FINE_STEP * np.clip(offset, -2, 2)))
+    return float(best * (1 + _FINE_STEP * np.clip(offset, -2, 2)))
 
 
 def _correlation(
-    real: list[NDArray[np.float32]], stage: MitsubaScene, sensor: Sensor, scale: float
+    real: list[NDArray[np.float32]],
+    stage: MitsubaScene,
+    sensor: Sensor,
+    scale: float,
+    *,
+    subpixels: int = 2,
 ) -> float:
     """Average the local correlation over windows of both views, away from depth edges."""
-    images, depth_m = heldout.simulate(stage, sensor, scale)
+    images, depth_m = heldout.simulate(stage, sensor, scale, subpixels=subpixels)
     values = []
     for captured, side in zip(real, ("left", "right"), strict=True):
         usable = heldout.away_from_edges(depth_m[side], sensor)
