@@ -282,7 +282,8 @@ class Check:
         counts, _ = self.tier.scaled_counts(self.singles)
         unnamed = ROWS.keys() - {*self.effects} if self.effects else set()
         if self.effects:  # Few effects give no pairs, and unknown ones are not among them.
-            counts = {kind: n for kind, n in counts.items() if kind in ("single", "null")}
+            few: dict[case.CaseKind, int] = {kind: counts[kind] for kind in ("single", "null")}
+            counts = few
         return case.draw(
             source.camera,
             counts,
