@@ -268,3 +268,12 @@ def test_effects_of_a_camera_are_texts(tmp_path: Path) -> None:
     (tmp_path / "nominal.json").write_text('{"has": [3]}')
     with pytest.raises(WithheldError, match=r"has must be a list of texts; got \[3\]"):
         nominal.read_existing_effects(tmp_path / "nominal.json")
+
+
+def test_cases_without_pairs_name_the_effects_that_are_not_left_out(camera: Nominal) -> None:
+    """As `withheld --effects` draws them."""
+    counts: dict[case.CaseKind, int] = {"single": 6, "null": 2}
+    drawn = draw(camera, counts, leave_out=ROWS.keys() - {"dsnu", "gain"}, entropy=3)
+    names = {name for each in drawn for name in each.settings}
+    assert names == {"dsnu", "gain"}
+    assert collections.Counter(each.kind for each in drawn) == counts
