@@ -8,9 +8,9 @@ laser-scanner disparity is plane within 0.03 px. All compared depths must fill i
 walls depends on the arguments. Noise is the deviation from each depth's own plane.
 
 The table lists the standard deviation of the noise, and its ratio to the device's on the same wall.
-It also lists along rows and columns the autocorrelation at lags of 4 and 8 px, the share of equal
-neighbours, and the power at periods of 5 to 7 px and below 3 px. All figures are medians over
-walls, then means over scenes. The window was chosen on the tuned rooms only.
+Along rows and columns, it lists the autocorrelation at lags of 4 and 8 px and the share of equal
+neighbours. The powers are those at periods of 5 to 7 px and below 3 px. All figures are medians
+over walls, then means over scenes. The window was chosen on the tuned rooms only.
 """
 
 from __future__ import annotations
