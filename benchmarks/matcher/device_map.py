@@ -32,7 +32,7 @@ import numpy as np
 from match_faro import Scene, folder, scenes, setting_of
 from numpy.typing import NDArray
 from scipy import ndimage
-from wall_noise import SIDE_PX, flat, off_plane
+from wall_noise import flat, off_plane, power
 
 from starling.sim.metrics import LEFT_BAND_PX, MAD_TO_SIGMA, reached_pixels, scored_pixels
 from starling.sim.sensor import edits, presets
@@ -132,16 +132,14 @@ def wall_figures(scene: Scene, disparity_px: NDArray) -> dict[str, float]:
 def wall_ratios(ours: NDArray, device: NDArray) -> list[float]:
     """Return the ratios of deviations, and of powers along rows and columns of a square."""
     first, second = off_plane(ours), off_plane(device)
-    rows, columns = (power(first, axis) / power(second, axis) for axis in (1, 0))
-    return [first.std() / second.std(), rows[0], columns[0], columns[1]]
-
-
-def power(off: NDArray, axis: int) -> NDArray:
-    """Return the power of a square at long and short periods along an axis."""
-    window = np.hanning(SIDE_PX)
-    waves = np.fft.rfft(off * (window if axis else window[:, None]), axis=axis)
-    spectrum = (np.abs(waves) ** 2).mean(axis=1 - axis)
-    return np.array([spectrum[LONG].sum(), spectrum[SHORT].sum()])
+    rows, columns = power(first), power(first.T)
+    device_rows, device_columns = power(second), power(second.T)
+    return [
+        first.std() / second.std(),
+        rows[LONG].sum() / device_rows[LONG].sum(),
+        columns[LONG].sum() / device_columns[LONG].sum(),
+        columns[SHORT].sum() / device_columns[SHORT].sum(),
+    ]
 
 
 def figures(scene: Scene, disparity_px: NDArray) -> dict[str, float]:

@@ -121,7 +121,7 @@ def noise(disparity: NDArray) -> list[float]:
     rows = [(off[:, lag:] * off[:, :-lag]).mean() / off.var() for lag in LAGS_PX]
     columns = [(off[lag:] * off[:-lag]).mean() / off.var() for lag in LAGS_PX]
     equal = [(np.diff(disparity, axis=axis) == 0).mean() for axis in (1, 0)]
-    spectra = [power(off), power(off.T)]
+    spectra = [power(off)[1:], power(off.T)[1:]]
     period_px = SIDE_PX / np.arange(1, SIDE_PX // 2 + 1)
     bands = [(low <= period_px) & (period_px <= high) for low, high in PERIODS_PX]
     fine = [1e4 * spectrum[band].mean() for band in bands for spectrum in spectra]
@@ -129,10 +129,10 @@ def noise(disparity: NDArray) -> list[float]:
 
 
 def power(off: NDArray) -> NDArray:
-    """Return the mean power along rows at the whole frequencies above 0 [px^2]."""
+    """Return the mean power of a square along its rows, by waves in it [px^2]."""
     window = np.hanning(SIDE_PX)
     spectrum = np.fft.rfft(off * window / np.sqrt((window**2).mean()), axis=1)
-    return (np.abs(spectrum[:, 1:]) ** 2).mean(axis=0) / SIDE_PX
+    return (np.abs(spectrum) ** 2).mean(axis=0) / SIDE_PX
 
 
 def off_plane(disparity: NDArray) -> NDArray:

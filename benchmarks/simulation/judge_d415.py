@@ -26,11 +26,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from noise_models import FITTED_ROOMS, SAPIEN
+from noise_models import FITTED_ROOMS
 from noise_rules import QUANTUM_PX, Image, Surface, edges, edges_and_shadow, gaussian, handa, nguyen
 from numpy.typing import NDArray
 from torch import Tensor
 
+from starling.diagnosis.which.makes import SAPIEN
 from starling.learning.judge.figures import interval, pooled_auc
 from starling.learning.judge.judge import judge, room_scores
 from starling.learning.judge.samples import pair, read

@@ -26,27 +26,10 @@ import numpy as np
 from noise_rules import Image, Surface, edges, edges_and_shadow, gaussian, handa, nguyen
 from numpy.typing import NDArray
 
+from starling.diagnosis.which.makes import SAPIEN
 from starling.sim.metrics import MAD_TO_SIGMA, depth_edges, reached_pixels, scored_pixels
-from starling.sim.sensor.matcher import CensusSemiGlobal, Checks, Matcher, Refinement
 
 FITTED_ROOMS = frozenset({"0060", "1982", "4426", "6422", "g"})  # Those of match_faro.py.
-# simsense in SAPIEN 3, sapien/sensor/stereodepth.py: census and block of 7x7, penalties 8 and 32,
-# uniqueness 15 %, left-right 1 px, median 3 px. Here the census compares a chequerboard, also 24
-# pairs, and paths come from five directions.
-SAPIEN = Matcher(
-    engine=CensusSemiGlobal(
-        census_px=7,
-        presmooth_px=0.0,
-        tolerance_dn=0.0,
-        difference_weight=0.0,
-        support_px=7,
-        arm_step_dn=255.0,
-        small_penalty=8.0,
-        large_penalty=32.0,
-    ),
-    refinement=Refinement(median_px=3),
-    checks=Checks(uniqueness=15.0, left_right_px=1.0),
-)
 COLUMNS = {
     "holes": 3,
     "IoU": 3,

@@ -27,7 +27,7 @@ from starling.diagnosis.which.likelihood import Likelihood, total_size
 from starling.diagnosis.which.makes import other_makes
 from starling.diagnosis.which.null import gain_threshold
 from starling.diagnosis.which.response import Signature
-from starling.diagnosis.which.table import Columns, FeatureTable, Row, Rows
+from starling.diagnosis.which.table import Columns, FeatureTable, Row, Rows, on_scenes
 from starling.sim.sensor.matcher import Matcher
 
 _COARSE_STEPS, _FINE_STEPS = 4, 16  # Positions tried between two nodes.
@@ -150,21 +150,11 @@ def gains_beyond_makes(
         Held-out gain by effect, and its threshold.
     """
     makes = other_makes(table.scene_models[0].sensor.matcher)
-    discrepancy = Discrepancy(changes=np.stack([_rows(table, make) - base for make in makes]))
+    work = (table.scene_models, table.pool, row_of_make, table.columns)
+    rows = np.array([on_scenes(*work, make) for make in makes])
+    discrepancy = Discrepancy(changes=rows - base)
     gains = discrepancy.gains(accepted, likelihood.gap, likelihood, folds, steps=_FINE_STEPS)
     return gains, discrepancy.threshold(candidates, likelihood, folds)
-
-
-def _rows(table: FeatureTable, make: Matcher) -> Rows:
-    """Compute the features (scenes, features) of depth by another make."""
-    if table.pool is None:
-        rows = [row_of_make(scene, table.columns, make) for scene in table.scene_models]
-        return np.stack(rows)
-    pool = table.pool
-    futures = [
-        pool.submit(scene.name, row_of_make, table.columns, make) for scene in table.scene_models
-    ]
-    return np.stack([future.result() for future in futures])
 
 
 def row_of_make(scene: SceneModel, columns: Columns, make: Matcher) -> Row:

@@ -15,6 +15,23 @@ from starling.sim.sensor.matcher import (
     SemiGlobalBlock,
 )
 
+# simsense in SAPIEN 3, sapien/sensor/stereodepth.py: census and block of 7x7, penalties 8 and 32,
+# uniqueness 15 %, left-right 1 px, median 3 px. Here the census compares a chequerboard, also 24
+# pairs, and paths come from five directions.
+SAPIEN = Matcher(
+    engine=CensusSemiGlobal(
+        census_px=7,
+        presmooth_px=0.0,
+        tolerance_dn=0.0,
+        difference_weight=0.0,
+        support_px=7,
+        arm_step_dn=255.0,
+        small_penalty=8.0,
+        large_penalty=32.0,
+    ),
+    refinement=Refinement(median_px=3),
+    checks=Checks(uniqueness=15.0, left_right_px=1.0),
+)
 _MAKES = (
     FAST,
     # OpenCV's eight paths over a larger block; P1 and P2 are 8 and 32 times its area.
@@ -34,21 +51,7 @@ _MAKES = (
         checks=Checks(uniqueness=15.0, texture_dn=1.0, speckle_count=200, speckle_step_px=2.0),
     ),
     OAK,
-    # The simulated sensor of SAPIEN: python/py_package/sensor/stereodepth.py.
-    Matcher(
-        engine=CensusSemiGlobal(
-            census_px=7,
-            presmooth_px=0.0,
-            tolerance_dn=0.0,
-            difference_weight=0.0,
-            support_px=7,
-            arm_step_dn=255.0,
-            small_penalty=8.0,
-            large_penalty=32.0,
-        ),
-        refinement=Refinement(median_px=3),
-        checks=Checks(uniqueness=15.0, left_right_px=1.0),
-    ),
+    SAPIEN,
     # Census in a square window, without paths.
     Matcher(
         engine=CensusSemiGlobal(

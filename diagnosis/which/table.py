@@ -6,11 +6,12 @@ import dataclasses
 import hashlib
 import itertools
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,8 @@ _OTHER_IMAGES = {Source.BOTH, Source.REFERENCE}
 
 Row = NDArray[np.float64]  # (features,)
 Rows = NDArray[np.float64]  # (scenes, features); NaN where a feature has too few pixels.
+
+Result = TypeVar("Result")
 
 _Key = tuple[int, Request]  # Index of the scene, and what is requested of it.
 
@@ -291,6 +294,19 @@ def base_features(scene: SceneModel, segment: Segment, ceiling: float) -> dict[s
     return _features(segment, observation, scene, ceiling)
 
 
+def on_scenes(
+    scene_models: Sequence[SceneModel],
+    pool: WorkerPool | None,
+    work: Callable[..., Result],
+    *arguments: Any,
+) -> list[Result]:
+    """Run `work(scene_model, *arguments)` on each scene, on the workers of a pool if given."""
+    if pool is None:
+        return [work(scene, *arguments) for scene in scene_models]
+    futures = [pool.submit(scene.name, work, *arguments) for scene in scene_models]
+    return [future.result() for future in futures]
+
+
 def build_feature_table(
     scene_models: Sequence[SceneModel],
     segment: Segment,
@@ -309,13 +325,7 @@ def build_feature_table(
     if cache is not None:
         _make_folder(cache)
     ceiling = float(2 ** scene_models[0].sensor.left.bit_depth - 1)
-    if pool is None:
-        values = [base_features(scene, segment, ceiling) for scene in scene_models]
-    else:
-        futures = [
-            pool.submit(scene.name, base_features, segment, ceiling) for scene in scene_models
-        ]
-        values = [future.result() for future in futures]
+    values = on_scenes(scene_models, pool, base_features, segment, ceiling)
     names = tuple(sorted(set().union(*values)))
     columns = Columns(segment=segment, names=names, ceiling=ceiling)
     base = simulation(_SOURCES[segment], {})

@@ -326,6 +326,14 @@ def reject_outside(
             reason[e, y, x] = _OUTSIDE
 
 
+@wp.func
+def _rounded(value: float, quantum: float) -> float:  # pragma: no cover - compiled
+    """Round to multiples of a quantum; 0 leaves the value."""
+    if quantum > 0.0:
+        return wp.rint(value / quantum) * quantum
+    return value
+
+
 @wp.kernel
 def settle(
     limits: Limits, accepted: wp.array3d(dtype=float), island: wp.array(dtype=int)
@@ -343,11 +351,8 @@ def settle(
     island[i] = -1
     if wp.isnan(value):
         return
-    if limits.mean_quantum > 0.0:
-        value = wp.rint(value / limits.mean_quantum) * limits.mean_quantum
+    value = _rounded(value, limits.mean_quantum)
     if limits.locking != 0.0:
         value -= limits.locking * wp.sin(2.0 * wp.PI * (value - wp.rint(value)))
-    if limits.quantum > 0.0:
-        value = wp.rint(value / limits.quantum) * limits.quantum
-    accepted[e, y, x] = value
+    accepted[e, y, x] = _rounded(value, limits.quantum)
     island[i] = i

@@ -280,17 +280,18 @@ class Check:
         if self.power:
             return power.draw(source.camera, limits, self.tier.sets, each=self.singles)
         counts, _ = self.tier.scaled_counts(self.singles)
-        unnamed = ROWS.keys() - {*self.effects} if self.effects else set()
+        leave_out = {*(ROWS.keys() - source.effects), *self._world_rows}
         if self.effects:  # Few effects give no pairs, and unknown ones are not among them.
             few: dict[case.CaseKind, int] = {kind: counts[kind] for kind in ("single", "null")}
             counts = few
+            leave_out |= ROWS.keys() - {*self.effects}
         return case.draw(
             source.camera,
             counts,
             families=seal.parse_families(families),
             limits=limits,
             kinds=self.tier.kinds,
-            leave_out={*(ROWS.keys() - source.effects), *self._world_rows, *unnamed},
+            leave_out=leave_out,
             upwards=source.upwards,
             beyond=self.tier.beyond,
             imperfect=self._plan,
