@@ -16,7 +16,8 @@ ROOT = Path(__file__).parents[1]
 _LONG = {  # Up to a minute each.
     *("02-what-a-real-camera-adds", "03-new-camera", "04-calibrate"),
     *("05-learn-the-holes", "06-diagnose", "07-data-sets", "08-complete-depth"),
-    "09-validate-the-diagnosis",
+    *("09-validate-the-diagnosis", "10-your-simulator", "11-sensor-files", "12-mujoco"),
+    *("13-scene-files", "14-recordings", "15-virtual-realsense"),
 }
 _NEEDED = {"15-virtual-realsense": "pyrealsense2"}  # Packages that do not load on all machines.
 TUTORIALS = [

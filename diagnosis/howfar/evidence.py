@@ -17,11 +17,12 @@ from starling.diagnosis.which.residuals import by_group
 from starling.diagnosis.which.response import PredictedChange
 from starling.diagnosis.which.search import EQUAL_COST, AcceptedEffect
 from starling.diagnosis.which.segment import SegmentResult
-from starling.diagnosis.which.table import FeatureTable, Rows
+from starling.diagnosis.which.table import FeatureTable, Row, Rows
+from starling.sim.arrays import mean_known
 
 SurrogateReason = Literal["rival", "range", "held out", "misfit", "worse", "another make"]
 
-_LEAST_EXPLAINED = 0.6  # Least share of the gap that an effect explains in its own features.
+_LEAST_EXPLAINED = 0.45  # Least share of the gap that an effect explains in its own features.
 _TINY = 1e-9  # Least denominator.
 _WORSE_SHARE = 0.25  # Ratio of what an effect worsens to what it improves.
 
@@ -64,7 +65,8 @@ def _weigh(
     changes = [PredictedChange(before), PredictedChange(after)]
     costs = [likelihood.cost(change).sum() for change in changes]
     residuals = [likelihood.residual(change) for change in changes]
-    response = (after - before) / likelihood.deviation
+    scatter = scene_scatter(segment.search.residual)
+    response = (after - before) / (likelihood.deviation * np.sqrt(1 + scatter))
     explained = explained_share(response, residuals[0], residuals[1], likelihood.weight)
     groups = [by_group(table.names, residual, likelihood.weight) for residual in residuals]
     steps = np.array([groups[1][name] - size for name, size in groups[0].items()])
@@ -92,6 +94,23 @@ def _weigh(
     )
 
 
+def scene_scatter(residual: Rows) -> Row:
+    """Estimate how much of the remaining gap differs between scenes.
+
+    An imperfect base lacks something else in each scene. An effect has one strength in all scenes.
+
+    Args:
+        residual: (scenes, features) remaining gap over its deviation; NaN where unknown.
+
+    Returns:
+        Variance (features,) between scenes beyond the expected 1; 0 with one scene.
+    """
+    known = np.isfinite(residual)
+    around = np.where(known, residual - mean_known(residual, axis=0), 0.0)
+    variance = (around**2).sum(axis=0) / np.maximum(known.sum(axis=0) - 1, 1)
+    return np.maximum(variance - 1, 0.0)
+
+
 def explained_share(
     response: Rows, before: Rows, after: Rows, weight: NDArray[np.float64]
 ) -> float:
@@ -101,7 +120,7 @@ def explained_share(
     square of their change. What other effects leave elsewhere has no weight.
 
     Args:
-        response: (scenes, features) change by the effect over the deviation.
+        response: (scenes, features) change by the effect over the deviation, scatter included.
         before: (scenes, features) gap without the effect over the deviation; NaN where unknown.
         after: the same with the effect.
         weight: (features,) feature weights.

@@ -31,6 +31,7 @@ from starling.sim.effects.effect import Stage, Value
 _LEVEL = 0.9  # Confidence level of intervals.
 _MARGIN_SHARE = 0.1  # Share of an effect's own gain by which it must exceed a rival.
 _WIDENINGS = 2  # Number of times that a range is widened.
+_NEAR_END = 0.1  # Share of the departure within which an interval lies at an end of the range.
 EQUAL_COST = 3.0  # Difference of log-likelihoods that is negligible: odds of 20 to 1.
 
 
@@ -45,10 +46,13 @@ class AcceptedEffect:
 
     @property
     def at_end(self) -> bool:
-        """Whether a number lies at an end of the values that were tried."""
-        tried = self.fit.places
-        numeric = self.fit.signature.candidate.numeric
-        return numeric and self.fit.place in (tried[0], tried[-1])
+        """Whether a number and its interval lie at an end of the values that were tried."""
+        tried, signature = self.fit.places, self.fit.signature
+        if not signature.candidate.numeric or self.fit.place not in (tried[0], tried[-1]):
+            return False
+        base, end = float(signature.candidate.base), float(self.fit.value)
+        reach = max(abs(float(value) - end) for value in self.interval)
+        return reach < _NEAR_END * abs(end - base)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

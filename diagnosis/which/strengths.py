@@ -171,13 +171,8 @@ def _next_value(fitted: Fit) -> Value | None:
         value = _nearest_node(signature, int(fitted.place), float(fitted.value))
         least = _LEAST_STEP
     else:
-        beyond = [
-            candidate
-            for candidate in signature.candidate.nodes
-            if _is_beyond(signature, node, float(candidate))
-        ]
-        if beyond:
-            return min(beyond, key=lambda value: abs(float(value) - float(signature.values[node])))
+        if (beyond := _next_node(signature, node)) is not None:
+            return beyond
         centre = float(signature.values[node])
         neighbours = [n for n in (node - 1, node + 1) if 0 <= n < len(signature.values)]
         halves = {n: _halfway(centre, float(signature.values[n]), base) for n in neighbours}
@@ -190,19 +185,18 @@ def _next_value(fitted: Fit) -> Value | None:
 
 
 def beyond_range(signature: Signature, place: float) -> Value | None:
-    """Return a value of twice the departure if an effect lies at an end of its range, else None."""
+    """Return the next value for an effect at an end of its simulated values, else None.
+
+    It is the next node, or twice the departure after the last node.
+    """
     last = len(signature.values) - 1
     if not signature.candidate.numeric or place not in (0, last):
         return None
     base, end = float(signature.candidate.base), float(signature.values[round(place)])
-    beyond = [
-        node
-        for node in signature.candidate.nodes
-        if _is_beyond(signature, round(place), float(node))
-    ]
-    if beyond or end == base:
+    if end == base:
         return None
-    return base + 2 * (end - base)
+    node = _next_node(signature, round(place))
+    return base + 2 * (end - base) if node is None else node
 
 
 def _halfway(first: float, second: float, base: float) -> float:
@@ -221,7 +215,13 @@ def _nearest_node(signature: Signature, below: int, value: float) -> float:
     return min(between, key=lambda node: abs(node - value), default=value)
 
 
-def _is_beyond(signature: Signature, place: int, value: float) -> bool:
-    """Whether a value lies beyond the simulated range, next to an end at `place`."""
-    first, last = float(signature.values[0]), float(signature.values[-1])
-    return (place == 0 and value < first) or (place == len(signature.values) - 1 and value > last)
+def _next_node(signature: Signature, place: int) -> Value | None:
+    """Return the nearest of the candidate's nodes beyond an end of the simulated values, if any."""
+    end = float(signature.values[place])
+    signs = ((-1,) if place == 0 else ()) + ((1,) if place == len(signature.values) - 1 else ())
+    beyond = [
+        node
+        for node in signature.candidate.nodes
+        if any(sign * (float(node) - end) > 0 for sign in signs)
+    ]
+    return min(beyond, key=lambda node: abs(float(node) - end), default=None)

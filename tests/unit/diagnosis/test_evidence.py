@@ -13,7 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from starling.diagnosis.howfar import evidence
-from starling.diagnosis.howfar.evidence import EffectEvidence, SurrogateReason, explained_share
+from starling.diagnosis.howfar.evidence import (
+    EffectEvidence,
+    SurrogateReason,
+    explained_share,
+    scene_scatter,
+)
 from starling.diagnosis.report import sentences
 from starling.diagnosis.which.likelihood import Likelihood
 from starling.diagnosis.which.search import EQUAL_COST, AcceptedEffect
@@ -27,6 +32,7 @@ from tests.unit.diagnosis.made_gaps import (
 )
 
 HALF = FEATURES // 2
+ALIKE = np.zeros((SCENES, FEATURES))  # A remainder that does not differ between scenes.
 (EFFECT,) = run_search({"crosstalk": 0.4}).accepted
 ALONE = FakeTable().change({"crosstalk": EFFECT.fit.value})
 assert ALONE is not None
@@ -46,10 +52,11 @@ def weigh(
     effect: AcceptedEffect = EFFECT,
     *,
     like_another_make: Sequence[str] = (),
+    residual: np.ndarray = ALIKE,
 ) -> EffectEvidence:
     table: Any = NamedTable()
     segment: Any = SimpleNamespace(
-        search=SimpleNamespace(accepted=(effect,)),
+        search=SimpleNamespace(accepted=(effect,), residual=residual),
         settings={effect.fit.name: effect.fit.value},
         like_another_make=frozenset(like_another_make),
     )
@@ -84,14 +91,16 @@ def test_a_better_rival_is_a_reason(step: float, reasons: tuple[str, ...]):
     assert result.reasons == reasons
 
 
-@pytest.mark.parametrize("place, at_end", [(-1, True), (-2, False)])
-def test_an_end_of_the_range_is_a_reason(place: int, at_end: bool):
-    places = EFFECT.fit.places
-    effect = dataclasses.replace(
-        EFFECT, fit=dataclasses.replace(EFFECT.fit, place=float(places[place]))
-    )
+@pytest.mark.parametrize(
+    "place, reach, at_end", [(-1, 0.09, True), (-1, 0.11, False), (-2, 0.09, False)]
+)
+def test_an_end_of_the_range_is_a_reason(place: int, reach: float, at_end: bool):
+    """The interval reaches inwards by a share of the departure from the base, 0."""
+    fitted = dataclasses.replace(EFFECT.fit, place=float(EFFECT.fit.places[place]))
+    end = float(fitted.value)
+    effect = dataclasses.replace(EFFECT, fit=fitted, interval=((1 - reach) * end, end))
     assert effect.at_end == at_end
-    change = FakeTable().change({"crosstalk": effect.fit.value})
+    change = FakeTable().change({"crosstalk": end})
     assert change is not None
     assert weigh(plain(change), effect).reasons == (("range",) if at_end else ())
 
@@ -113,6 +122,29 @@ def test_a_gap_that_stays_in_its_own_features_is_a_reason(step: float, misfit: b
     result = weigh(plain(CHANGE / (1 - np.sqrt(1 - explained))))
     assert result.explained == pytest.approx(explained)
     assert ("misfit" in result.reasons) == misfit
+
+
+def test_features_that_differ_between_scenes_count_less():
+    """The first half of the features keeps a gap of alternating sign."""
+    alternating = np.where(np.arange(SCENES) % 2, 30.0, -30.0)[:, None]
+    differing = ALIKE.copy()
+    differing[:, :HALF] = alternating
+    gap = CHANGE.copy()
+    gap[:, :HALF] += np.sign(alternating) * np.abs(CHANGE).max()
+    strict, lenient = weigh(plain(gap)), weigh(plain(gap), residual=differing)
+    assert lenient.explained > strict.explained + 0.1
+
+
+def test_the_scatter_is_the_variance_beyond_the_expected_one():
+    rows = np.random.default_rng(3).normal(5.0, 3.0, (4000, 2))
+    assert scene_scatter(rows) == pytest.approx([8.0, 8.0], rel=0.1)
+    assert scene_scatter(rows / 3.1) == pytest.approx([0.0, 0.0], abs=0.01)  # Noise alone.
+    assert scene_scatter(rows[:1]) == pytest.approx([0.0, 0.0])
+
+
+def test_unknown_features_have_no_part_in_the_scatter():
+    rows = np.array([[3.0, np.nan], [-3.0, np.nan], [np.nan, 2.0]])
+    assert scene_scatter(rows) == pytest.approx([17.0, 0.0])
 
 
 @pytest.mark.parametrize("factor, worse", [(0.99, False), (1.01, True)])

@@ -93,7 +93,7 @@ def test_the_next_value_has_twice_the_departure():
 def test_nodes_that_are_not_simulated_come_before_wider_values():
     signature = EFFECTS["veil"]
     short = dataclasses.replace(signature, values=VALUES[:3], change=signature.change[:3])
-    assert strengths.beyond_range(short, 2.0) is None
+    assert strengths.beyond_range(short, 2.0) == VALUES[3]
 
 
 def test_a_choice_has_no_wider_range():
