@@ -17,7 +17,7 @@ ROOMS = 2
 LARGEST_SHARE = 0.0 if platform.machine() == "x86_64" else 1e-4  # As for simulated depth.
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_filters_give_the_vendors_pixels_on_real_depth(captures: Path) -> None:
     folder = captures / "d415-faro"
     if not folder.is_dir():

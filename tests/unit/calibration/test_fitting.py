@@ -100,6 +100,7 @@ def test_unknown_groups_and_none_are_refused(captures: Path, small: Sensor, tmp_
     assert message.startswith("free must name a group; got none.")
 
 
+@pytest.mark.long
 def test_few_of_many_scenes_are_fitted(captures: Path, small: Sensor, tmp_path: Path) -> None:
     scenes = capture.open_set(str(captures)).scenes
     fit = fitting.fit(scenes, small, free=["projector"], folder=tmp_path, most_scenes=2)
