@@ -241,7 +241,7 @@ def _mean(disparity: Any, setting: Refinement, weight: Any | None) -> Any:
     sides = (setting.smooth_px, min(setting.smooth_rows_px, setting.smooth_px))
     for down, side in enumerate(sides):
         averaged, gathered = wp.empty_like(disparity), wp.empty_like(disparity)
-        window = (side // 2, down, setting.smooth_step_px)
+        window = (side, down, setting.smooth_step_px)
         arguments = (disparity, weight, *window, averaged, gathered)
         launch(refinement.average, disparity.shape, device, *arguments)
         disparity, weight = averaged, gathered

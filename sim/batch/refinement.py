@@ -82,7 +82,7 @@ def median(side: int) -> Any:
 def average(
     disparity: wp.array3d(dtype=float),
     weight: wp.array3d(dtype=float),
-    reach: int,
+    side: int,
     down: int,
     step: float,
     out: wp.array3d(dtype=float),
@@ -93,7 +93,7 @@ def average(
     Args:
         disparity: (n, h, w) [px], NaN without disparity.
         weight: (n, h, w), >= 0; () weights all pixels equally.
-        reach: half the window [px].
+        side: window [px]; an even one has one pixel more before the centre than after.
         down: 1 averages along columns, 0 along rows.
         step: largest difference to the centre [px].
         out: (n, h, w) is filled.
@@ -105,7 +105,8 @@ def average(
     centre = disparity[e, y, x]
     total = wp.float32(0.0)
     count = wp.float32(0.0)
-    for k in range(-reach, reach + 1):
+    before = side // 2
+    for k in range(-before, side - before):
         row = y + k * down
         column = x + k * (1 - down)
         if row >= 0 and row < h and column >= 0 and column < w:

@@ -139,7 +139,7 @@ class Refinement:
 
     median_px: int = 0  # Side of the median filter on the winners: 0, 3 or 5.
     smooth_px: int = 0  # Width of the jump-preserving mean, odd or 0.
-    smooth_rows_px: int = 31  # Largest height of that window, odd; at most its width.
+    smooth_rows_px: int = 31  # Largest height of that window; at most its width.
     smooth_step_px: float = 2.0  # Neighbours with a larger difference are excluded [px].
     mean_quantum_px: float = 0.0  # Step that the mean is rounded to, before locking [px]; 0 = none.
     locking_px: float = 0.0  # Amplitude of pixel locking, which has a period of 1 px [px].
@@ -150,7 +150,7 @@ class Refinement:
             raise refuse("median_px", "must be 0, 3 or 5", self.median_px, "0 switches it off.")
         if self.smooth_px:
             _odd("smooth_px", self.smooth_px, 1, 31)
-        _odd("smooth_rows_px", self.smooth_rows_px, 1, 31)
+        whole("smooth_rows_px", self.smooth_rows_px, 1, 31)
         in_interval("smooth_step_px", self.smooth_step_px, 0.0, 16.0)
         in_interval("mean_quantum_px", self.mean_quantum_px, 0.0, 1.0)
         in_interval("locking_px", self.locking_px, -0.15, 0.15, "More would fold disparities.")

@@ -88,20 +88,21 @@ def smooth(
     Args:
         disparity_px: (h, w) [px]; NaN stays NaN and has no weight.
         weight: (h, w) weight of each pixel, >= 0; if all are 0 the centre is unchanged.
-        columns_px, rows_px: width and height of the window, odd [px].
+        columns_px: width of the window, odd [px].
+        rows_px: its height [px]; an even one has one row more above the centre than below.
         step_px: neighbours with a larger difference are left out [px].
     """
     h, w = disparity_px.shape
     out = np.empty((h, w), np.float32)
-    _smooth(disparity_px, weight, columns_px // 2, rows_px // 2, np.float32(step_px), out)
+    _smooth(disparity_px, weight, columns_px // 2, rows_px, np.float32(step_px), out)
     return out
 
 
 @nb.njit(nogil=True, cache=True)
-def _smooth(disparity, weight, across, down, step, out):  # pragma: no cover - compiled
+def _smooth(disparity, weight, across, size, step, out):  # pragma: no cover - compiled
     """Fill `out` with the means along rows, then along columns; a ring holds the rows' means."""
     h, w = disparity.shape
-    size = 2 * down + 1
+    up, down = size // 2, (size - 1) // 2
     means, gathered = np.empty((size, w), np.float32), np.empty((size, w), np.float32)
     total, count = np.empty(w, np.float32), np.empty(w, np.float32)
     for last in range(h + down):
@@ -118,7 +119,7 @@ def _smooth(disparity, weight, across, down, step, out):  # pragma: no cover - c
         if y >= 0:
             centre = means[y % size]
             total[:], count[:] = np.float32(0), np.float32(0)
-            for row in range(max(0, y - down), min(h, y + down + 1)):
+            for row in range(max(0, y - up), min(h, y + down + 1)):
                 _add(means[row % size], gathered[row % size], centre, step, total, count)
             _finish(centre, total, count, out[y])
 

@@ -57,7 +57,8 @@ def test_unknown_name_is_refused_with_the_known_ones():
         ),
         (lambda: Refinement(median_px=7), "median_px must be 0, 3 or 5; got 7"),
         (lambda: Refinement(smooth_px=4), "smooth_px must be odd"),
-        (lambda: Refinement(smooth_rows_px=4), "smooth_rows_px must be odd"),
+        (lambda: Refinement(smooth_rows_px=0), "smooth_rows_px must be in [1, 31]; got 0"),
+        (lambda: Refinement(smooth_rows_px=2.5), "smooth_rows_px must be a whole number"),  # pyright: ignore
         (lambda: Refinement(smooth_step_px=-1), "smooth_step_px must be in"),
         (lambda: Refinement(mean_quantum_px=2), "mean_quantum_px must be in [0, 1]; got 2"),
         (lambda: Checks(support_share=1.5), "support_share must be in [0, 1]; got 1.5"),

@@ -115,7 +115,7 @@ def test_presets_of_the_d4_family_have_its_matcher() -> None:
             ("matcher.refinement.locking_px", -0.04),
             ("matcher.refinement.median_px", 0),
             ("matcher.refinement.smooth_px", 15),
-            ("matcher.refinement.smooth_rows_px", 9),
+            ("matcher.refinement.smooth_rows_px", 8),
             ("matcher.refinement.mean_quantum_px", 1 / 64),
             ("matcher.refinement.smooth_step_px", 4.0),
             ("matcher.engine.second_peak", 10.0),

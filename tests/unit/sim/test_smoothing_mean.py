@@ -31,7 +31,7 @@ def test_smoothing_counts_by_weight():
     np.testing.assert_array_equal(remaining, uneven)
 
 
-@pytest.mark.parametrize(("columns", "rows"), [(15, 5), (3, 9), (7, 7)])
+@pytest.mark.parametrize(("columns", "rows"), [(15, 5), (15, 8), (3, 9), (7, 7)])
 def test_mean_window_has_the_requested_rows_and_columns(columns, rows):
     """A single deviating pixel is spread evenly over the window; rows never exceed columns."""
     off = np.full((31, 31), 7, np.float32)
@@ -42,6 +42,14 @@ def test_mean_window_has_the_requested_rows_and_columns(columns, rows):
     assert (across, down) == (columns, min(rows, columns))
     inside = spread[spread > 1e-4]
     np.testing.assert_allclose(inside, 1 / (across * down), rtol=1e-3)
+
+
+def test_an_even_window_has_one_row_more_above_its_centre() -> None:
+    off = np.full((31, 31), 7, np.float32)
+    off[15] = 8
+    spread = subpixel.refine(off, Refinement(smooth_px=15, smooth_rows_px=8))[:, 15] - 7
+    rows = np.flatnonzero(spread > 1e-4)
+    assert (rows[0], rows[-1]) == (15 - 3, 15 + 4)  # Row 19 has row 15 as its fourth above.
 
 
 def test_the_mean_leaves_out_what_has_no_weight() -> None:

@@ -69,6 +69,7 @@ def assert_equal(sensor: Sensor, depth_m: Image) -> Image:
         ("matcher.checks.left_right_mean_px=0", "matcher.checks.uniqueness=3.0"),
         ("matcher.engine.second_peak=30.0", "matcher.engine.neighbour_peak=15.0"),
         ("matcher.refinement.median_px=0", "matcher.refinement.smooth_rows_px=5"),
+        ("matcher.refinement.smooth_rows_px=8",),
         ("matcher.refinement.median_px=3", "matcher.refinement.locking_px=0.05"),
         ("matcher.engine.census_px=11", "matcher.engine.support_px=15"),
         ("matcher.engine.presmooth_px=0.0", "matcher.engine.arm_step_dn=255.0"),
