@@ -10,6 +10,7 @@ import numpy as np
 
 from starling.learning.commands.train_captures import trained
 from starling.learning.data.example import Example
+from starling.learning.data.physics import missed_probability
 from starling.learning.data.simulated import summary
 from starling.learning.method import Predictor
 from starling.learning.sampling.sampling import TYPICAL, ndp
@@ -62,8 +63,8 @@ class LearnedHoles:
             physics=physics,
         )
         probability = self.predictor.probability(example)
-        drawn = ndp(probability, TYPICAL, seed=seed, frame=frame, physics=physics)
-        added = drawn & shot.depth.valid
+        missed = missed_probability(probability, physics)
+        added = ndp(missed, TYPICAL, seed=seed, frame=frame) & shot.depth.valid
         return dataclasses.replace(
             shot.depth,
             disparity_px=np.where(added, np.float32(np.nan), shot.depth.disparity_px),

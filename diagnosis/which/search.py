@@ -31,7 +31,6 @@ from starling.sim.effects.effect import Stage, Value
 _LEVEL = 0.9  # Confidence level of intervals.
 _MARGIN_SHARE = 0.1  # Share of an effect's own gain by which it must exceed a rival.
 _WIDENINGS = 2  # Number of times that a range is widened.
-_NEAR_END = 0.1  # Share of the departure within which an interval lies at an end of the range.
 EQUAL_COST = 3.0  # Difference of log-likelihoods that is negligible: odds of 20 to 1.
 
 
@@ -43,16 +42,14 @@ class AcceptedEffect:
     interval: tuple[Value, Value]
     rivals: tuple[Fit, ...]  # Candidates that the data cannot distinguish from it in its place.
     rival_intervals: tuple[tuple[Value, Value], ...]
+    limited: bool = False  # Whether no value beyond its range is possible, or fits better.
 
     @property
     def at_end(self) -> bool:
-        """Whether a number and its interval lie at an end of the values that were tried."""
-        tried, signature = self.fit.places, self.fit.signature
-        if not signature.candidate.numeric or self.fit.place not in (tried[0], tried[-1]):
-            return False
-        base, end = float(signature.candidate.base), float(self.fit.value)
-        reach = max(abs(float(value) - end) for value in self.interval)
-        return reach < _NEAR_END * abs(end - base)
+        """Whether a number lies at an end of the values that were tried, and may lie beyond it."""
+        tried = self.fit.places
+        numeric = self.fit.signature.candidate.numeric
+        return numeric and not self.limited and self.fit.place in (tried[0], tried[-1])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -94,13 +91,16 @@ def search_effects(
     )
     model = accept(singles, empty, context) or empty
     model, removals = prune(grow(model, context, signatures), context)
-    model, removals = _widen(model, removals, context)
+    model, removals, limited = _widen(model, removals, context)
     model, removals = _prefer_sensor(model, removals, context, signatures)
     predicted = model.predict()
     return SearchResult(
         accepted=tuple(
             _describe(
-                removal.fit, _replacements(number, model, removal, context, signatures), context
+                removal.fit,
+                _replacements(number, model, removal, context, signatures),
+                context,
+                limited=removal.fit.name in limited,
             )
             for number, removal in enumerate(removals)
         ),
@@ -113,21 +113,34 @@ def search_effects(
 
 def _widen(
     model: EffectModel, removals: list[Removal], context: SearchContext
-) -> tuple[EffectModel, list[Removal]]:
-    """Try values beyond the range of effects that lie at its end, if the sensor can have them."""
-    widened = model
+) -> tuple[EffectModel, list[Removal], set[str]]:
+    """Try values beyond the range of effects that lie at its end.
+
+    Returns:
+        The model, the removal of each of its effects, and the effects for which no value beyond
+        their range is possible, or fits better.
+    """
+    widened, limited = model, set[str]()
     for number in range(len(model.terms)):
         for _ in range(_WIDENINGS):
             term, place = widened.terms[number], widened.places[number]
             value = beyond_range(term, place)
-            extended = term if value is None else add_node(term, value, context.table)
-            if len(extended.values) == len(term.values):
+            if value is None:
                 break
-            proposal = fit_and_simulate(context, widened.with_signature(extended, number))
+            extended = add_node(term, value, context.table)
+            possible = len(extended.values) > len(term.values)
+            proposal = (
+                fit_and_simulate(context, widened.with_signature(extended, number))
+                if possible
+                else None
+            )
             if proposal is None or proposal.gain_over(widened, context.likelihood) <= 0:
+                limited.add(term.name)
                 break
             widened = proposal
-    return (model, removals) if widened is model else prune(widened, context)
+    if widened is model:
+        return model, removals, limited
+    return *prune(widened, context), limited
 
 
 def _prefer_sensor(
@@ -183,7 +196,9 @@ def _replacements(
     )
 
 
-def _describe(current: Fit, replacements: Sequence[Fit], context: SearchContext) -> AcceptedEffect:
+def _describe(
+    current: Fit, replacements: Sequence[Fit], context: SearchContext, *, limited: bool
+) -> AcceptedEffect:
     """Describe an effect of the final model: its fit, interval and rivals."""
     rivals = _rivals(current, replacements, context)
     return AcceptedEffect(
@@ -191,6 +206,7 @@ def _describe(current: Fit, replacements: Sequence[Fit], context: SearchContext)
         interval=current.interval(context.rooms, level=_LEVEL),
         rivals=rivals,
         rival_intervals=tuple(rival.interval(context.rooms, level=_LEVEL) for rival in rivals),
+        limited=limited,
     )
 
 

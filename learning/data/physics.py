@@ -61,6 +61,17 @@ def drawn_probability(ndp: NDArray, draws: int, *, place_px: float = PLACE_PX) -
     return ((share * draws + PRIOR_DRAWS * mean) / (draws + PRIOR_DRAWS)).astype(np.float32)
 
 
+def missed_probability(probability: Image, physics: Physics) -> Image:
+    """Return the probability (h, w) that a pixel has no depth where physics has it, at least 0.
+
+    Args:
+        probability: (h, w) predicted probability of no depth.
+        physics: repeated simulations of the scene.
+    """
+    simulated = physics_probability(physics)
+    return np.clip((probability - simulated) / (1 - simulated), 0, 1).astype(np.float32)
+
+
 def as_precise_as_physics(image: NDArray) -> NDArray:
     """Smooth a simulated image (h, w) by its position uncertainty, 4 px."""
     return _smoothed(image, PLACE_PX)

@@ -2,19 +2,21 @@
 
 As C. Sweeney, G. Izatt and R. Tedrake, A Supervised Approach to Predicting Noise in Depth Images,
 ICRA 2019, section III-C: pixels above a threshold have no depth in any frame; below it, correlated
-noise decides. If the scene is simulated, holes of one simulated frame are kept, removed or added to
-instead. Noise does not have the shapes of a matcher's holes.
+noise decides. Noise does not have the shapes of a matcher's holes. If the scene is simulated, each
+hole of one simulated frame is kept or removed as a whole instead. Only regions are added that
+physics almost surely misses.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from starling.learning import registry
 from starling.learning.data.example import Example, Image, Mask, Physics
-from starling.learning.data.physics import physics_probability
+from starling.learning.data.physics import missed_probability, physics_probability
 from starling.learning.sampling import perlin
 from starling.learning.sampling.perlin import Perlin
 from starling.patterns import errors
@@ -32,7 +34,8 @@ class Sampling:
         noise: correlation of holes in the image and in time.
         threshold: Pixels above this probability always have no depth, 0 to 1. At 1 all pixels are
             sampled, and the expected share equals the probability everywhere. Below 1 the pixels
-            above the threshold have more holes than their probability, and never flicker.
+            above the threshold have more holes than their probability, and never flicker. With
+            physics, it is the probability that physics misses a hole.
 
     Raises:
         InputError: if the threshold is outside 0 to 1.
@@ -65,8 +68,8 @@ def ndp(
         seed: seed of all frames of a sequence; other seeds give independent sequences.
         frame: time; holes of nearby frames are correlated (`Perlin`).
         physics: simulation of the scene. Where the probability equals that of physics, holes are
-            those of its first draw. Where it is less, some are removed; where it is more, some are
-            added.
+            those of its first draw. Where it is less, some of these are removed. Pixels are added
+            where the probability of a missed hole is above the threshold.
 
     Returns:
         (h, w) True where there is no depth.
@@ -87,14 +90,15 @@ def ndp(
     height, width = probability.shape
     draw = perlin.uniform((height, width), sampling.noise, seed=seed, frame=frame)
     if physics is not None:
-        draw = _as_drawn(draw, physics)
+        return _amended(probability, draw, physics, sampling.threshold)
     return (probability > sampling.threshold) | (draw < probability)
 
 
-def _as_drawn(draw: Image, physics: Physics) -> Image:
-    """Return uniform noise that is below the simulated probability at the holes of its first draw.
+def _amended(probability: Image, draw: Image, physics: Physics, threshold: float) -> Mask:
+    """Keep or remove each hole of the first simulated draw, and add missed regions.
 
-    The noise stays uniform, because the share of holes among draws is the simulated probability.
+    A hole is kept with the ratio of the predicted to the simulated probability, summed over it. The
+    noise at its first pixel decides, so that it stays or goes with its neighbours.
     """
     if draw.shape != physics.one_draw_ndp.shape:
         raise errors.refuse(
@@ -104,7 +108,15 @@ def _as_drawn(draw: Image, physics: Physics) -> Image:
             "Give both of one scene.",
         )
     simulated = physics_probability(physics)
-    return np.where(physics.one_draw_ndp, simulated * draw, simulated + (1 - simulated) * draw)
+    count, labels = cv2.connectedComponents(physics.one_draw_ndp.astype(np.uint8), connectivity=8)
+    label = np.asarray(labels, np.intp)
+    flat = label.ravel()
+    predicted, known = (np.bincount(flat, each.ravel(), count) for each in (probability, simulated))
+    first = np.zeros(count, np.int64)
+    first[flat[::-1]] = np.arange(flat.size)[::-1]  # The last assignment holds.
+    kept = draw.ravel()[first] * known < predicted
+    kept[0] = False  # Pixels with depth.
+    return kept[label] | (missed_probability(probability, physics) > threshold)
 
 
 def depth_image(

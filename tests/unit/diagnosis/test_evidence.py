@@ -92,15 +92,13 @@ def test_a_better_rival_is_a_reason(step: float, reasons: tuple[str, ...]):
 
 
 @pytest.mark.parametrize(
-    "place, reach, at_end", [(-1, 0.09, True), (-1, 0.11, False), (-2, 0.09, False)]
+    "place, limited, at_end", [(-1, False, True), (-1, True, False), (-2, False, False)]
 )
-def test_an_end_of_the_range_is_a_reason(place: int, reach: float, at_end: bool):
-    """The interval reaches inwards by a share of the departure from the base, 0."""
+def test_an_end_of_the_range_is_a_reason(place: int, limited: bool, at_end: bool):
     fitted = dataclasses.replace(EFFECT.fit, place=float(EFFECT.fit.places[place]))
-    end = float(fitted.value)
-    effect = dataclasses.replace(EFFECT, fit=fitted, interval=((1 - reach) * end, end))
+    effect = dataclasses.replace(EFFECT, fit=fitted, limited=limited)
     assert effect.at_end == at_end
-    change = FakeTable().change({"crosstalk": end})
+    change = FakeTable().change({"crosstalk": fitted.value})
     assert change is not None
     assert weigh(plain(change), effect).reasons == (("range",) if at_end else ())
 

@@ -75,8 +75,14 @@ def test_a_range_is_widened_twice_at_most():
 
 @pytest.mark.parametrize("largest, end", [(1.0, 1.0), (2.0, 2.0)])
 def test_widening_stops_where_the_sensor_refuses(largest: float, end: float):
+    """A sensor at its limit is no reason against an effect."""
     (effect,) = searched(6.0, largest=largest).accepted
-    assert effect.at_end and effect.fit.value == end
+    assert effect.limited and not effect.at_end and effect.fit.value == end
+
+
+def test_a_value_at_the_end_of_the_range_is_no_reason_if_a_larger_one_fits_worse():
+    (effect,) = searched(1.0).accepted
+    assert effect.fit.value == pytest.approx(1.0, rel=0.05) and not effect.at_end
 
 
 def test_the_next_value_has_twice_the_departure():

@@ -91,7 +91,6 @@ def test_the_device_has_no_distance_from_itself(captures):
 
 @pytest.mark.usefixtures("titles")
 def test_physics_without_depth_has_holes_everywhere(captures, monkeypatch):
-    """A share of 1 in all draws gives a probability of nearly 1, above the threshold."""
     physics = step_scene(0).physics
     assert physics is not None
     nothing = dataclasses.replace(
@@ -99,6 +98,7 @@ def test_physics_without_depth_has_holes_everywhere(captures, monkeypatch):
         ndp=np.ones(SHAPE, np.float32),
         disparity_px=np.full(SHAPE, np.nan, np.float32),
         one_draw_px=np.full(SHAPE, np.nan, np.float32),
+        one_draw_ndp=np.ones(SHAPE, bool),
         reason=np.full(SHAPE, Reason.LOW_SIGNAL, np.uint32),
     )
     monkeypatch.setattr(simulated, "physics", lambda *_, **__: nothing)
