@@ -20,8 +20,8 @@ pictures: demo  ## Draw pictures of the documentation: the demo and the sweep.
 test: setup-test  ## Run every test but the long ones; set up with torch.
 	$(pytest) -n 2 --dist worksteal
 
-test-fast: setup-test  ## Run the tests that take seconds.
-	$(pytest) -m "not slow and not long"
+test-fast: setup-test  ## Run the tests that are neither slow nor long.
+	$(pytest) -n 2 --dist worksteal -m "not slow and not long"
 
 test-long: setup-test  ## Run the long tests, of up to minutes each.
 	$(pytest) -m long

@@ -25,6 +25,8 @@ from starling.diagnosis.validation.protocol.check import Check
 from tests.system import small_check
 from tests.system.small_check import TINY
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Any:

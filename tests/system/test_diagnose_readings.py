@@ -35,6 +35,8 @@ from starling.sim.render.mitsuba_scene import MitsubaScene
 from starling.sim.sensor.edits import with_values
 from tests.system.test_diagnose import SCENES, sensor
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -31,6 +31,8 @@ from starling.sim.sensor.projector import Emitter
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo import structured_light
 
+pytestmark = pytest.mark.slow
+
 FOCAL_PX = 400.0
 LEFT, RIGHT = (0.026, 0.0, 0.0), (0.0305, 0.001, -0.002)
 

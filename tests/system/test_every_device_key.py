@@ -30,6 +30,8 @@ from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import expose, refuse_impossible, render_layers
 from tests.system.test_every_key import CAPTURE, digest, said, write_captures
 
+pytestmark = pytest.mark.slow
+
 # --- sensor.toml ------------------------------------------------------------------------------
 
 EMITTER = {"offset_m": [0.002, 0.0, 0.0], "rotation_deg": [0.2, 0.2, 0.2], "pattern": "uniform"}

@@ -32,6 +32,8 @@ from tests.system.fuzzed_formats import FORMATS
 from tests.system.fuzzed_parts import Format
 from tests.system.mutations import mutate
 
+pytestmark = pytest.mark.slow
+
 _LONGEST_S = 5.0  # Processor time of one read.
 _MOST_BYTES = 100e6  # Growth of the resident memory during one read.
 _ROOT = "fuzzed-files"  # Folder of the files, and so a part of the program's own warnings.

@@ -30,6 +30,8 @@ from starling.sim.datasets.verify import verify
 from starling.sim.datasets.workers import Task, TaskResult
 from starling.sim.reason import Reason
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 SIZE = {"width": 96, "height": 64, "cx_px": 47.5, "cy_px": 31.5, "fx_px": 50.0, "fy_px": 50.0}
 PLAN: dict[str, Any] = {

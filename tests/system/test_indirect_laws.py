@@ -22,6 +22,8 @@ from starling.sim.scene.builtin import scenes, solids
 from starling.sim.scene.scene import Ambient, Material, Scene
 from starling.sim.sensor import presets
 
+pytestmark = pytest.mark.slow
+
 BRIGHT = 0.9
 
 
@@ -77,7 +79,6 @@ def test_integrating_sphere(even, reflectance):
     np.testing.assert_allclose(blocks, expected, rtol=0.03)
 
 
-@pytest.mark.slow
 def test_energy_in_is_energy_out_in_a_white_box(even):
     """The walls of a closed box absorb the projector's power, direct and indirect, to 0.5 %.
 

@@ -24,6 +24,8 @@ from starling.sim.scene.scene import Scene
 from starling.sim.sensor import presets
 from starling.sim.sensor.sensor import Sensor
 
+pytestmark = pytest.mark.slow
+
 SMALL = 0.4
 FRAMES = 5  # For temporal effects.
 
@@ -125,7 +127,6 @@ def base_reading(plain: Callable[[], tuple[Sensor, Scene]], row: str) -> list[np
     return _reading(*base(plain, row))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("row", effects.table(), ids=lambda row: row.name)
 def test_every_row_acts(row: Effect) -> None:
     """A non-neutral effect changes the infrared, the depth or the registered depth."""

@@ -23,6 +23,8 @@ from starling.sim.sensor import presets
 from starling.sim.sensor.edits import with_values
 from starling.sim.stereo import structured_light
 
+pytestmark = pytest.mark.slow
+
 FWHM_MRAD = 5.0
 SIGMA_MRAD = FWHM_MRAD / np.sqrt(8 * np.log(2))
 FOCAL_PX = 2000.0

@@ -16,6 +16,8 @@ from starling.sim.scene.builtin import scenes
 from starling.sim.sensor import presets
 from starling.sim.simulate import simulate
 
+pytestmark = pytest.mark.slow
+
 BASE = presets.load("d435")
 BASELINES_M = (0.02, 0.05, 0.1, 0.15)
 
@@ -76,7 +78,6 @@ def test_columns_shadowed_from_the_projector(posts, projector_x_m):
     assert expected[inside].any()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("distance_m", [0.7, 1.5])
 def test_share_outside_the_overlap_is_f_b_over_z(distance_m):
     """On a wall square to the axis the left border without depth is f b / z columns wide.
@@ -127,7 +128,6 @@ def test_noise_follows_the_law_where_it_must_and_holes_grow_with_the_baseline():
         assert (np.diff(rates, axis=1) < 0).all(), quantity  # A longer distance.
 
 
-@pytest.mark.slow
 def test_law_fails_without_its_premise():
     """A short search range gives no depth; a longer lens widens the dots in pixels."""
     axes = {"baseline_m": [0.15], "focal_px": [860.0]}

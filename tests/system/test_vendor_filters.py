@@ -14,6 +14,8 @@ pytest.importorskip("pyrealsense2", minversion="2.58", exc_type=ImportError)
 
 from tests import script
 
+pytestmark = pytest.mark.slow
+
 filters = script.load("benchmarks/simulation/vendor_filters.py")
 SENSOR = starling.load_sensor("d435", mode="424x240")
 SCENES = {"clutter:1": 0, "tabletop:2": 1, "room:3": 2}  # With the seeds of their noise.

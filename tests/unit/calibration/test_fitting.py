@@ -34,6 +34,8 @@ from starling.sim.sensor.sensor import Sensor
 from starling.sim.simulate import infrared
 from tests.unit.calibration import small_camera
 
+pytestmark = pytest.mark.slow
+
 ROOMS = ("attic", "bath", "cellar", "den")
 
 
@@ -183,7 +185,6 @@ def test_invalid_captures_are_refused_before_surfaces_are_loaded(
     assert message.startswith("sensor d415 must fit the captures")
 
 
-@pytest.mark.slow
 def test_a_group_of_depth_alone_is_refused_with_infrared(
     captures: Path, small: Sensor, tmp_path: Path
 ) -> None:

@@ -8,6 +8,8 @@ import pytest
 from starling.learning.data.virtual import captures
 from starling.sim.scene.builtin import scenes
 
+pytestmark = pytest.mark.slow
+
 SEEDS = range(60)
 
 
@@ -50,7 +52,6 @@ def test_only_matt_objects_are_dyed() -> None:
             assert 0.02 <= present.material.reflectance <= 0.9 or ratio == 1
 
 
-@pytest.mark.slow
 def test_it_has_holes_where_a_clean_camera_has_none() -> None:
     shot = captures.capture(scenes.clutter(3), 2, samples=4)
     assert 0.02 < np.mean(~shot.depth.valid) < 0.15

@@ -25,6 +25,8 @@ from starling.sim.sensor.edits import with_values
 from starling.sim.sensor.sensor import Sensor
 from starling.sim.stereo.depth import to_code
 
+pytestmark = pytest.mark.slow
+
 # A crop of a D415's image; the position of the pattern is unknown.
 SENSOR = with_values(
     presets.load("d415"),

@@ -27,6 +27,8 @@ from tests.unit.sim.batch.both_paths import (  # noqa: E402
 )
 from tests.unit.sim.batch.both_paths import views as both_views  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 CORRELATION = 0.999  # Least correlation of the light of both paths.
 ROUNDED_SHARE = 0.005  # Largest share of codes that differ, by one, as rounding differs.
 RAISED = ("left.auto_exposure_max_s=0.0003", "left.auto_exposure_max_gain=6.0")  # Gain 6.
