@@ -20,11 +20,10 @@ from starling.diagnosis.which.segment import SegmentResult
 from starling.diagnosis.which.table import FeatureTable, Row, Rows
 from starling.sim.arrays import mean_known
 
-SurrogateReason = Literal["rival", "range", "held out", "misfit", "worse", "another make"]
+SurrogateReason = Literal["rival", "range", "held out", "misfit", "another make"]
 
 _LEAST_EXPLAINED = 0.45  # Least share of the gap that an effect explains in its own features.
 _TINY = 1e-9  # Least denominator.
-_WORSE_SHARE = 0.25  # Ratio of what an effect worsens to what it improves.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -81,8 +80,6 @@ def _weigh(
         reasons.append("held out")
     if explained < _LEAST_EXPLAINED:
         reasons.append("misfit")
-    if worsened > _WORSE_SHARE * improved:
-        reasons.append("worse")
     if effect.fit.name in segment.like_another_make:
         reasons.append("another make")
     return EffectEvidence(

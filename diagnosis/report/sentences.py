@@ -28,7 +28,6 @@ REASONS: dict[SurrogateReason, str] = {
     "range": "its value lies at the end of its range",
     "held out": "it does not help on held-out rooms",
     "misfit": "its best value leaves much of the gap that it should close",
-    "worse": "it makes other figures worse",
     "another make": "a matcher of another make would explain as much",
 }
 SCALES: dict[Scale, str] = {

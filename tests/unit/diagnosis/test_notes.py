@@ -216,7 +216,7 @@ def test_a_missing_measurement_has_its_reason(options: dict[str, Any], why: str)
 
 
 def test_surrogates_alone_claim_no_improvement():
-    each = diagnosis(howfar=None, settings={}, evidence={"lens_blur": evidence("worse")})
+    each = diagnosis(howfar=None, settings={}, evidence={"lens_blur": evidence("misfit")})
     assert sentences.answer(each)[2] == "No effect is reported, so no improvement is claimed."
 
 

@@ -239,7 +239,7 @@ def leading(*groups: str) -> SegmentResult:
 
 
 def test_surrogates_alone_are_a_verdict_with_leads():
-    each = surrogate("misfit", "worse", segments=(leading("pair by x", "level"),))
+    each = surrogate("misfit", "held out", segments=(leading("pair by x", "level"),))
     name = NAMED.accepted[0].fit.name
     read = Reader(page(each))
     assert "No known effect explains the gap" in read.text
@@ -249,7 +249,7 @@ def test_surrogates_alone_are_a_verdict_with_leads():
         "by x, brightness." in read.text
     )
     assert f"{name} comes closest, but {sentences.REASONS['misfit']}." in sentences.answer(each)[1]
-    for reason in ("misfit", "worse"):
+    for reason in ("misfit", "held out"):
         assert f"{name} is called a surrogate: {sentences.REASONS[reason]}." in notes.notes(each)
     assert "Surrogates" in notes.note_lists(each) and "Effects" not in notes.note_lists(each)
     (row,) = [cells for cells in read.rows if cells[:1] == [name] and len(cells) == 7]
