@@ -10,7 +10,7 @@ import numpy as np
 
 from starling.learning.commands.train_captures import trained
 from starling.learning.data.example import Example
-from starling.learning.data.physics import missed_probability
+from starling.learning.data.physics import missed_probability, physics_probability
 from starling.learning.data.simulated import summary
 from starling.learning.method import Predictor
 from starling.learning.sampling.sampling import TYPICAL, ndp
@@ -63,7 +63,7 @@ class LearnedHoles:
             physics=physics,
         )
         probability = self.predictor.probability(example)
-        missed = missed_probability(probability, physics)
+        missed = missed_probability(probability, physics_probability(physics))
         added = ndp(missed, TYPICAL, seed=seed, frame=frame) & shot.depth.valid
         return dataclasses.replace(
             shot.depth,

@@ -34,6 +34,7 @@ from starling.diagnosis.which.segment import (
     diagnose_segment,
     restrict_to_families,
 )
+from starling.diagnosis.which.table import FeatureTable
 from starling.sim.captures import capture
 from starling.sim.sensor import resolve
 
@@ -50,12 +51,17 @@ def main() -> None:
     options = parser.parse_args()
     light = make_light(options.work)
     scene_models: list[SceneModel] = []
+    screened: tuple[FeatureTable, Screening] | None = None  # Serves all captures of the scenes.
     for case in draw_cases(light, options.cases, perfect=options.perfect):
         folder = options.work / ("perfect" if options.perfect else "imperfect") / case.name
         if not folder.exists():
             shoot.shoot(light, case, folder, frames=FRAMES)
         scene_models = load_capture(folder, light, scene_models)
-        for left_out, name, share, plain in shares(case, scene_models, options.work / "cache"):
+        training, held_out = split_test_rooms(scene_models)
+        if screened is None:
+            screened = screen_segment(Segment.IMAGE, training, cache=options.work / "cache")
+        table = screened[0].with_captures(training)
+        for left_out, name, share, plain in shares(case, table, screened[1], held_out):
             true = " ".join(case.settings) or "no effect"
             place = f"in the place of {true}" if left_out else f"true {true}"
             print(f"{case.name} {place}: {name} {share:.2f}, without scatter {plain:.2f}")
@@ -84,11 +90,9 @@ def load_capture(folder: Path, light: Path, known: list[SceneModel]) -> list[Sce
 
 
 def shares(
-    case: Case, scene_models: list[SceneModel], cache: Path
+    case: Case, table: FeatureTable, screening: Screening, held_out: list[SceneModel]
 ) -> Iterator[tuple[bool, str, float, float]]:
     """Yield whether the true effect is left out, an accepted effect, and its two shares."""
-    training, held_out = split_test_rooms(scene_models)
-    table, screening = screen_segment(Segment.IMAGE, training, cache=cache)
     for left_out in (False, True) if case.settings else (False,):
         tried = without_effect(screening, case) if left_out else screening
         result = diagnose_segment(table, tried)

@@ -47,14 +47,19 @@ def weigh_effects(
         table: feature table of held-out scenes, or of the training scenes if none is held out.
         likelihood: likelihood of the gap of these scenes.
     """
+    scatter = scene_scatter(segment.search.residual)
     return {
-        effect.fit.name: _weigh(effect, segment, table, likelihood)
+        effect.fit.name: _weigh(effect, segment, table, likelihood, scatter)
         for effect in segment.search.accepted
     }
 
 
 def _weigh(
-    effect: AcceptedEffect, segment: SegmentResult, table: FeatureTable, likelihood: Likelihood
+    effect: AcceptedEffect,
+    segment: SegmentResult,
+    table: FeatureTable,
+    likelihood: Likelihood,
+    scatter: Row,
 ) -> EffectEvidence:
     settings = segment.settings
     rest = {name: value for name, value in settings.items() if name != effect.fit.name}
@@ -64,7 +69,6 @@ def _weigh(
     changes = [PredictedChange(before), PredictedChange(after)]
     costs = [likelihood.cost(change).sum() for change in changes]
     residuals = [likelihood.residual(change) for change in changes]
-    scatter = scene_scatter(segment.search.residual)
     response = (after - before) / (likelihood.deviation * np.sqrt(1 + scatter))
     explained = explained_share(response, residuals[0], residuals[1], likelihood.weight)
     groups = [by_group(table.names, residual, likelihood.weight) for residual in residuals]

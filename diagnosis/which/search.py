@@ -128,12 +128,9 @@ def _widen(
             if value is None:
                 break
             extended = add_node(term, value, context.table)
-            possible = len(extended.values) > len(term.values)
-            proposal = (
-                fit_and_simulate(context, widened.with_signature(extended, number))
-                if possible
-                else None
-            )
+            proposal = None
+            if len(extended.values) > len(term.values):
+                proposal = fit_and_simulate(context, widened.with_signature(extended, number))
             if proposal is None or proposal.gain_over(widened, context.likelihood) <= 0:
                 limited.add(term.name)
                 break

@@ -217,11 +217,10 @@ def _nearest_node(signature: Signature, below: int, value: float) -> float:
 
 def _next_node(signature: Signature, place: int) -> Value | None:
     """Return the nearest of the candidate's nodes beyond an end of the simulated values, if any."""
-    end = float(signature.values[place])
-    signs = ((-1,) if place == 0 else ()) + ((1,) if place == len(signature.values) - 1 else ())
+    end, last = float(signature.values[place]), len(signature.values) - 1
     beyond = [
         node
         for node in signature.candidate.nodes
-        if any(sign * (float(node) - end) > 0 for sign in signs)
+        if (place == 0 and float(node) < end) or (place == last and float(node) > end)
     ]
     return min(beyond, key=lambda node: abs(float(node) - end), default=None)

@@ -61,14 +61,13 @@ def drawn_probability(ndp: NDArray, draws: int, *, place_px: float = PLACE_PX) -
     return ((share * draws + PRIOR_DRAWS * mean) / (draws + PRIOR_DRAWS)).astype(np.float32)
 
 
-def missed_probability(probability: Image, physics: Physics) -> Image:
+def missed_probability(probability: Image, simulated: Image) -> Image:
     """Return the probability (h, w) that a pixel has no depth where physics has it, at least 0.
 
     Args:
         probability: (h, w) predicted probability of no depth.
-        physics: repeated simulations of the scene.
+        simulated: (h, w) probability by physics, from `physics_probability`.
     """
-    simulated = physics_probability(physics)
     return np.clip((probability - simulated) / (1 - simulated), 0, 1).astype(np.float32)
 
 

@@ -116,7 +116,7 @@ def _amended(probability: Image, draw: Image, physics: Physics, threshold: float
     first[flat[::-1]] = np.arange(flat.size)[::-1]  # The last assignment holds.
     kept = draw.ravel()[first] * known < predicted
     kept[0] = False  # Pixels with depth.
-    return kept[label] | (missed_probability(probability, physics) > threshold)
+    return kept[label] | (missed_probability(probability, simulated) > threshold)
 
 
 def depth_image(
