@@ -19,10 +19,10 @@ from starling.diagnosis.which.model import (
 from starling.diagnosis.which.response import Signature, add_node
 from starling.diagnosis.which.steps import (
     Removal,
-    accept,
     grow,
     promising_fits,
     prune,
+    start,
 )
 from starling.diagnosis.which.strengths import beyond_range, refine
 from starling.diagnosis.which.table import Rows
@@ -79,17 +79,11 @@ def search_effects(
         alone: all candidates fitted alone, best first.
     """
     likelihood = context.likelihood
-    empty = EffectModel((), (), likelihood.no_change)
     refined = refine([fitted.signature for fitted in promising], context, likelihood.no_change)
     known = {fitted.name for fitted in refined}
     rest = [fitted for fitted in alone if fitted.name not in known]
     signatures = [fitted.signature for fitted in (*refined, *rest)]
-    singles = (
-        empty.with_effect(fitted)
-        for fitted in refined
-        if fitted.total >= SUFFICIENT_SHARE * context.threshold
-    )
-    model = accept(singles, empty, context) or empty
+    model = start(refined, context, signatures)
     model, removals = prune(grow(model, context, signatures), context)
     model, removals, limited = _widen(model, removals, context)
     model, removals = _prefer_sensor(model, removals, context, signatures)

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from starling.diagnosis.which.candidates import Candidate
 from starling.diagnosis.which.fit import Fit
 from starling.diagnosis.which.model import (
+    SUFFICIENT_SHARE,
     EffectModel,
     SearchContext,
     fit_and_simulate,
+    fit_strengths,
     without_effect,
 )
 from starling.diagnosis.which.response import PredictedChange, Signature, simulate_signature
@@ -18,6 +20,7 @@ from starling.diagnosis.which.strengths import first_nodes, refine, worth_refini
 
 _MOST = 4  # Largest number of effects in a model.
 _INTERACTING = 3  # Number of the best candidates that are simulated together with a model.
+_LEADERS = 6  # Number of the best candidates for which a partner is sought.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +34,58 @@ class Removal:
     def reference(self) -> PredictedChange | None:
         """Change by the others alone."""
         return None if self.reduced is None else self.reduced.predict()
+
+
+def start(
+    singles: Sequence[Fit], context: SearchContext, signatures: Sequence[Signature]
+) -> EffectModel:
+    """Choose the effect that a search begins with, or two effects.
+
+    Alone, an effect can gain most because it imitates two others. A pair is accepted if no effect
+    explains the gap, also not with a further parameter, and if it gains enough over the best one.
+
+    Args:
+        singles: refined candidates, fitted alone, best first.
+        context: data of the search.
+        signatures: signatures of all candidates.
+
+    Returns:
+        A model without effects if nothing gains enough.
+    """
+    empty = EffectModel((), (), context.likelihood.no_change)
+    least = SUFFICIENT_SHARE * context.threshold
+    models = (empty.with_effect(fitted) for fitted in singles if fitted.total >= least)
+    single = accept(models, empty, context) or empty
+    if not single.terms or context.is_explained(single.predict()):
+        return single
+    return (
+        accept(_parameters(single, context, signatures), single, context)
+        or accept(_pairs(singles, empty, context, signatures), single, context)
+        or single
+    )
+
+
+def _pairs(
+    singles: Sequence[Fit],
+    empty: EffectModel,
+    context: SearchContext,
+    signatures: Sequence[Signature],
+) -> list[EffectModel]:
+    """Propose each leading candidate with its best partner, best first.
+
+    Effects are added as if they did not interact.
+    """
+    pairs = []
+    for fitted in singles[:_LEADERS]:
+        model = empty.with_effect(fitted)
+        background = model.predict()
+        partners = [
+            context.fit(signature, background=background) for signature in model.unused(signatures)
+        ]
+        partner = max(partners, key=lambda partner: partner.total, default=None)
+        if partner is not None and partner.total >= context.threshold:
+            pairs.append(fit_strengths(context.likelihood, model.with_effect(partner)))
+    return sorted(pairs, key=lambda pair: -pair.gain_over(empty, context.likelihood))
 
 
 def grow(

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from starling.learning.evaluation.evaluate import HolePrediction
 from starling.learning.judge import pictures, samples
 from starling.learning.judge.figures import summary
@@ -137,8 +139,10 @@ def judge_methods(
 
 
 def _drawn(method: str, prediction: HolePrediction, seed: int) -> Frame:
+    """Draw a frame with depth wherever there is no hole, also where the reference is unknown."""
     drawn = sampling.draw_frame(method, prediction.probability, prediction.example, seed=seed)
-    return Frame(number=0, depth_m=drawn.depth_m)
+    flat_m = np.where(drawn.ndp, np.float32(np.nan), np.float32(1.0))
+    return Frame(number=0, depth_m=flat_m)
 
 
 def _draw(
