@@ -61,7 +61,7 @@ class Diagnosis:
     discriminations: tuple[Discrimination, ...]
     howfar: Evaluation | None  # None without a held-out scene or an accepted effect.
     residual: LearnedResidual | None  # None if not requested, or if learning was not possible.
-    sensitivities: tuple[DetectionLimit, ...]  # Detection limits, if there is no gap.
+    sensitivities: tuple[DetectionLimit, ...]  # Detection limits, despite what remains of a gap.
     example: SceneImages  # Scene shown in the report; a held-out one if there is any.
 
 

@@ -6,8 +6,13 @@ captured without any effect. A limit must hold in both sets
 of the code, and simulations by their inputs, so an interrupted run can continue. With --effects the
 limits go to a separate file, so that no file mixes limits of two code versions.
 
+With --imperfect it writes `detection_imperfect.json` from one set of eight scenes in the size of
+tier 5. They are captured eight times without any effect, each with other imperfections of the base.
+A limit must hold in half of them, for effects on the images.
+
 Usage:
     python benchmarks/diagnosis/detection_limits.py --work WORK [--out FILE] [--effects NAME...]
+    python benchmarks/diagnosis/detection_limits.py --work WORK --imperfect [--effects NAME...]
 """
 
 from __future__ import annotations
@@ -21,33 +26,41 @@ from pathlib import Path
 from typing import Any
 
 from starling.diagnosis.validation.adapters import cameras, detection, light_sets
+from starling.diagnosis.validation.camera import nominal
 from starling.diagnosis.validation.camera.errors import refusal
-from starling.diagnosis.validation.protocol import limits, programs, seal, shoot
-from starling.diagnosis.validation.protocol.case import Case
+from starling.diagnosis.validation.protocol import limits, plan, programs, seal, shoot
+from starling.diagnosis.validation.protocol.case import Case, draw
 from starling.diagnosis.validation.protocol.tier import TIERS, Tier
 from starling.sim.sensor import presets
 
 ROOT = Path(__file__).parents[2]
 FIRST = (9300, 9310)  # First scene of each set; no case uses these scenes.
 NULL = Case(number=0, kind="null", settings={}, seed=1)
+FIRST_IMPERFECT = 7110  # First scene of the development set with an imperfect base.
+WORLDS = 8  # Number of captures with an imperfect base.
+ENTROPY = 64  # Seed of their imperfections.
 
 
 def main() -> None:
     """Measure both sets and write the limits that hold in both."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--work", type=Path, required=True)
-    parser.add_argument("--out", type=Path, default=limits.FILE)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--imperfect", action="store_true")
     parser.add_argument(
         "--effects", nargs="*", default=[], help="effects to measure, with --out; default: all"
     )
     options = parser.parse_args()
-    if options.effects and options.out.exists():
+    default = limits.IMPERFECT_FILE if options.imperfect else limits.FILE
+    out = options.out or default
+    if options.effects and out.exists():
         rule = "must be a new file if effects are named"
         advice = "Give --out, or omit --effects."
-        parser.error(str(refusal("out", rule, options.out, advice)))
-    limits_table = measure(options.work, options.effects)
+        parser.error(str(refusal("out", rule, out, advice)))
+    run = measure_imperfect if options.imperfect else measure
+    limits_table = run(options.work, options.effects)
     lines = [f"{json.dumps(name)}: {json.dumps(limit)}" for name, limit in limits_table.items()]
-    options.out.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+    out.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 
 
 def measure(work: Path, effects: list[str]) -> dict[str, Any]:
@@ -63,6 +76,34 @@ def measure(work: Path, effects: list[str]) -> dict[str, Any]:
         raise refusal("code", "must not change during the run", "other code", advice)
     source = {"scenes": [tier_from(first).scene_names(0) for first in FIRST], "commit": commit}
     return {"made of": source, **detection.common_limits(set_limits)}
+
+
+def measure_imperfect(work: Path, effects: list[str]) -> dict[str, Any]:
+    """Measure the limits on the images despite an imperfect base.
+
+    Args:
+        work: Folder of cached files.
+        effects: Effects to measure; empty for all.
+    """
+    tier = dataclasses.replace(TIERS[5], first_scene=FIRST_IMPERFECT)
+    folder = work / f"imperfect-{seal.code_digest()[:16]}"
+    light = folder / "light"
+    if not light.exists():
+        sensor = cameras.builtin_camera(tier.width, tier.height)
+        light_sets.write(light, tier.scene_names(0), sensor)
+    believed = nominal.read(light / nominal.FILE)
+    cases = draw(believed, {"null": WORLDS}, imperfect=plan.ALL, entropy=ENTROPY)
+    captures = [folder / case.name for case in cases]
+    for path, case in zip(captures, cases, strict=True):
+        shutil.rmtree(path, ignore_errors=True)
+        shoot.shoot(light, case, path, frames=tier.frames)
+    nominal_sensor = presets.load(str(light / programs.SENSOR))
+    cache = work / "imperfect-cache"
+    measured = detection.limits_despite_gaps(
+        captures, nominal_sensor, wanted=effects or None, cache=cache
+    )
+    source = {"scenes": tier.scene_names(0), "worlds": WORLDS, "commit": describe_commit()}
+    return {"made of": source, **measured}
 
 
 def describe_commit() -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from html import escape
 
 from starling.diagnosis.diagnosis import Diagnosis
@@ -10,7 +9,6 @@ from starling.diagnosis.report import sentences
 from starling.diagnosis.which.discrimination import Discrimination
 from starling.diagnosis.which.search import AcceptedEffect
 from starling.diagnosis.which.segment import SegmentResult
-from starling.diagnosis.which.sensitivity import DetectionLimit
 from starling.sim.effects import setting
 from starling.sim.report.elements import Bar, chart, counted, number, prose, table
 
@@ -25,11 +23,12 @@ def section(diagnosis: Diagnosis) -> str:
     return (
         "".join(_segment(diagnosis, segment) for segment in diagnosis.segments)
         + _discriminations(diagnosis)
-        + _sensitivities(diagnosis.sensitivities)
+        + _sensitivities(diagnosis)
     )
 
 
-def _sensitivities(limits: Sequence[DetectionLimit]) -> str:
+def _sensitivities(diagnosis: Diagnosis) -> str:
+    limits = diagnosis.sensitivities
     if not limits:
         return ""
     rows = [
@@ -43,11 +42,17 @@ def _sensitivities(limits: Sequence[DetectionLimit]) -> str:
         ]
         for limit in limits
     ]
-    text = (
+    seen = (
         "No gap does not mean that no effect is present. From the listed values on, about half of "
-        "such captures or more would show the effect. Weaker effects would rarely be detected. The "
-        "values are rough: they come from the simulated change of these scenes at few strengths. "
-        "An empty cell means that no simulated strength would be detected."
+        "such captures or more would show the effect."
+        if diagnosis.kind == "no gap"
+        else "An effect that is not accepted may still be present. From the listed values on, it "
+        "would have gained enough despite the remaining gap."
+    )
+    text = (
+        f"{seen} Weaker effects would rarely be detected. The values are rough: they come from the "
+        "simulated change of these scenes at few strengths. An empty cell means that no simulated "
+        "strength would be detected."
     )
     head = ["Effect", "Detected at or below", "Base", "Detected at or above", "Unit"]
     return f"<h3>Detection limits</h3>{prose(text)}{table(head, rows)}"

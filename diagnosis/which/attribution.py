@@ -25,7 +25,11 @@ from starling.diagnosis.which.segment import (
     diagnose_segment,
     screen_effects,
 )
-from starling.diagnosis.which.sensitivity import DetectionLimit, detection_limits
+from starling.diagnosis.which.sensitivity import (
+    DetectionLimit,
+    detection_limits,
+    remaining_gap,
+)
 from starling.diagnosis.which.table import FeatureTable, build_feature_table
 from starling.diagnosis.workers import WorkerPool
 from starling.patterns.errors import InputError, refuse
@@ -54,9 +58,19 @@ class Attribution:
 
     @property
     def sensitivities(self) -> tuple[DetectionLimit, ...]:
-        """Detection limits of all effects, if there is no gap."""
-        segments = self.segments if self.kind == "no gap" else ()
-        return tuple(limit for segment in segments for limit in detection_limits(segment.screening))
+        """Detection limits of the effects that are not accepted, despite the remaining gap.
+
+        Left out are matcher and filters where a gap of the device's depth remains, because a
+        matcher of another make may have it.
+        """
+        limits: list[DetectionLimit] = []
+        for segment in self.segments:
+            if segment.unexplained and segment.table.segment is Segment.DEPTH:
+                continue
+            remaining = () if self.kind == "no gap" else (remaining_gap(segment),)
+            limits += detection_limits(segment.screening, remaining)
+        accepted = self.evidence.keys()
+        return tuple(limit for limit in limits if limit.name not in accepted)
 
 
 def available_segments(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from starling.diagnosis.which import null
 from starling.diagnosis.which.fit import fit, places
 from starling.diagnosis.which.likelihood import Likelihood
 from starling.diagnosis.which.response import Signature
-from starling.diagnosis.which.segment import Screening
+from starling.diagnosis.which.segment import Screening, SegmentResult
 from starling.sim.effects.effect import Value
 
 POWER = 0.5  # Share of simulated captures with the effect in which it must gain enough.
@@ -18,7 +18,7 @@ _COARSE_STEPS = 4  # Positions tried between two nodes.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DetectionLimit:
-    """Values of one effect from which it passes the threshold in half of the simulated captures."""
+    """Values of one effect from which it passes the threshold in half of the captures."""
 
     name: str  # Name of the candidate.
     base: Value
@@ -26,17 +26,30 @@ class DetectionLimit:
     above: Value | None
 
 
-def detection_limits(screening: Screening) -> list[DetectionLimit]:
+def remaining_gap(segment: SegmentResult) -> Likelihood:
+    """Return the likelihood of the gap that the accepted effects of a segment leave."""
+    likelihood = segment.likelihood
+    return replace(likelihood, gap=segment.search.residual * likelihood.deviation)
+
+
+def detection_limits(
+    screening: Screening, remaining: Sequence[Likelihood] = ()
+) -> list[DetectionLimit]:
     """Estimate the limits of all screened effects except choices.
 
     No further value is simulated. The screening has few values, so the limits are coarse.
+
+    Args:
+        screening: screening of the segment.
+        remaining: gaps in which the effect has to be detected; empty takes simulated captures
+            without a gap.
     """
     return [
         DetectionLimit(
             name=signature.name,
             base=signature.candidate.base,
-            below=detection_limit(signature, screening, upwards=False, steps=_COARSE_STEPS),
-            above=detection_limit(signature, screening, upwards=True, steps=_COARSE_STEPS),
+            below=detection_limit(signature, screening, remaining, upwards=False),
+            above=detection_limit(signature, screening, remaining, upwards=True),
         )
         for signature in screening.signatures
         if signature.candidate.numeric
@@ -44,13 +57,19 @@ def detection_limits(screening: Screening) -> list[DetectionLimit]:
 
 
 def detection_limit(
-    signature: Signature, screening: Screening, *, upwards: bool, steps: int
+    signature: Signature,
+    screening: Screening,
+    remaining: Sequence[Likelihood] = (),
+    *,
+    upwards: bool,
+    steps: int = _COARSE_STEPS,
 ) -> Value | None:
     """Find the value nearest to the base beyond which all values are detected.
 
     Args:
         signature: signature of the effect.
         screening: screening of the segment.
+        remaining: as `detection_limits`.
         upwards: search above the base, else below.
         steps: positions tried between two nodes.
     """
@@ -59,24 +78,34 @@ def detection_limit(
     inwards = tried[tried > base][::-1] if upwards else tried[tried < base]
     nearest = None
     for place in inwards:
-        if not is_detected(signature, float(place), screening):
+        if not is_detected(signature, float(place), screening, remaining):
             break
         nearest = signature.value(float(place))
     return nearest
 
 
-def is_detected(signature: Signature, place: float, screening: Screening) -> bool:
-    """Whether an effect gains enough in half of the base's samples with the effect added.
+def is_detected(
+    signature: Signature,
+    place: float,
+    screening: Screening,
+    remaining: Sequence[Likelihood] = (),
+) -> bool:
+    """Whether an effect gains enough in half of the captures if it is added to them.
 
     Args:
         signature: signature of the effect.
         place: position between its values.
         screening: screening of the segment.
+        remaining: as `detection_limits`.
     """
-    likelihoods = [
-        base.likelihood(capture + signature.change_at(place).change, screening.weight)
-        for base, capture in null.leave_one_out(screening.base)
-    ]
+    change = signature.change_at(place).change
+    if remaining:
+        likelihoods = [replace(gap, gap=gap.gap + change) for gap in remaining]
+    else:
+        likelihoods = [
+            base.likelihood(capture + change, screening.weight)
+            for base, capture in null.leave_one_out(screening.base)
+        ]
     return gains_enough(signature, likelihoods, screening)
 
 

@@ -56,7 +56,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_wheel_holds_exactly_the_program(wheel: Path) -> None:
     files = _sources().union(*((ROOT / name).rglob("*.toml") for name in PACKAGES))
     files |= {*(ROOT / "learning" / "shipped").glob("*/*")}
-    files.add(ROOT / "diagnosis" / "validation" / "protocol" / "detection.json")
+    files |= {PROTOCOL / "detection.json", PROTOCOL / "detection_imperfect.json"}
     inside = {path.relative_to(ROOT).as_posix().removeprefix("starling/") for path in files}
     expected = {f"starling/{name}" for name in inside}
     held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}

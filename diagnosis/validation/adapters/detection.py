@@ -5,18 +5,20 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from tyro.conf import Positional
 
-from starling.diagnosis.scenes.scene_model import load_scene_model
+from starling.diagnosis.scenes.scene_model import load_scene_model, with_capture
 from starling.diagnosis.scenes.selection import pair_scenes, split_test_rooms
 from starling.diagnosis.which import attribution, null, sensitivity
 from starling.diagnosis.which.candidates import Segment
+from starling.diagnosis.which.likelihood import Likelihood
 from starling.diagnosis.which.response import Signature, add_node, simulate_signature
-from starling.diagnosis.which.segment import Screening
-from starling.diagnosis.which.table import FeatureTable
+from starling.diagnosis.which.segment import Screening, diagnose_segment
+from starling.diagnosis.which.table import FeatureTable, build_feature_table
 from starling.diagnosis.workers import WorkerPool
 from starling.patterns.errors import InputError, refuse
 from starling.sim import effects
@@ -44,6 +46,7 @@ def detection(
     cache: Path | None = None,
     effects: tuple[str, ...] = (),
     against_itself: bool = False,
+    despite_gaps: bool = False,
     out: Path | None = None,
 ) -> None:
     """Measure how strong each effect must be to be detected.
@@ -56,7 +59,8 @@ def detection(
     Limits of matcher and filters depend on the infrared images of the capture set, which should
     have no gap. With several capture sets, a limit has to hold in each. Real captures always have a
     gap, so --against-itself compares them with themselves. The limits then hold for other captures
-    of these scenes.
+    of these scenes. With --despite-gaps the sets show the same scenes, each with another gap.
+    Effects on the images are added to what accepted effects leave of each gap.
 
     Args:
         captures: capture sets.
@@ -64,25 +68,26 @@ def detection(
         cache: folder that caches simulations.
         effects: effects to test; default: all.
         against_itself: compare each set with its own captures.
+        despite_gaps: detect the effects in half of the sets, despite their gaps.
         out: JSON file to write; default: print it.
     """
     if not captures:
         raise refuse("captures", "must be at least one capture set", "none", "Give one.")
     single_threaded()
     base = resolve.load(sensor, captures=str(captures[0]))
+    if despite_gaps and against_itself:
+        rule, advice = "must be omitted with --despite-gaps", "A set has no gap against itself."
+        raise refuse("against-itself", rule, "both", advice)
     with progress.on_stderr() as track:
-        by_set = [
-            limits(
-                path,
-                base,
-                against_itself=against_itself,
-                wanted=effects or None,
-                cache=cache,
-                track=track,
-            )
-            for path in captures
-        ]
-        text = json.dumps(common_limits(by_set), indent=1)
+        options = {"wanted": effects or None, "cache": cache, "track": track}
+        if despite_gaps:
+            measured = limits_despite_gaps(captures, base, **options)
+        else:
+            by_set = [
+                limits(path, base, against_itself=against_itself, **options) for path in captures
+            ]
+            measured = common_limits(by_set)
+        text = json.dumps(measured, indent=1)
         if out is None:
             print(text)
         else:
@@ -130,14 +135,62 @@ def limits(
             table, screening = attribution.screen_segment(
                 segment, training, always=True, cache=segment_cache, pool=pool, track=track
             )
-            tested = [
-                signature
-                for signature in screening.signatures
-                if not names or signature.candidate.effect.name in names
-            ]
-            for signature in track(tested, f"limits in the {segment.value}"):
+            tested = track(_tested(screening, names), f"limits in the {segment.value}")
+            for signature in tested:
                 by_effect[signature.name] = _limits(signature, table, screening)
     return by_effect
+
+
+def limits_despite_gaps(
+    captures: Sequence[Path],
+    sensor: Sensor,
+    *,
+    wanted: Collection[str] | None = None,
+    cache: Path | None = None,
+    track: progress.Progress = progress.silent,
+) -> dict[str, Limits]:
+    """Find the limits of effects on the images in captures that have a gap.
+
+    The effect is added to what the accepted effects leave of each gap. From its limit on, it gains
+    enough in half of the sets.
+
+    Args:
+        captures: capture sets of the same scenes, at least one.
+        sensor: as `limits`.
+        wanted: as `limits`.
+        cache: as `limits`.
+        track: as `limits`.
+
+    Raises:
+        InputError: as `limits`, or if a set lacks infrared images.
+    """
+    names = {effects.named(name).name for name in wanted or ()}
+    first = [load_scene_model(scene, sensor) for scene in capture.open_set(captures[0]).scenes]
+    if Segment.IMAGE not in attribution.available_segments(first, split_test_rooms(first)[0]):
+        rule = "must have infrared images of two rooms or more"
+        raise refuse("captures", rule, captures[0], "Give other captures.")
+    with WorkerPool(captures[0], sensor, split_test_rooms(first)[0], against=None) as pool:
+        table, screening = attribution.screen_segment(
+            Segment.IMAGE, split_test_rooms(first)[0], cache=cache, pool=pool, track=track
+        )
+        remaining = []
+        for path in track(captures, "gaps"):
+            scenes = zip(first, capture.open_set(path).scenes, strict=True)
+            models = [with_capture(model, scene, against=None) for model, scene in scenes]
+            gap_table = build_feature_table(split_test_rooms(models)[0], Segment.IMAGE, cache=cache)
+            remaining.append(sensitivity.remaining_gap(diagnose_segment(gap_table, screening)))
+        return {
+            signature.name: _limits(signature, table, screening, remaining)
+            for signature in track(_tested(screening, names), "limits despite the gaps")
+        }
+
+
+def _tested(screening: Screening, names: Collection[str]) -> list[Signature]:
+    return [
+        signature
+        for signature in screening.signatures
+        if not names or signature.candidate.effect.name in names
+    ]
 
 
 def common_limits(sets: Sequence[dict[str, Limits]]) -> dict[str, Limits]:
@@ -172,43 +225,60 @@ def _farthest(values: Sequence[Value | None], choose: Callable[..., Value]) -> V
     return choose(known) if len(known) == len(values) else None
 
 
-def _limits(signature: Signature, table: FeatureTable, screening: Screening) -> Limits:
+def _limits(
+    signature: Signature,
+    table: FeatureTable,
+    screening: Screening,
+    remaining: Sequence[Likelihood] = (),
+) -> Limits:
     candidate = signature.candidate
     if candidate.numeric:
         return {
             "base": candidate.base,
-            "below": _side(signature, table, screening, upwards=False),
-            "above": _side(signature, table, screening, upwards=True),
+            "below": _side(signature, table, screening, remaining, upwards=False),
+            "above": _side(signature, table, screening, remaining, upwards=True),
         }
     # The screening simulated only some of the values.
     whole = simulate_signature(candidate, table, candidate.nodes) or signature
     detected = [
         whole.value(place)
         for place in range(len(whole.values))
-        if sensitivity.is_detected(whole, place, screening)
+        if sensitivity.is_detected(whole, place, screening, remaining)
     ]
     return {"found": [value for value in detected if value != candidate.base]}
 
 
 def _side(
-    signature: Signature, table: FeatureTable, screening: Screening, *, upwards: bool
+    signature: Signature,
+    table: FeatureTable,
+    screening: Screening,
+    remaining: Sequence[Likelihood],
+    *,
+    upwards: bool,
 ) -> Value | None:
     """Find the limit on one side by simulation there, because few effects are linear."""
     base = float(signature.candidate.base)
     side = [float(node) for node in signature.candidate.nodes if (float(node) > base) == upwards]
     if not side:
         return None
-    least = sensitivity.detection_limit(signature, screening, upwards=upwards, steps=_STEPS)
+    find = partial(
+        sensitivity.detection_limit,
+        screening=screening,
+        remaining=remaining,
+        upwards=upwards,
+        steps=_STEPS,
+    )
+    least = find(signature)
     if least is None:  # The screening did not simulate the strongest value.
         signature = simulate_signature(signature.candidate, table, side) or signature
-        least = sensitivity.detection_limit(signature, screening, upwards=upwards, steps=_STEPS)
+        least = find(signature)
     for _ in range(_CLOSER):
         if least is None or least in signature.values:
             break
         signature = add_node(signature, least, table)
-        least = sensitivity.detection_limit(signature, screening, upwards=upwards, steps=_STEPS)
-    if least is None:
-        return None
+        least = find(signature)
+    if least is None or remaining:  # Devices of captures with gaps differ from the base's.
+        return least
     farthest = max(abs(node - base) for node in side)
     return _on_devices(signature, float(least), farthest, table, screening)
 

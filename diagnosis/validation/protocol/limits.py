@@ -17,6 +17,8 @@ from starling.diagnosis.validation.camera.nominal import Nominal
 # detectable choices. Measured on development scenes by
 # `python -m starling.diagnosis.validation.adapters detection`.
 FILE = Path(__file__).with_name("detection.json")
+# The same for effects on the images, despite an imperfect base (`--despite-gaps`).
+IMPERFECT_FILE = Path(__file__).with_name("detection_imperfect.json")
 _ADVICE = "Write it again with python -m starling.diagnosis.validation.adapters detection."
 
 
@@ -35,6 +37,13 @@ class DetectionLimits:
         No limit is measured for effects outside the table of the diagnosis.
         """
         return self.departures.get((row.name, sign), row.low)
+
+    def with_limits(self, second: DetectionLimits) -> DetectionLimits:
+        """Return these limits, replaced by a second set where that has any."""
+        return DetectionLimits(
+            departures={**self.departures, **second.departures},
+            choices={**self.choices, **second.choices},
+        )
 
     def sides(self, row: EffectRow, camera: Nominal) -> list[int]:
         """Return the signs on which this camera allows a detectable departure."""

@@ -85,7 +85,10 @@ class Rendered:
         Raises:
             WithheldError: if they cannot be read, or lack an effect.
         """
-        return limits.read(required=self.effects)
+        perfect = limits.read(required=self.effects)
+        if not self.tier.imperfect:
+            return perfect
+        return perfect.with_limits(limits.read(limits.IMPERFECT_FILE))
 
     def write_captures(self, cases: Sequence[Case], out: Path) -> None:
         """Write infrared pairs and depth of cases.
