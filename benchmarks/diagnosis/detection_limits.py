@@ -43,7 +43,7 @@ ENTROPY = 64  # Seed of their imperfections.
 
 def main() -> None:
     """Measure both sets and write the limits that hold in both."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--imperfect", action="store_true")

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+PROTOCOL = ROOT / "diagnosis" / "validation" / "protocol"
 PACKAGES = ("patterns", "sim", "calibration", "learning", "diagnosis")
 IMPORT_ALL = """
 import importlib, pkgutil

@@ -18,6 +18,7 @@ from starling.diagnosis.validation.adapters import __main__ as adapters
 from starling.diagnosis.validation.adapters import own_depth
 from starling.diagnosis.validation.camera import catalogue
 from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.camera.imperfections import EXPOSURE, TEXTURE
 from starling.diagnosis.validation.protocol import limits, power, seal, shoot, tier
 from starling.diagnosis.validation.protocol.case import Case
 from starling.diagnosis.validation.protocol.check import Check
@@ -137,6 +138,27 @@ def test_detection_limits_come_from_the_diagnosis(done, capsys, tmp_path):
     assert json.loads(capsys.readouterr().out) == {"gamma": result["gamma"]}
     assert adapters.main(["detection", str(tmp_path / "none"), *flags]) == 1
     assert adapters.main(["detection", str(tmp_path / "null"), *flags, "--effects", "gama"]) == 1
+
+
+def test_a_remaining_gap_raises_the_detection_limits(done, capsys, tmp_path):
+    """Each world has an imperfect base; a set is not compared with itself."""
+    check, _ = done
+    source = check.sets[0].source
+    flags = ["--sensor", str(source.sensor), "--effects", "gamma"]
+    world = {TEXTURE: 0.2, EXPOSURE: 0.4}
+    paths = []
+    for name, imperfections in (("null", {}), ("world", world)):
+        null = Case(number=0, kind="null", settings={}, seed=3, imperfections=imperfections)
+        shoot.shoot(source.light, null, tmp_path / name, frames=2)
+        paths.append(str(tmp_path / name))
+    limits_above = []
+    for path in paths:
+        assert adapters.main(["detection", path, *flags, "--despite-gaps"]) == 0
+        limits_above.append(json.loads(capsys.readouterr().out)["gamma"]["above"])
+    assert limits_above[0] < limits_above[1]
+    both = ["detection", paths[0], *flags, "--despite-gaps", "--against-itself"]
+    assert adapters.main(both) == 1
+    assert "against-itself must be omitted with --despite-gaps" in capsys.readouterr().err
 
 
 def test_batch_refuses_inconsistent_capture_sets(done, tmp_path, capsys):

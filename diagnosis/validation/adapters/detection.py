@@ -252,7 +252,7 @@ def _side(
     signature: Signature,
     table: FeatureTable,
     screening: Screening,
-    remaining: Sequence[Likelihood],
+    remaining: Sequence[Likelihood] = (),
     *,
     upwards: bool,
 ) -> Value | None:

@@ -38,12 +38,17 @@ class DetectionLimits:
         """
         return self.departures.get((row.name, sign), row.low)
 
-    def with_limits(self, second: DetectionLimits) -> DetectionLimits:
-        """Return these limits, replaced by a second set where that has any."""
-        return DetectionLimits(
-            departures={**self.departures, **second.departures},
-            choices={**self.choices, **second.choices},
-        )
+    def and_limits(self, second: DetectionLimits) -> DetectionLimits:
+        """Return the limits that hold on this base and on a second one, where both have any."""
+        departures = {
+            key: max(least, second.departures.get(key, least))
+            for key, least in self.departures.items()
+        }
+        choices = {
+            name: tuple(value for value in values if value in second.choices.get(name, values))
+            for name, values in self.choices.items()
+        }
+        return DetectionLimits(departures=departures, choices=choices)
 
     def sides(self, row: EffectRow, camera: Nominal) -> list[int]:
         """Return the signs on which this camera allows a detectable departure."""

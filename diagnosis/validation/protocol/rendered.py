@@ -88,7 +88,7 @@ class Rendered:
         perfect = limits.read(required=self.effects)
         if not self.tier.imperfect:
             return perfect
-        return perfect.with_limits(limits.read(limits.IMPERFECT_FILE))
+        return perfect.and_limits(limits.read(limits.IMPERFECT_FILE))
 
     def write_captures(self, cases: Sequence[Case], out: Path) -> None:
         """Write infrared pairs and depth of cases.

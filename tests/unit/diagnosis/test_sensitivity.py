@@ -13,8 +13,10 @@ from starling.diagnosis.which.sensitivity import (
     detection_limit,
     detection_limits,
     gains_enough,
+    remaining_gap,
 )
-from tests.unit.diagnosis.made_gaps import EFFECTS, VALUES, likelihood_of, screening
+from tests.unit.diagnosis.made_diagnosis import segment_result
+from tests.unit.diagnosis.made_gaps import EFFECTS, VALUES, likelihood_of, noise, run_search, screening
 
 
 def scaled(signature: Signature, factor: float) -> Signature:
@@ -64,3 +66,24 @@ def test_half_of_the_captures_must_show_an_effect():
     shown, not_shown = (likelihood_of(settings, 7) for settings in ({"veil": 0.5}, {}))
     assert gains_enough(veil, [shown, shown, not_shown, not_shown], screening(veil))
     assert not gains_enough(veil, [shown, not_shown, not_shown, not_shown], screening(veil))
+
+
+def test_a_remaining_gap_hides_weak_effects():
+    """Half of the gaps decide, and a gap of noise alone hides nothing."""
+    clean = likelihood_of({}, 7)
+    gap = dataclasses.replace(clean, gap=clean.gap + 3 * noise(3))
+    limits = [
+        detection_limit(BLUR, screening(BLUR), gaps, upwards=True, steps=32)
+        for gaps in ([clean], [gap, clean, clean], [gap, gap, clean], [gap])
+    ]
+    alone, mostly_clean, mostly_hidden, hidden = limits
+    assert isinstance(alone, float) and alone == mostly_clean
+    assert isinstance(hidden, float) and hidden == mostly_hidden
+    assert hidden > 1.2 * alone
+
+
+def test_the_remaining_gap_is_without_accepted_effects():
+    result = run_search({"lens_blur": 0.5})
+    segment = segment_result(result)
+    left = remaining_gap(segment)
+    np.testing.assert_allclose(left.gap / left.deviation, result.residual)
