@@ -131,14 +131,14 @@ def fit_and_simulate(context: SearchContext, model: EffectModel) -> EffectModel 
     Returns:
         None if the sensor cannot have these effects together.
     """
-    model = fit_strengths(context.likelihood, model)
+    model = _fit_strengths(context.likelihood, model)
     for _ in range(2):
         together = context.table.change(model.settings)
         if together is None:
             return None
         single = EffectModel(model.terms, model.places, context.likelihood.no_change).predict()
         interaction = PredictedChange(together - single.change)
-        model = fit_strengths(
+        model = _fit_strengths(
             context.likelihood, EffectModel(model.terms, model.places, interaction)
         )
     return model
@@ -151,7 +151,7 @@ def without_effect(number: int, model: EffectModel, context: SearchContext) -> E
     return fit_and_simulate(context, EffectModel(terms, places, context.likelihood.no_change))
 
 
-def fit_strengths(likelihood: Likelihood, model: EffectModel) -> EffectModel:
+def _fit_strengths(likelihood: Likelihood, model: EffectModel) -> EffectModel:
     """Fit each effect given the others, in several rounds."""
     all_scenes = [np.ones(len(likelihood.gap), bool)]
     for _ in range(_ROUNDS if len(model.terms) > 1 else 1):

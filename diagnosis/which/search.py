@@ -19,10 +19,9 @@ from starling.diagnosis.which.model import (
 from starling.diagnosis.which.response import Signature, add_node
 from starling.diagnosis.which.steps import (
     Removal,
-    grow,
     promising_fits,
     prune,
-    start,
+    search_forward,
 )
 from starling.diagnosis.which.strengths import beyond_range, refine
 from starling.diagnosis.which.table import Rows
@@ -83,8 +82,7 @@ def search_effects(
     known = {fitted.name for fitted in refined}
     rest = [fitted for fitted in alone if fitted.name not in known]
     signatures = [fitted.signature for fitted in (*refined, *rest)]
-    model = start(refined, context, signatures)
-    model, removals = prune(grow(model, context, signatures), context)
+    model, removals = prune(search_forward(refined, context, signatures), context)
     model, removals, limited = _widen(model, removals, context)
     model, removals = _prefer_sensor(model, removals, context, signatures)
     predicted = model.predict()

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from starling.diagnosis.which.candidates import Candidate
 from starling.diagnosis.which.fit import Fit
 from starling.diagnosis.which.model import (
@@ -12,7 +14,6 @@ from starling.diagnosis.which.model import (
     EffectModel,
     SearchContext,
     fit_and_simulate,
-    fit_strengths,
     without_effect,
 )
 from starling.diagnosis.which.response import PredictedChange, Signature, simulate_signature
@@ -36,13 +37,13 @@ class Removal:
         return None if self.reduced is None else self.reduced.predict()
 
 
-def start(
+def search_forward(
     singles: Sequence[Fit], context: SearchContext, signatures: Sequence[Signature]
 ) -> EffectModel:
-    """Choose the effect that a search begins with, or two effects.
+    """Add effects while they gain enough, first to the best one, then to the best pair.
 
-    Alone, an effect can gain most because it imitates two others. A pair is accepted if no effect
-    explains the gap, also not with a further parameter, and if it gains enough over the best one.
+    Alone, an effect can gain most because it imitates two others. A pair is tried only if a gap
+    remains. What grows from it has to gain the threshold, for each further effect.
 
     Args:
         singles: refined candidates, fitted alone, best first.
@@ -52,28 +53,31 @@ def start(
     Returns:
         A model without effects if nothing gains enough.
     """
-    empty = EffectModel((), (), context.likelihood.no_change)
+    likelihood = context.likelihood
+    empty = EffectModel((), (), likelihood.no_change)
     least = SUFFICIENT_SHARE * context.threshold
     models = (empty.with_effect(fitted) for fitted in singles if fitted.total >= least)
-    single = accept(models, empty, context) or empty
-    if not single.terms or context.is_explained(single.predict()):
-        return single
-    return (
-        accept(_parameters(single, context, signatures), single, context)
-        or accept(_pairs(singles, empty, context, signatures), single, context)
-        or single
-    )
+    model = grow(accept(models, empty, context) or empty, context, signatures)
+    if not model.terms or context.is_explained(model.predict()):
+        return model
+    pair = _best_pair(singles, empty, context, signatures)
+    if pair is None:
+        return model
+    second = grow(pair, context, signatures)
+    further = max(len(second.terms) - len(model.terms), 1)
+    least = context.threshold * further
+    return second if second.gain_over(model, likelihood) >= least else model
 
 
-def _pairs(
+def _best_pair(
     singles: Sequence[Fit],
     empty: EffectModel,
     context: SearchContext,
     signatures: Sequence[Signature],
-) -> list[EffectModel]:
-    """Propose each leading candidate with its best partner, best first.
+) -> EffectModel | None:
+    """Simulate each leading candidate with its best partner, and return the best pair.
 
-    Effects are added as if they did not interact.
+    The partner is chosen as if effects add. Their interaction decides between pairs.
     """
     pairs = []
     for fitted in singles[:_LEADERS]:
@@ -84,8 +88,10 @@ def _pairs(
         ]
         partner = max(partners, key=lambda partner: partner.total, default=None)
         if partner is not None and partner.total >= context.threshold:
-            pairs.append(fit_strengths(context.likelihood, model.with_effect(partner)))
-    return sorted(pairs, key=lambda pair: -pair.gain_over(empty, context.likelihood))
+            pair = fit_and_simulate(context, model.with_effect(partner))
+            pairs += [] if pair is None else [pair]
+    gains = [pair.gain_over(empty, context.likelihood) for pair in pairs]
+    return pairs[int(np.argmax(gains))] if pairs else None
 
 
 def grow(

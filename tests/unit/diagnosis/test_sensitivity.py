@@ -16,7 +16,14 @@ from starling.diagnosis.which.sensitivity import (
     remaining_gap,
 )
 from tests.unit.diagnosis.made_diagnosis import segment_result
-from tests.unit.diagnosis.made_gaps import EFFECTS, VALUES, likelihood_of, noise, run_search, screening
+from tests.unit.diagnosis.made_gaps import (
+    EFFECTS,
+    VALUES,
+    likelihood_of,
+    noise,
+    run_search,
+    screening,
+)
 
 
 def scaled(signature: Signature, factor: float) -> Signature:
