@@ -73,11 +73,11 @@ def detection(
     """
     if not captures:
         raise refuse("captures", "must be at least one capture set", "none", "Give one.")
-    single_threaded()
-    base = resolve.load(sensor, captures=str(captures[0]))
     if despite_gaps and against_itself:
         rule, advice = "must be omitted with --despite-gaps", "A set has no gap against itself."
         raise refuse("against-itself", rule, "both", advice)
+    single_threaded()
+    base = resolve.load(sensor, captures=str(captures[0]))
     with progress.on_stderr() as track:
         options = {"wanted": effects or None, "cache": cache, "track": track}
         if despite_gaps:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -107,3 +108,14 @@ def test_half_of_the_devices_must_detect_the_effect(
 
     monkeypatch.setattr(detection.null, "simulate_capture", refused)
     assert not ask(EFFECTS["veil"], 0.5, image, screening())
+
+
+def test_limits_despite_gaps_need_captured_gaps(monkeypatch: pytest.MonkeyPatch):
+    with pytest.raises(InputError, match="against-itself must be omitted with --despite-gaps"):
+        detection.detection((Path("a"),), sensor="d435", against_itself=True, despite_gaps=True)
+    nothing = SimpleNamespace(scenes=[])
+    monkeypatch.setattr(detection.capture, "open_set", lambda _: nothing)
+    monkeypatch.setattr(detection, "split_test_rooms", lambda _: ([], []))
+    sensor: Any = None
+    with pytest.raises(InputError, match="captures must have infrared images of two rooms"):
+        detection.limits_despite_gaps([Path("a")], sensor)

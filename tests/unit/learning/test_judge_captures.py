@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import torch
 
+from starling.learning.commands import judge_captures
+from starling.learning.evaluation.evaluate import HolePrediction
 from starling.learning.judge import judge as judging
 from starling.learning.judge import samples
 from starling.learning.judge.training import JudgeSettings
@@ -20,6 +22,7 @@ from starling.sim.captures import capture
 from tests.unit.command_line import refused as _refused
 from tests.unit.command_line import run as _run
 from tests.unit.conftest import INFO
+from tests.unit.learning import seen
 
 SHAPE = (112, 336)  # Two windows right of the left band.
 ROOMS = ("attic", "barn", "cellar", "den")
@@ -160,3 +163,17 @@ def test_evaluate_judges_the_holes_of_each_method(real, tmp_path, capsys):
         "judge"
         not in json.loads(_run(*arguments, "--force", capsys=capsys)[1])["methods"]["simple"]
     )
+
+
+def test_an_unknown_reference_is_no_drawn_hole():
+    """Only the drawn holes count, also where no surface is known."""
+    disparity_px = seen.flat()
+    disparity_px[:, :20] = np.nan
+    ndp = np.zeros(disparity_px.shape, bool)
+    ndp[5:9, 60:70] = True
+    prediction = HolePrediction(
+        example=seen.example(disparity_px), probability=ndp.astype(np.float32)
+    )
+    frame = judge_captures._drawn("network", prediction, 0)
+    assert frame.depth_m is not None
+    np.testing.assert_array_equal(np.isnan(frame.depth_m), ndp)

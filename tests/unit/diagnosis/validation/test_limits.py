@@ -70,6 +70,30 @@ def test_the_shipped_file_holds_the_table() -> None:
     assert all(departure > 0 for departure in detection_limits.departures.values())
 
 
+def test_limits_of_two_bases_hold_on_both() -> None:
+    first = limits.DetectionLimits(
+        departures={("veil", 1): 0.1, ("gamma", 1): 0.3, ("gamma", -1): 0.2},
+        choices={"median": (3, 5), "quantisation": (8,)},
+    )
+    second = limits.DetectionLimits(
+        departures={("veil", 1): float("inf"), ("gamma", 1): 0.1, ("yaw", 1): 0.5},
+        choices={"median": (5,)},
+    )
+    assert first.and_limits(second) == limits.DetectionLimits(
+        departures={("veil", 1): float("inf"), ("gamma", 1): 0.3, ("gamma", -1): 0.2},
+        choices={"median": (5,), "quantisation": (8,)},
+    )
+
+
+def test_limits_of_an_imperfect_base_are_of_effects_on_the_images() -> None:
+    imperfect, perfect = limits.read(limits.IMPERFECT_FILE), limits.read()
+    assert {("veil", 1), ("exposure", -1)} <= imperfect.departures.keys()
+    kinds = {ROWS[name].kind for name, _ in imperfect.departures}
+    assert kinds == {"image"}
+    weaker = [key for key, least in imperfect.departures.items() if least > perfect.departures[key]]
+    assert len(weaker) > len(imperfect.departures) / 2
+
+
 def test_missing_effects_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Effects outside the table need no limit. All other effects do."""
     _write_limits({"veil": {"base": 0, "below": None, "above": 0.1}}, tmp_path, monkeypatch)
