@@ -20,8 +20,7 @@ from starling.diagnosis.which.response import PredictedChange, Signature, simula
 from starling.diagnosis.which.strengths import first_nodes, refine, worth_refining
 
 _MOST = 4  # Largest number of effects in a model.
-_INTERACTING = 3  # Number of the best candidates that are simulated together with a model.
-_LEADERS = 6  # Number of the best candidates for which a partner is sought.
+_INTERACTING = 3  # Number of the best candidates that are simulated together with others.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +79,7 @@ def _best_pair(
     The partner is chosen as if effects add. Their interaction decides between pairs.
     """
     pairs = []
-    for fitted in singles[:_LEADERS]:
+    for fitted in singles[:_INTERACTING]:
         model = empty.with_effect(fitted)
         background = model.predict()
         partners = [
