@@ -77,9 +77,9 @@ TIERS = {
         number=1,
         source="starling",
         matcher="starling",
-        # Scenes 2000 to 2059, 6000 to 6059, 7000 to 7059, 7200 to 7259 and 7300 to 7459 were used
+        # Scenes 2000 to 2059, 6000 to 6059, 7000 to 7059, 7200 to 7259 and 7300 to 7469 were used
         # in earlier checks. Scenes 7100 to 7129 are for development.
-        first_scene=7460,
+        first_scene=7470,
         counts={"single": 96, "null": 80, "pair": 48, "unknown": 36},
         left_out=64,
     ),
@@ -118,8 +118,8 @@ TIERS = {
         source="starling",
         matcher="starling",
         # Development scenes of an imperfect base are 7110 to 7123. Scenes 8000 to 8047 and 8100 to
-        # 8131 were used in earlier checks.
-        first_scene=8132,
+        # 8139 were used in earlier checks.
+        first_scene=8140,
         scenes=8,
         width=320,
         height=180,
