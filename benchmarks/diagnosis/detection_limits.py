@@ -42,7 +42,7 @@ ENTROPY = 64  # Seed of their imperfections.
 
 
 def main() -> None:
-    """Measure both sets and write the limits that hold in both."""
+    """Measure the limits and write them."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--out", type=Path)
@@ -87,23 +87,30 @@ def measure_imperfect(work: Path, effects: list[str]) -> dict[str, Any]:
     """
     tier = dataclasses.replace(TIERS[5], first_scene=FIRST_IMPERFECT)
     folder = work / f"imperfect-{seal.code_digest()[:16]}"
-    light = folder / "light"
-    if not light.exists():
-        sensor = cameras.builtin_camera(tier.width, tier.height)
-        light_sets.write(light, tier.scene_names(0), sensor)
+    light = make_light(folder, tier)
     believed = nominal.read(light / nominal.FILE)
     cases = draw(believed, {"null": WORLDS}, imperfect=plan.ALL, entropy=ENTROPY)
     captures = [folder / case.name for case in cases]
     for path, case in zip(captures, cases, strict=True):
         shutil.rmtree(path, ignore_errors=True)
         shoot.shoot(light, case, path, frames=tier.frames)
-    nominal_sensor = presets.load(str(light / programs.SENSOR))
-    cache = work / "imperfect-cache"
     measured = detection.limits_despite_gaps(
-        captures, nominal_sensor, wanted=effects or None, cache=cache
+        captures,
+        presets.load(str(light / programs.SENSOR)),
+        wanted=effects or None,
+        cache=work / "imperfect-cache",
     )
     source = {"scenes": tier.scene_names(0), "worlds": WORLDS, "commit": describe_commit()}
     return {"made of": source, **measured}
+
+
+def make_light(folder: Path, tier: Tier) -> Path:
+    """Render the first scene set of a tier once."""
+    light = folder / "light"
+    if not light.exists():
+        sensor = cameras.builtin_camera(tier.width, tier.height)
+        light_sets.write(light, tier.scene_names(0), sensor)
+    return light
 
 
 def describe_commit() -> str:
@@ -133,10 +140,7 @@ def measure_set(work: Path, effects: list[str], code: str, first: int) -> dict[s
     """
     tier = tier_from(first)
     folder = work / str(first) / code[:16]
-    light, captures = folder / "light", folder / "captures"
-    sensor = cameras.builtin_camera(tier.width, tier.height)
-    if not light.exists():
-        light_sets.write(light, tier.scene_names(0), sensor)
+    light, captures = make_light(folder, tier), folder / "captures"
     if not captures.exists():
         temporary = captures.with_name(".captures")  # Renamed when complete.
         shutil.rmtree(temporary, ignore_errors=True)

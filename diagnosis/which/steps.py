@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from starling.diagnosis.which.candidates import Candidate
 from starling.diagnosis.which.fit import Fit
 from starling.diagnosis.which.model import (
@@ -81,16 +79,11 @@ def _best_pair(
     pairs = []
     for fitted in singles[:_INTERACTING]:
         model = empty.with_effect(fitted)
-        background = model.predict()
-        partners = [
-            context.fit(signature, background=background) for signature in model.unused(signatures)
-        ]
-        partner = max(partners, key=lambda partner: partner.total, default=None)
-        if partner is not None and partner.total >= context.threshold:
-            pair = fit_and_simulate(context, model.with_effect(partner))
+        partners = promising_fits(model.unused(signatures), context, background=model.predict())
+        if partners and partners[0].total >= context.threshold:
+            pair = fit_and_simulate(context, model.with_effect(partners[0]))
             pairs += [] if pair is None else [pair]
-    gains = [pair.gain_over(empty, context.likelihood) for pair in pairs]
-    return pairs[int(np.argmax(gains))] if pairs else None
+    return max(pairs, key=lambda pair: pair.gain_over(empty, context.likelihood), default=None)
 
 
 def grow(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -18,7 +19,7 @@ from starling.diagnosis.which.candidates import Segment
 from starling.diagnosis.which.likelihood import Likelihood
 from starling.diagnosis.which.response import Signature, add_node, simulate_signature
 from starling.diagnosis.which.segment import Screening, diagnose_segment
-from starling.diagnosis.which.table import FeatureTable, build_feature_table
+from starling.diagnosis.which.table import FeatureTable
 from starling.diagnosis.workers import WorkerPool
 from starling.patterns.errors import InputError, refuse
 from starling.sim import effects
@@ -166,19 +167,21 @@ def limits_despite_gaps(
     """
     names = {effects.named(name).name for name in wanted or ()}
     first = [load_scene_model(scene, sensor) for scene in capture.open_set(captures[0]).scenes]
-    if Segment.IMAGE not in attribution.available_segments(first, split_test_rooms(first)[0]):
+    training, _ = split_test_rooms(first)
+    if Segment.IMAGE not in attribution.available_segments(first, training):
         rule = "must have infrared images of two rooms or more"
         raise refuse("captures", rule, captures[0], "Give other captures.")
-    with WorkerPool(captures[0], sensor, split_test_rooms(first)[0], against=None) as pool:
+    with WorkerPool(captures[0], sensor, training, against=None) as pool:
         table, screening = attribution.screen_segment(
-            Segment.IMAGE, split_test_rooms(first)[0], cache=cache, pool=pool, track=track
+            Segment.IMAGE, training, cache=cache, pool=pool, track=track
         )
+        alone = dataclasses.replace(table, pool=None)  # Workers hold the captures of the first set.
         remaining = []
         for path in track(captures, "gaps"):
             scenes = zip(first, capture.open_set(path).scenes, strict=True)
             models = [with_capture(model, scene, against=None) for model, scene in scenes]
-            gap_table = build_feature_table(split_test_rooms(models)[0], Segment.IMAGE, cache=cache)
-            remaining.append(sensitivity.remaining_gap(diagnose_segment(gap_table, screening)))
+            captured = alone.with_captures(split_test_rooms(models)[0])
+            remaining.append(sensitivity.remaining_gap(diagnose_segment(captured, screening)))
         return {
             signature.name: _limits(signature, table, screening, remaining)
             for signature in track(_tested(screening, names), "limits despite the gaps")

@@ -90,8 +90,8 @@ def test_limits_of_an_imperfect_base_are_of_effects_on_the_images() -> None:
     assert {("veil", 1), ("exposure", -1)} <= imperfect.departures.keys()
     kinds = {ROWS[name].kind for name, _ in imperfect.departures}
     assert kinds == {"image"}
-    weaker = [key for key, least in imperfect.departures.items() if least > perfect.departures[key]]
-    assert len(weaker) > len(imperfect.departures) / 2
+    raised = [key for key, least in imperfect.departures.items() if least > perfect.departures[key]]
+    assert len(raised) > len(imperfect.departures) / 2
 
 
 def test_missing_effects_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
