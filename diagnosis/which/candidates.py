@@ -47,6 +47,11 @@ class Candidate:
     measured: Value | None = None  # Value measured from the captures; it is one of the nodes.
 
     @property
+    def is_further(self) -> bool:
+        """Whether it is another parameter of an effect than the first."""
+        return self.name != self.effect.name
+
+    @property
     def numeric(self) -> bool:
         """Whether it takes intermediate values, unlike a choice."""
         return not setting.parameter_of(self.name)[1].choices

@@ -145,12 +145,13 @@ def screen_effects(
         candidates = ()
     candidates = add_measured_values(candidates, table)
     for candidate in candidates:
-        for node in first_nodes(candidate):
+        nodes = first_nodes(candidate)
+        for node in nodes[-1:] if candidate.is_further else nodes:
             table.prefetch({candidate.name: node})
     signatures = tuple(
         signature
         for candidate in track(candidates, f"effects on the {table.segment.value}")
-        if (signature := simulate_signature(candidate, table, first_nodes(candidate))) is not None
+        if (signature := _simulate_first_nodes(candidate, table)) is not None
     )
     weight = feature_weights(signatures, base.deviation)
     folds = room_folds([scene.room for scene in table.scene_models])
@@ -162,6 +163,19 @@ def screen_effects(
         threshold=null.gain_threshold(null.null_gains(base, signatures, weight, folds)),
         noise=null.noise_size(base, weight),
     )
+
+
+def _simulate_first_nodes(candidate: Candidate, table: FeatureTable) -> Signature | None:
+    """Simulate a candidate at its first nodes.
+
+    A further parameter of an effect that is off does nothing, so the last node suffices.
+    """
+    nodes = first_nodes(candidate)
+    if candidate.is_further and nodes:
+        change = table.change({candidate.name: nodes[-1]})
+        if change is not None and not change.any():
+            nodes = nodes[-1:]
+    return simulate_signature(candidate, table, nodes)
 
 
 def add_measured_values(candidates: Sequence[Candidate], table: FeatureTable) -> list[Candidate]:

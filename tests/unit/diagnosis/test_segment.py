@@ -8,19 +8,25 @@ import numpy as np
 import pytest
 
 from starling.diagnosis.scenes.request import CAPTURED, Request
-from starling.diagnosis.which.candidates import Segment
+from starling.diagnosis.which import null, strengths
+from starling.diagnosis.which.candidates import Candidate, Segment
 from starling.diagnosis.which.segment import (
     SegmentResult,
     _no_feature_off,
     diagnose_segment,
     restrict_to_families,
+    screen_effects,
 )
 from tests.unit.diagnosis.made_gaps import (
     BASE,
+    EFFECTS,
     FEATURES,
+    PARTNERED,
+    POWER,
     SCENES,
     SIGNATURES,
     FakeTable,
+    WithPartner,
     noise,
     screening,
 )
@@ -84,3 +90,24 @@ def test_one_feature_that_is_off_is_noticed():
     assert _no_feature_off(Captured(BASE.mean + off), BASE)  # type: ignore[arg-type]
     off[SCENES - 1, FEATURES - 1] *= -1.02
     assert not _no_feature_off(Captured(BASE.mean + off), BASE)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("acts", "count"), [(False, 2), (True, 3)])
+def test_a_further_parameter_is_simulated_once_while_its_effect_is_off(monkeypatch, acts, count):
+    """Values of the position are its nodes and the base; those of the power are unchanged."""
+    monkeypatch.setattr(null, "simulate_base", lambda table: BASE)
+    position = Candidate(
+        name="second_projector.x",
+        effect=PARTNERED,
+        segment=Segment.IMAGE,
+        base=0.0,
+        nodes=(-0.2, -0.1, 0.1, 0.3),
+    )
+    kind: Any = FakeTable if acts else WithPartner
+    table = kind({**EFFECTS, PARTNERED.name: POWER, position.name: POWER})
+    table.segment = Segment.IMAGE
+    screened = screen_effects(table, [POWER.candidate, position])
+    power, placed = screened.signatures
+    assert len(power.values) == len(strengths.first_nodes(POWER.candidate)) + 1
+    assert len(placed.values) == count
+    assert placed.change.any() == acts
