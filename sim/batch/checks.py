@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from starling.sim.batch import handoff
+from starling.sim.batch import handoff, refinement
 from starling.sim.reason import Reason
 from starling.sim.stereo.checks import LEAST_DARK, SUPPORT_PX, TEXTURE_PX
 from starling.sim.stereo.matching import CONSISTENT_PX, LEAST_WEIGHT
@@ -41,8 +41,7 @@ class Limits:
     like: float  # Largest difference of like disparities [px].
     border: float  # Least distance of a match from the right image's first column [px].
     reach: int  # Largest searched disparity [px].
-    mean_quantum: float  # Step before pixel locking [px]; 0 = no rounding.
-    locking: float  # Amplitude of pixel locking [px].
+    locking: float  # Amplitude of pixel locking after the mean [px].
     quantum: float  # Step of the result [px]; 0 = no rounding.
     speckle: int  # Islands of at most this many pixels are removed.
     step: float  # A larger step separates two islands [1/16 px].
@@ -338,7 +337,7 @@ def _rounded(value: float, quantum: float) -> float:  # pragma: no cover - compi
 def settle(
     limits: Limits, accepted: wp.array3d(dtype=float), island: wp.array(dtype=int)
 ):  # pragma: no cover - compiled
-    """Apply quanta and pixel locking to `accepted` (n, h, w), and start the islands.
+    """Apply pixel locking and the quantum to `accepted` (n, h, w), and start the islands.
 
     Args:
         limits: thresholds.
@@ -351,8 +350,7 @@ def settle(
     island[i] = -1
     if wp.isnan(value):
         return
-    value = _rounded(value, limits.mean_quantum)
     if limits.locking != 0.0:
-        value -= limits.locking * wp.sin(2.0 * wp.PI * (value - wp.rint(value)))
+        value = refinement.locked(value, limits.locking)
     accepted[e, y, x] = _rounded(value, limits.quantum)
     island[i] = i

@@ -219,6 +219,14 @@ def _fill_cost(left: Any, right: Any, rig: MatchRig, support_cost: Any, scratch:
     launch(cost.average_columns, (n, h, w, search), device, scratch, *means, support_cost)
 
 
+def _lock(disparity: Any, amplitude_px: float) -> Any:
+    if not amplitude_px:
+        return disparity
+    out = wp.empty_like(disparity)
+    launch(refinement.lock, disparity.shape, disparity.device, disparity, amplitude_px, out)
+    return out
+
+
 def _median(disparity: Any, setting: Refinement) -> Any:
     if not setting.median_px:
         return disparity
@@ -229,7 +237,7 @@ def _median(disparity: Any, setting: Refinement) -> Any:
 
 
 def _refine(disparity: Any, setting: Refinement, weight: Any | None) -> Any:
-    filtered = _median(disparity, setting)
+    filtered = _median(_lock(disparity, setting.fit_locking_px), setting)
     return _mean(filtered, setting, weight) if setting.smooth_px > 1 else filtered
 
 
@@ -241,7 +249,8 @@ def _mean(disparity: Any, setting: Refinement, weight: Any | None) -> Any:
     sides = (setting.smooth_px, min(setting.smooth_rows_px, setting.smooth_px))
     for down, side in enumerate(sides):
         averaged, gathered = wp.empty_like(disparity), wp.empty_like(disparity)
-        window = (side, down, setting.smooth_step_px)
+        quantum_px = setting.mean_quantum_px if down else 0.0
+        window = (side, down, setting.smooth_step_px, quantum_px)
         arguments = (disparity, weight, *window, averaged, gathered)
         launch(refinement.average, disparity.shape, device, *arguments)
         disparity, weight = averaged, gathered
@@ -295,7 +304,6 @@ def _limits(matcher: Matcher, codes_per_dn: int) -> Any:
     limits.border = setting.border_px
     limits.support, limits.like = setting.support_share, setting.support_step_px
     limits.reach = matcher.min_disparity_px + matcher.search_px
-    limits.mean_quantum = matcher.refinement.mean_quantum_px
     limits.locking = matcher.refinement.locking_px
     limits.quantum = matcher.refinement.quantum_px
     limits.speckle, limits.step = setting.speckle_count, 16 * setting.speckle_step_px

@@ -1,4 +1,4 @@
-"""Kernels that refine disparities (n, h, w): median, and edge-preserving mean.
+"""Kernels that refine disparities (n, h, w): pixel locking, median, edge-preserving mean.
 
 `starling.sim.stereo.subpixel` is the reference.
 """
@@ -18,6 +18,21 @@ wp.set_module_options({"enable_backward": False})
 _Window3 = wp.types.vector(9, wp.float32)
 _Window5 = wp.types.vector(25, wp.float32)
 _WINDOWS: dict[int, Any] = {3: _Window3, 5: _Window5}
+
+
+@wp.func
+def locked(value: float, amplitude: float) -> float:  # pragma: no cover - compiled
+    """Apply pixel locking to one disparity [px]."""
+    return value - amplitude * wp.sin(2.0 * wp.PI * (value - wp.rint(value)))
+
+
+@wp.kernel
+def lock(
+    disparity: wp.array3d(dtype=float), amplitude: float, out: wp.array3d(dtype=float)
+):  # pragma: no cover - compiled
+    """Fill `out` (n, h, w) with disparities after pixel locking [px]."""
+    e, y, x = wp.tid()
+    out[e, y, x] = locked(disparity[e, y, x], amplitude)
 
 
 def comparisons(count: int) -> list[tuple[int, int]]:
@@ -85,6 +100,7 @@ def average(
     side: int,
     down: int,
     step: float,
+    quantum: float,
     out: wp.array3d(dtype=float),
     gathered: wp.array3d(dtype=float),
 ):  # pragma: no cover - compiled
@@ -96,6 +112,7 @@ def average(
         side: window [px]; an even one has one pixel more before the centre than after.
         down: 1 averages along columns, 0 along rows.
         step: largest difference to the centre [px].
+        quantum: step of the quotient [px]; 0 = no rounding.
         out: (n, h, w) is filled.
         gathered: (n, h, w) filled with the summed weights.
     """
@@ -118,6 +135,9 @@ def average(
                 total += off * counts
                 count += counts
     if count > 0.0:
-        centre += total / count
+        shift = total / count
+        if quantum > 0.0:
+            shift = wp.rint(shift / quantum) * quantum
+        centre += shift
     out[e, y, x] = centre
     gathered[e, y, x] = count

@@ -137,12 +137,13 @@ Engine = SemiGlobalBlock | Block | CensusSemiGlobal
 class Refinement:
     """Refinement of the winning disparities. A filter of 0 or 1 px is off."""
 
+    fit_locking_px: float = 0.0  # Amplitude of pixel locking of the sub-pixel fit [px].
     median_px: int = 0  # Side of the median filter on the winners: 0, 3 or 5.
     smooth_px: int = 0  # Width of the jump-preserving mean, odd or 0.
     smooth_rows_px: int = 31  # Largest height of that window; at most its width.
     smooth_step_px: float = 2.0  # Neighbours with a larger difference are excluded [px].
-    mean_quantum_px: float = 0.0  # Step that the mean is rounded to, before locking [px]; 0 = none.
-    locking_px: float = 0.0  # Amplitude of pixel locking, which has a period of 1 px [px].
+    mean_quantum_px: float = 0.0  # Step of a pixel's shift by the mean [px]; 0 = no rounding.
+    locking_px: float = 0.0  # Amplitude of pixel locking after the mean; its period is 1 px [px].
     quantum_px: float = 0.0  # Disparity step of the output [px]; 0 = no rounding.
 
     def __post_init__(self) -> None:
@@ -153,7 +154,9 @@ class Refinement:
         whole("smooth_rows_px", self.smooth_rows_px, 1, 31)
         in_interval("smooth_step_px", self.smooth_step_px, 0.0, 16.0)
         in_interval("mean_quantum_px", self.mean_quantum_px, 0.0, 1.0)
-        in_interval("locking_px", self.locking_px, -0.15, 0.15, "More would fold disparities.")
+        for name in ("fit_locking_px", "locking_px"):
+            amplitude = getattr(self, name)
+            in_interval(name, amplitude, -0.15, 0.15, "More would fold disparities.")
         in_interval("quantum_px", self.quantum_px, 0.0, 1.0)
 
 

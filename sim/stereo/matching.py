@@ -90,7 +90,6 @@ def match(
     outside = checks.outside_overlap(disparity, reach_px=reach, border_px=border)
     causes[Reason.OUTSIDE_OVERLAP] = outside | causes.get(Reason.OUTSIDE_OVERLAP, np.False_)
     disparity[outside] = np.nan
-    disparity = subpixel.quantise(disparity, matcher.refinement.mean_quantum_px)
     disparity = subpixel.apply_pixel_locking(disparity, matcher.refinement.locking_px)
     disparity = subpixel.quantise(disparity, matcher.refinement.quantum_px)
     causes[Reason.SPECKLE] = checks.speckle(

@@ -1,4 +1,4 @@
-"""Refinement of disparities: median, edge-preserving mean, pixel locking, quantisation."""
+"""Refinement of disparities: pixel locking, median, edge-preserving mean, quantisation."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ def refine(
     setting: Refinement,
     weight: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
-    """Apply the median to all winners, then the edge-preserving mean.
+    """Apply pixel locking and the median to all winners, then the edge-preserving mean.
 
     The median runs before any check and replaces single wrong winners by their neighbours.
 
     Args:
         disparity_px: (h, w) [px]; NaN without disparity stays NaN.
-        setting: window sizes and largest step.
+        setting: amplitude of locking, window sizes and steps.
         weight: (h, w) weight of each pixel in the mean, >= 0; None weights all equally.
     """
-    out = disparity_px
+    out = locked = apply_pixel_locking(disparity_px, setting.fit_locking_px)
     if setting.median_px:
         known = np.isfinite(out)
         # Holes count as 0 in the median and are restored afterwards.
         filled = out if known.all() else np.where(known, out, np.float32(0))
         out = np.asarray(cv2.medianBlur(filled, setting.median_px), np.float32)
-        np.copyto(out, disparity_px, where=~known | (out <= 0))
+        np.copyto(out, locked, where=~known | (out <= 0))
     if setting.smooth_px <= 1:
         return out
     return smooth(
@@ -39,6 +39,7 @@ def refine(
         columns_px=setting.smooth_px,
         rows_px=min(setting.smooth_rows_px, setting.smooth_px),
         step_px=setting.smooth_step_px,
+        quantum_px=setting.mean_quantum_px,
     )
 
 
@@ -48,8 +49,8 @@ def apply_pixel_locking(
     """Apply pixel locking, a bias of disparities towards whole pixels: d - a sin(2 pi d).
 
     The error of a parabola fit is periodic in the pixel and vanishes at whole and half pixels;
-    the sine is its first harmonic. It follows the mean, so that its amplitude in the result does
-    not depend on noise.
+    the sine is its first harmonic. Before the mean, it is an error of the fit, which noise and
+    slanted surfaces reduce. After the mean, its amplitude in the result does not depend on them.
 
     Args:
         disparity_px: (h, w) [px], NaN stays NaN.
@@ -80,6 +81,7 @@ def smooth(
     columns_px: int,
     rows_px: int,
     step_px: float,
+    quantum_px: float = 0.0,
 ) -> NDArray[np.float32]:
     """Return the weighted mean over a window, of neighbours within `step_px` of the centre.
 
@@ -91,15 +93,17 @@ def smooth(
         columns_px: width of the window, odd [px].
         rows_px: its height [px]; an even one has one row more above the centre than below.
         step_px: neighbours with a larger difference are left out [px].
+        quantum_px: step of the quotient along columns, a pixel's shift by its mean [px]; 0 is none.
     """
     h, w = disparity_px.shape
     out = np.empty((h, w), np.float32)
-    _smooth(disparity_px, weight, columns_px // 2, rows_px, np.float32(step_px), out)
+    steps = np.float32(step_px), np.float32(quantum_px)
+    _smooth(disparity_px, weight, columns_px // 2, rows_px, *steps, out)
     return out
 
 
 @nb.njit(nogil=True, cache=True)
-def _smooth(disparity, weight, across, size, step, out):  # pragma: no cover - compiled
+def _smooth(disparity, weight, across, size, step, quantum, out):  # pragma: no cover - compiled
     """Fill `out` with the means along rows, then along columns; a ring holds the rows' means."""
     h, w = disparity.shape
     up, down = size // 2, (size - 1) // 2
@@ -114,14 +118,14 @@ def _smooth(disparity, weight, across, size, step, out):  # pragma: no cover - c
                 others = slice(first + dx, end + dx)
                 _add(disparity[last, others], weight[last, others], centre[first:end], step,
                      total[first:end], gathered[at, first:end])  # fmt: skip
-            _finish(centre, total, gathered[at], means[at])
+            _finish(centre, total, gathered[at], np.float32(0), means[at])
         y = last - down
         if y >= 0:
             centre = means[y % size]
             total[:], count[:] = np.float32(0), np.float32(0)
             for row in range(max(0, y - up), min(h, y + down + 1)):
                 _add(means[row % size], gathered[row % size], centre, step, total, count)
-            _finish(centre, total, count, out[y])
+            _finish(centre, total, count, quantum, out[y])
 
 
 @nb.njit(nogil=True, cache=True)
@@ -136,6 +140,9 @@ def _add(values, weight, centre, step, total, count):  # pragma: no cover - comp
 
 
 @nb.njit(nogil=True, cache=True)
-def _finish(centre, total, count, out):  # pragma: no cover - compiled
+def _finish(centre, total, count, quantum, out):  # pragma: no cover - compiled
     for x in range(len(centre)):
-        out[x] = centre[x] + (total[x] / count[x] if count[x] > 0 else np.float32(0))
+        shift = total[x] / count[x] if count[x] > 0 else np.float32(0)
+        if quantum > 0:
+            shift = np.rint(shift / quantum) * quantum
+        out[x] = centre[x] + shift

@@ -106,16 +106,31 @@ def test_disparities_come_in_steps_and_move_by_half_a_step_at_most(slanted, quan
     assert len(np.unique(steps)) >= 3 / quantum
 
 
-def test_the_mean_is_rounded_before_pixel_locking(slanted):
-    """Locking of 0.1 px moves multiples of 1/8 px by -0.1, -0.1 / sqrt(2), 0 or their opposites."""
-    coarse = replace(FINE.refinement, mean_quantum_px=1 / 8, locking_px=0.1)
-    result = match(slanted[0], slanted[1], replace(FINE, refinement=coarse))
-    disparity = result.disparity_px[result.valid]
-    eighths = np.arange(8) / 8
-    expected = (eighths - 0.1 * np.sin(2 * np.pi * eighths)) % 1
-    nearest = np.abs(disparity[:, None] % 1 - expected)
-    assert np.minimum(nearest, 1 - nearest).min(axis=1).max() < 1e-4
-    assert len(np.unique(np.rint(disparity % 1 * 1e3))) >= 8
+@given(slope=st.floats(0.02, 0.2), amplitude=st.floats(-0.15, 0.15))
+def test_the_mean_reduces_locking_of_the_fit_on_slanted_surfaces(slope, amplitude):
+    """On d = s x, a mean of n columns leaves a sin(pi n s) / (n sin(pi s)) of the amplitude a."""
+    columns = 9
+    true_px = np.tile(4 + slope * np.arange(64, dtype=np.float32), (3, 1))
+    setting = Refinement(fit_locking_px=amplitude, smooth_px=columns, smooth_rows_px=3)
+    error = (subpixel.refine(true_px, setting) - true_px)[1, columns:-columns].astype(float)
+    left = amplitude * np.sin(np.pi * columns * slope) / (columns * np.sin(np.pi * slope))
+    phase = 2 * np.pi * true_px[1, columns:-columns].astype(float)
+    np.testing.assert_allclose(error, -left * np.sin(phase), atol=2e-5)
+
+
+def test_locking_of_the_fit_without_a_mean_is_that_of_the_result():
+    values = np.array([[3.2, 7.75, np.nan]], np.float32)
+    out = subpixel.refine(values, Refinement(fit_locking_px=0.1))
+    np.testing.assert_array_equal(out, subpixel.apply_pixel_locking(values, 0.1))
+
+
+def test_the_mean_shifts_pixels_by_whole_steps():
+    """Along columns, a pixel moves by the rounded mean of the differences to its neighbours."""
+    column = np.array([5.0, 5.3, 4.9, 5.2, 5.7], np.float32)[:, None]
+    setting = Refinement(smooth_px=3, smooth_rows_px=3, mean_quantum_px=1 / 8)
+    shift = np.array([0.15, -0.7 / 3, 0.7 / 3, 0.2 / 3, -0.25])
+    shifted = column[:, 0] + np.rint(shift * 8) / 8
+    np.testing.assert_allclose(subpixel.refine(column, setting)[:, 0], shifted, atol=1e-6)
 
 
 def test_equal_slopes_spread_disparities_of_an_unsmoothed_census(slanted):

@@ -112,7 +112,7 @@ def test_presets_of_the_d4_family_have_its_matcher() -> None:
     of_pairs = sensor_edits.with_values(
         presets.load("d435"),
         [
-            ("matcher.refinement.locking_px", -0.04),
+            ("matcher.refinement.fit_locking_px", -0.1),
             ("matcher.refinement.median_px", 0),
             ("matcher.refinement.smooth_px", 15),
             ("matcher.refinement.smooth_rows_px", 8),
