@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from starling.sim.batch import handoff, refinement
+from starling.sim.batch import handoff
 from starling.sim.reason import Reason
 from starling.sim.stereo.checks import LEAST_DARK, SUPPORT_PX, TEXTURE_PX
 from starling.sim.stereo.matching import CONSISTENT_PX, LEAST_WEIGHT
@@ -351,6 +351,6 @@ def settle(
     if wp.isnan(value):
         return
     if limits.locking != 0.0:
-        value = refinement.locked(value, limits.locking)
+        value -= limits.locking * wp.sin(2.0 * wp.PI * (value - wp.rint(value)))
     accepted[e, y, x] = _rounded(value, limits.quantum)
     island[i] = i

@@ -64,7 +64,8 @@ def match_rig(matcher: Matcher, bits: int, dark: DarkTable, device: Any) -> Matc
     peaks.second = round(engine.second_peak * support.COST_SCALE)
     peaks.neighbour = round(engine.neighbour_peak * support.COST_SCALE)
     peaks.near_end = int(matcher.checks.near_end)
-    peaks.equal_slopes = int(engine.subpixel_fit == "equal_slopes")
+    peaks.equal_slopes = int(engine.subpixel_fit != "parabola")
+    peaks.of_sums = int(engine.subpixel_fit == "equal_slopes_of_sums")
     brightness = support.difference_limits(
         round(16 * engine.difference_weight), round(engine.difference_cap_dn)
     )
@@ -190,7 +191,8 @@ def _choose(left: Any, right: Any, rig: MatchRig) -> _Winners:
     volumes = (support_cost, total, search, least)
     chosen = (best, disparity, bend, ambiguous)
     launch(paths.choose_left, shape, device, *volumes, rig.peaks, *chosen)
-    launch(paths.choose_right, shape, device, *volumes, best_r, disparity_r)
+    slopes = int(rig.peaks.equal_slopes and not rig.peaks.of_sums)
+    launch(paths.choose_right, shape, device, *volumes, slopes, best_r, disparity_r)
     return _Winners(best, disparity, bend, ambiguous, best_r, disparity_r)
 
 
@@ -219,14 +221,6 @@ def _fill_cost(left: Any, right: Any, rig: MatchRig, support_cost: Any, scratch:
     launch(cost.average_columns, (n, h, w, search), device, scratch, *means, support_cost)
 
 
-def _lock(disparity: Any, amplitude_px: float) -> Any:
-    if not amplitude_px:
-        return disparity
-    out = wp.empty_like(disparity)
-    launch(refinement.lock, disparity.shape, disparity.device, disparity, amplitude_px, out)
-    return out
-
-
 def _median(disparity: Any, setting: Refinement) -> Any:
     if not setting.median_px:
         return disparity
@@ -237,7 +231,7 @@ def _median(disparity: Any, setting: Refinement) -> Any:
 
 
 def _refine(disparity: Any, setting: Refinement, weight: Any | None) -> Any:
-    filtered = _median(_lock(disparity, setting.fit_locking_px), setting)
+    filtered = _median(disparity, setting)
     return _mean(filtered, setting, weight) if setting.smooth_px > 1 else filtered
 
 

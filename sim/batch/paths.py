@@ -112,7 +112,8 @@ class Peaks:
     second: int  # The same [cost, summed over the paths].
     neighbour: int  # Least excess of the costlier neighbour [cost, summed over the paths].
     near_end: int  # Whether the largest disparity is accepted.
-    equal_slopes: int  # Whether the sub-pixel part is a V through the sums of the paths.
+    equal_slopes: int  # Whether the sub-pixel fit is a V, not a parabola.
+    of_sums: int  # Whether it is fitted to the sums of the paths, not to the cost.
 
 
 @wp.func
@@ -148,7 +149,7 @@ def choose_left(
     """Choose the disparity of every pixel of the left view.
 
     Args:
-        cost: flat volume of support costs, for the parabola of the sub-pixel fit.
+        cost: flat volume of support costs, for the sub-pixel fit.
         total: flat volume, summed over the paths.
         search: number of disparities.
         least: smallest disparity [px].
@@ -179,12 +180,13 @@ def choose_left(
     fit = wp.vec2(0.0, 0.0)
     if inside:
         at_best = start + best
-        if peaks.equal_slopes != 0:
+        slopes = peaks.equal_slopes
+        if peaks.of_sums != 0:
             above = int(total[at_best + 1])
-            fit = _vertex(int(total[at_best - 1]), int(total[at_best]), above, 1)
+            fit = _vertex(int(total[at_best - 1]), int(total[at_best]), above, slopes)
         else:
             above = int(cost[at_best + 1])
-            fit = _vertex(int(cost[at_best - 1]), int(cost[at_best]), above, 0)
+            fit = _vertex(int(cost[at_best - 1]), int(cost[at_best]), above, slopes)
     margin = 100.0 * (float(second) / float(wp.max(lowest, 1)) - 1.0)
     indistinct = margin < peaks.uniqueness
     indistinct = indistinct or second - lowest < peaks.second
@@ -204,6 +206,7 @@ def choose_right(
     total: wp.array(dtype=wp.uint16),
     search: int,
     least: int,
+    equal_slopes: int,
     best_at: wp.array3d(dtype=wp.int16),
     disparity: wp.array3d(dtype=float),
 ):  # pragma: no cover - compiled
@@ -211,6 +214,7 @@ def choose_right(
 
     Args:
         cost, total, search, least: as in `choose_left`.
+        equal_slopes: whether a V is fitted to the cost, not a parabola.
         best_at: (n, h, w) filled with whole disparities [px], -1 without a match.
         disparity: (n, h, w) filled with disparities [px], NaN without a match.
     """
@@ -236,6 +240,7 @@ def choose_right(
     if best > 0 and best < search - 1 and column < w - 1:
         at_best = (row + column) * search + best
         below = int(cost[at_best - search - 1])
-        fit = _vertex(below, int(cost[at_best]), int(cost[at_best + search + 1]), 0)
+        above = int(cost[at_best + search + 1])
+        fit = _vertex(below, int(cost[at_best]), above, equal_slopes)
     best_at[e, y, x] = wp.int16(best + least)
     disparity[e, y, x] = float(best + least) + fit[0]

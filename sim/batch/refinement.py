@@ -1,4 +1,4 @@
-"""Kernels that refine disparities (n, h, w): pixel locking, median, edge-preserving mean.
+"""Kernels that refine disparities (n, h, w): median, and edge-preserving mean.
 
 `starling.sim.stereo.subpixel` is the reference.
 """
@@ -18,21 +18,6 @@ wp.set_module_options({"enable_backward": False})
 _Window3 = wp.types.vector(9, wp.float32)
 _Window5 = wp.types.vector(25, wp.float32)
 _WINDOWS: dict[int, Any] = {3: _Window3, 5: _Window5}
-
-
-@wp.func
-def locked(value: float, amplitude: float) -> float:  # pragma: no cover - compiled
-    """Apply pixel locking to one disparity [px]."""
-    return value - amplitude * wp.sin(2.0 * wp.PI * (value - wp.rint(value)))
-
-
-@wp.kernel
-def lock(
-    disparity: wp.array3d(dtype=float), amplitude: float, out: wp.array3d(dtype=float)
-):  # pragma: no cover - compiled
-    """Fill `out` (n, h, w) with disparities after pixel locking [px]."""
-    e, y, x = wp.tid()
-    out[e, y, x] = locked(disparity[e, y, x], amplitude)
 
 
 def comparisons(count: int) -> list[tuple[int, int]]:

@@ -7,9 +7,11 @@ effect can change it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 from starling.patterns.errors import in_interval, one_of, refuse
+
+SubpixelFit = Literal["parabola", "equal_slopes", "equal_slopes_of_sums"]
 
 FIXED_POINT = 16  # OpenCV: disparities in 1/16 px, search range in multiples of 16.
 LEFT_RIGHT_STEP_PX = 2.0  # Step that ends the mean before the left-right check [px].
@@ -82,8 +84,8 @@ class CensusSemiGlobal:
     separate surfaces. Penalties are in bits too, so they do not depend on the support's size.
     Brightness is in DN of an 8-bit image at any bit depth.
 
-    The sub-pixel fit is a parabola through the averaged cost, or a V of equal slopes through the
-    sums of the scanlines.
+    The sub-pixel fit is a parabola or a V of equal slopes through the averaged cost, or a V through
+    the sums of the scanlines. A parabola pulls a cost whose sides are straight to whole pixels.
 
     Source: Mei et al. 2011, AD-Census; Hirschmueller 2008, SGM; Shimizu and Okutomi 2005, fits.
     """
@@ -99,7 +101,7 @@ class CensusSemiGlobal:
     large_penalty: float = 48.0  # P2, for a larger step [bit].
     second_peak: float = 0.0  # Least extra cost of the second-best disparity [bit, sum of paths].
     neighbour_peak: float = 0.0  # Least extra cost next to the best [bit, sum of paths].
-    subpixel_fit: Literal["parabola", "equal_slopes"] = "parabola"  # Of cost, or of sums of paths.
+    subpixel_fit: SubpixelFit = "parabola"
 
     def __post_init__(self) -> None:
         _odd("census_px", self.census_px, 3, 11)
@@ -113,7 +115,7 @@ class CensusSemiGlobal:
         in_interval("large_penalty", self.large_penalty, 0.0, MOST_BITS)
         in_interval("second_peak", self.second_peak, 0.0, 1000.0)
         in_interval("neighbour_peak", self.neighbour_peak, 0.0, 1000.0)
-        one_of("subpixel_fit", self.subpixel_fit, ("parabola", "equal_slopes"))
+        one_of("subpixel_fit", self.subpixel_fit, get_args(SubpixelFit))
         if self.large_penalty < self.small_penalty:
             raise refuse(
                 "large_penalty",
@@ -137,13 +139,12 @@ Engine = SemiGlobalBlock | Block | CensusSemiGlobal
 class Refinement:
     """Refinement of the winning disparities. A filter of 0 or 1 px is off."""
 
-    fit_locking_px: float = 0.0  # Amplitude of pixel locking of the sub-pixel fit [px].
     median_px: int = 0  # Side of the median filter on the winners: 0, 3 or 5.
     smooth_px: int = 0  # Width of the jump-preserving mean, odd or 0.
     smooth_rows_px: int = 31  # Largest height of that window; at most its width.
     smooth_step_px: float = 2.0  # Neighbours with a larger difference are excluded [px].
     mean_quantum_px: float = 0.0  # Step of a pixel's shift by the mean [px]; 0 = no rounding.
-    locking_px: float = 0.0  # Amplitude of pixel locking after the mean; its period is 1 px [px].
+    locking_px: float = 0.0  # Amplitude of pixel locking, which has a period of 1 px [px].
     quantum_px: float = 0.0  # Disparity step of the output [px]; 0 = no rounding.
 
     def __post_init__(self) -> None:
@@ -154,9 +155,7 @@ class Refinement:
         whole("smooth_rows_px", self.smooth_rows_px, 1, 31)
         in_interval("smooth_step_px", self.smooth_step_px, 0.0, 16.0)
         in_interval("mean_quantum_px", self.mean_quantum_px, 0.0, 1.0)
-        for name in ("fit_locking_px", "locking_px"):
-            amplitude = getattr(self, name)
-            in_interval(name, amplitude, -0.15, 0.15, "More would fold disparities.")
+        in_interval("locking_px", self.locking_px, -0.15, 0.15, "More would fold disparities.")
         in_interval("quantum_px", self.quantum_px, 0.0, 1.0)
 
 
@@ -286,7 +285,7 @@ OAK = Matcher(
         support_px=1,  # No mean of the cost.
         small_penalty=12.0,  # P1 is half of P2, as 250 of 500. Their unit is unknown: both are
         large_penalty=24.0,  # chosen on half a real frame (docs/results/matcher.md).
-        subpixel_fit="equal_slopes",  # Its disparities' fractions are the device's (same).
+        subpixel_fit="equal_slopes_of_sums",  # Its disparities' fractions are the device's (same).
     ),
     search_px=96,
     refinement=Refinement(median_px=5, quantum_px=1 / 8),  # Median 7x7, 3 bits of sub-pixels.

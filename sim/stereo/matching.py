@@ -256,7 +256,7 @@ def _census_semi_global(
             p1=round(engine.small_penalty * support.COST_SCALE),
             p2=round(engine.large_penalty * support.COST_SCALE),
             shift=matcher.min_disparity_px,
-            equal_slopes=engine.subpixel_fit == "equal_slopes",
+            fit=engine.subpixel_fit,
         )
 
     winners = search() if memory is None else memory.winners(left, right, matcher, engine, search)

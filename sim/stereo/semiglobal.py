@@ -16,6 +16,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from starling.sim.sensor.matcher import SubpixelFit
 from starling.sim.stereo import paths
 from starling.sim.stereo.lanes import (
     aligned_words,
@@ -70,7 +71,7 @@ def _fit(three, offset, bend, equal_slopes):  # pragma: no cover - compiled
 
 @nb.njit(nogil=True, cache=True)
 def _select(
-    cost, total, costs, floors, first, sizes, p1, p2, shift, equal_slopes,
+    cost, total, costs, floors, first, sizes, p1, p2, shift, equal_slopes, of_sums,
     best_at, offset, bend, right, right_offset, margin, excess, neighbour,
 ):  # pragma: no cover - compiled  # fmt: skip
     """Finish the paths of a band of rows and choose the winners of both views."""
@@ -101,12 +102,12 @@ def _select(
             )
             _choose_left(
                 sums, span, ramp, mask, cost, at, search, start, stop, best_at[row], peaks, three,
-                equal_slopes,
+                of_sums,
             )  # fmt: skip
             _offer_right(sums, span, search, start, stop, w - 1 + shift + LANES, least, column)
         _choose_right(column, cost, row * w * search, shift, search, right[row], three_r)
         _fit(three, offset[row], bend[row], equal_slopes)
-        _fit(three_r, right_offset[row], unused, False)
+        _fit(three_r, right_offset[row], unused, equal_slopes and not of_sums)
         for x in range(w):
             lowest, second = peaks[0, x], peaks[1, x]
             excess[row, x], neighbour[row, x] = second - lowest, peaks[2, x] - lowest
@@ -210,13 +211,13 @@ def select(
     p1: int,
     p2: int,
     shift: int,
-    equal_slopes: bool = False,
+    fit: SubpixelFit = "parabola",
 ) -> Winners:
     """Choose the disparity of every pixel of the left and the right view.
 
     The right view's winner is the least total along the volume's diagonal, without a second
-    matching. A parabola is fitted to the support cost: penalties distort the summed path costs
-    and pull it towards whole pixels. All paths run along a row or downwards, so the volume is
+    matching. The sub-pixel part is fitted to the support cost: penalties distort the summed path
+    costs and pull it towards whole pixels. All paths run along a row or downwards, so the volume is
     computed and discarded band by band.
 
     Args:
@@ -224,7 +225,8 @@ def select(
         shape: h, w, search of the whole volume.
         p1, p2: penalties in the unit of the cost.
         shift: smallest disparity [px].
-        equal_slopes: fit a V of equal slopes to the summed path costs of the left view instead.
+        fit: sub-pixel fit; "equal_slopes_of_sums" fits a V to the summed path costs of the left
+            view, and a parabola to the support cost of the right view.
     """
     h, w, search = shape
     winners = Winners(
@@ -259,7 +261,13 @@ def select(
             start = band * BAND_ROWS
             part = slice(start, start + BAND_ROWS)
             views = [view[part] for view in winners]
-            limits = ((w, search), *penalties, shift, equal_slopes)
+            limits = (
+                (w, search),
+                *penalties,
+                shift,
+                fit != "parabola",
+                fit == "equal_slopes_of_sums",
+            )
             _select(support, total, *downward, start, *limits, *views)
             if band + _AHEAD in bands:
                 ready.append(pool.submit(prepare, band + _AHEAD))

@@ -1,4 +1,4 @@
-"""Refinement of disparities: pixel locking, median, edge-preserving mean, quantisation."""
+"""Refinement of disparities: median, edge-preserving mean, pixel locking, quantisation."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ def refine(
     setting: Refinement,
     weight: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
-    """Apply pixel locking and the median to all winners, then the edge-preserving mean.
+    """Apply the median to all winners, then the edge-preserving mean.
 
     The median runs before any check and replaces single wrong winners by their neighbours.
 
     Args:
         disparity_px: (h, w) [px]; NaN without disparity stays NaN.
-        setting: amplitude of locking, window sizes and steps.
+        setting: window sizes and steps.
         weight: (h, w) weight of each pixel in the mean, >= 0; None weights all equally.
     """
-    out = locked = apply_pixel_locking(disparity_px, setting.fit_locking_px)
+    out = disparity_px
     if setting.median_px:
         known = np.isfinite(out)
         # Holes count as 0 in the median and are restored afterwards.
         filled = out if known.all() else np.where(known, out, np.float32(0))
         out = np.asarray(cv2.medianBlur(filled, setting.median_px), np.float32)
-        np.copyto(out, locked, where=~known | (out <= 0))
+        np.copyto(out, disparity_px, where=~known | (out <= 0))
     if setting.smooth_px <= 1:
         return out
     return smooth(
@@ -49,8 +49,8 @@ def apply_pixel_locking(
     """Apply pixel locking, a bias of disparities towards whole pixels: d - a sin(2 pi d).
 
     The error of a parabola fit is periodic in the pixel and vanishes at whole and half pixels;
-    the sine is its first harmonic. Before the mean, it is an error of the fit, which noise and
-    slanted surfaces reduce. After the mean, its amplitude in the result does not depend on them.
+    the sine is its first harmonic. It follows the mean, so that its amplitude in the result does
+    not depend on noise.
 
     Args:
         disparity_px: (h, w) [px], NaN stays NaN.

@@ -85,7 +85,7 @@ VALUES: dict[str, Any] = {
     **{"matcher.checks.support_share": 0.9, "matcher.checks.support_step_px": 0.05},
     "matcher.checks.border_px": 8.0,
     **{"matcher.refinement.median_px": 0, "matcher.refinement.smooth_px": 5},
-    **{"matcher.refinement.mean_quantum_px": 0.25, "matcher.refinement.fit_locking_px": 0.1},
+    "matcher.refinement.mean_quantum_px": 0.25,
     **{"matcher.refinement.smooth_rows_px": 3, "post.near_m": 1.0, "post.hole_filling": "nearest"},
     **{f"{side}.alignment.warp_px": [[0.2, 0.1], [0.3, 0.2]] for side in ("left", "right")},
     **{"left.mosaic": "rggb", "right.mosaic": "rggb"},

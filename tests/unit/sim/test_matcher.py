@@ -65,7 +65,6 @@ def test_unknown_name_is_refused_with_the_known_ones():
         (lambda: Checks(support_step_px=-1), "support_step_px must be in"),
         (lambda: Refinement(quantum_px=2), "quantum_px must be in"),
         (lambda: Refinement(locking_px=0.16), "locking_px must be in [-0.15, 0.15]; got 0.16"),
-        (lambda: Refinement(fit_locking_px=-0.16), "fit_locking_px must be in [-0.15, 0.15]"),
         (lambda: CensusSemiGlobal(second_peak=-1), "second_peak must be in"),
         (lambda: CensusSemiGlobal(neighbour_peak=1001), "neighbour_peak must be in"),
         (lambda: CensusSemiGlobal(small_penalty=101), "small_penalty must be in [0, 100]"),

@@ -20,7 +20,7 @@ from starling.sim.sensor.matcher import (
     Matcher,
     Refinement,
 )
-from starling.sim.stereo import subpixel
+from starling.sim.stereo import semiglobal, subpixel
 from starling.sim.stereo.matching import match
 
 FINE = replace(
@@ -106,24 +106,6 @@ def test_disparities_come_in_steps_and_move_by_half_a_step_at_most(slanted, quan
     assert len(np.unique(steps)) >= 3 / quantum
 
 
-@given(slope=st.floats(0.02, 0.2), amplitude=st.floats(-0.15, 0.15))
-def test_the_mean_reduces_locking_of_the_fit_on_slanted_surfaces(slope, amplitude):
-    """On d = s x, a mean of n columns leaves a sin(pi n s) / (n sin(pi s)) of the amplitude a."""
-    columns = 9
-    true_px = np.tile(4 + slope * np.arange(64, dtype=np.float32), (3, 1))
-    setting = Refinement(fit_locking_px=amplitude, smooth_px=columns, smooth_rows_px=3)
-    error = (subpixel.refine(true_px, setting) - true_px)[1, columns:-columns].astype(float)
-    left = amplitude * np.sin(np.pi * columns * slope) / (columns * np.sin(np.pi * slope))
-    phase = 2 * np.pi * true_px[1, columns:-columns].astype(float)
-    np.testing.assert_allclose(error, -left * np.sin(phase), atol=2e-5)
-
-
-def test_locking_of_the_fit_without_a_mean_is_that_of_the_result():
-    values = np.array([[3.2, 7.75, np.nan]], np.float32)
-    out = subpixel.refine(values, Refinement(fit_locking_px=0.1))
-    np.testing.assert_array_equal(out, subpixel.apply_pixel_locking(values, 0.1))
-
-
 def test_the_mean_shifts_pixels_by_whole_steps():
     """Along columns, a pixel moves by the rounded mean of the differences to its neighbours."""
     column = np.array([5.0, 5.3, 4.9, 5.2, 5.7], np.float32)[:, None]
@@ -133,13 +115,29 @@ def test_the_mean_shifts_pixels_by_whole_steps():
     np.testing.assert_allclose(subpixel.refine(column, setting)[:, 0], shifted, atol=1e-6)
 
 
-def test_equal_slopes_spread_disparities_of_an_unsmoothed_census(slanted):
+@given(offset=st.floats(-0.5, 0.5), rise=st.integers(50, 1000))
+def test_equal_slopes_find_the_vertex_of_a_v(offset, rise):
+    """A parabola through a V finds o / (2 - 2 |o|), which is nearer to the whole pixel."""
+    vertices = []
+    for fit in ("equal_slopes", "parabola"):
+        cost = np.rint(rise * np.abs(np.arange(16) - 8 - offset)).astype(np.uint16)
+
+        def fill(start: int, out: np.ndarray, cost: np.ndarray = cost) -> None:
+            out[:] = cost
+
+        winners = semiglobal.select(fill, (1, 40, 16), p1=0, p2=0, shift=0, fit=fit)
+        vertices.append(winners.best[0, 30] - 8 + winners.offset[0, 30])
+    assert vertices[0] == pytest.approx(offset, abs=1 / rise)
+    assert vertices[1] == pytest.approx(offset / (2 - 2 * abs(offset)), abs=1 / rise)
+
+
+def test_equal_slopes_of_sums_spread_disparities_of_an_unsmoothed_census(slanted):
     """Steps of 1/8 px on a slanted plane: a parabola through bits prefers whole pixels.
 
     Does not prove which device has which fit; docs/results/matcher.md compares one.
     """
     whole, spread = [], []
-    for fit in ("parabola", "equal_slopes"):
+    for fit in ("parabola", "equal_slopes_of_sums"):
         engine = structure.edit(OAK.engine, "subpixel_fit", fit)
         result = match(*slanted, replace(OAK, engine=engine, search_px=32))
         disparity = result.disparity_px[:, 40:]

@@ -189,6 +189,12 @@ def _vertex(below: int, position: int, above: int) -> float:
     return float(np.clip((below - above) / (2 * bend), -1, 1)) if bend > 0 else 0.0
 
 
+def _slopes(below: int, position: int, above: int) -> float:
+    """Vertex of the V of equal slopes through three costs, from the middle."""
+    bend, rise = below + above - 2 * position, max(below, above) - position
+    return float(np.clip((below - above) / (2 * rise), -1, 1)) if bend > 0 else 0.0
+
+
 @given(seed=st.integers(0, 20), shift=st.integers(0, 3))
 @settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_selection_matches_the_slow_reference(monkeypatch, seed, shift):
@@ -202,7 +208,8 @@ def test_selection_matches_the_slow_reference(monkeypatch, seed, shift):
 
     penalties = {"p1": 150, "p2": 900, "shift": shift}
     result = semiglobal.select(fill, cost.shape, **penalties)
-    slopes = semiglobal.select(fill, cost.shape, **penalties, equal_slopes=True)
+    slopes = semiglobal.select(fill, cost.shape, **penalties, fit="equal_slopes")
+    of_sums = semiglobal.select(fill, cost.shape, **penalties, fit="equal_slopes_of_sums")
     total = _twin(cost, 150, 900)
     np.testing.assert_array_equal(result.best, total.argmin(2))
     for y in range(h):
@@ -213,7 +220,9 @@ def test_selection_matches_the_slow_reference(monkeypatch, seed, shift):
             seen = x + shift + right
             if 0 < right < search - 1 and seen < w - 1:
                 three = [int(cost[y, seen + k, right + k]) for k in (-1, 0, 1)]
-                assert result.right_offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)
+                for other in (result, of_sums):
+                    assert other.right_offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)
+                assert slopes.right_offset[y, x] == pytest.approx(_slopes(*three), abs=1e-6)
             best = int(result.best[y, x])
             others = np.delete(
                 total[y, x], [k for k in (best - 1, best, best + 1) if 0 <= k < search]
@@ -226,9 +235,9 @@ def test_selection_matches_the_slow_reference(monkeypatch, seed, shift):
             if 0 < best < search - 1:
                 three = cost[y, x, best - 1 : best + 2].astype(int)
                 assert result.offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)
-                below, least, above = total[y, x, best - 1 : best + 2]
-                vertex = (below - above) / (2 * max(below - least, above - least, 1))
-                assert slopes.offset[y, x] == pytest.approx(vertex, abs=1e-6)
+                assert slopes.offset[y, x] == pytest.approx(_slopes(*three), abs=1e-6)
+                three = total[y, x, best - 1 : best + 2].astype(int)
+                assert of_sums.offset[y, x] == pytest.approx(_slopes(*three), abs=1e-6)
 
 
 def _slow_cost(left, right, engine: CensusSemiGlobal, shift: int, search: int) -> np.ndarray:

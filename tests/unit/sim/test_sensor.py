@@ -112,13 +112,13 @@ def test_presets_of_the_d4_family_have_its_matcher() -> None:
     of_pairs = sensor_edits.with_values(
         presets.load("d435"),
         [
-            ("matcher.refinement.fit_locking_px", -0.1),
             ("matcher.refinement.median_px", 0),
             ("matcher.refinement.smooth_px", 15),
             ("matcher.refinement.smooth_rows_px", 8),
             ("matcher.refinement.mean_quantum_px", 1 / 64),
             ("matcher.refinement.smooth_step_px", 4.0),
             ("matcher.engine.second_peak", 10.0),
+            ("matcher.engine.subpixel_fit", "equal_slopes"),
             ("matcher.checks.support_share", 0.525),
             ("matcher.checks.left_right_rows_px", 3),
             ("matcher.checks.jump_px", 1024.0),

@@ -81,12 +81,12 @@ def assert_equal(sensor: Sensor, depth_m: Image) -> Image:
         ("matcher.checks.speckle_count=2000", "matcher.checks.speckle_step_px=0.2"),
         ("matcher.refinement.smooth_px=0", "matcher.refinement.quantum_px=0.0"),
         ("matcher.refinement.mean_quantum_px=0.015625", "matcher.refinement.locking_px=0.03"),
-        ("matcher.refinement.fit_locking_px=-0.1", "matcher.refinement.smooth_rows_px=8"),
         ("matcher.checks.support_share=0.375", "matcher.checks.speckle_count=0"),
         ("matcher.checks.support_share=0.525", "matcher.checks.left_right_rows_px=3"),
         ("matcher.checks.support_share=0.6", "matcher.checks.support_step_px=0.5"),
         ("matcher.setting=oak",),
         ("matcher.engine.subpixel_fit=equal_slopes", "matcher.search_px=32"),
+        ("matcher.engine.subpixel_fit=equal_slopes_of_sums", "matcher.search_px=32"),
         ("matcher.checks.near_end=true", "matcher.search_px=32"),
     ],
 )
