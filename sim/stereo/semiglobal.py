@@ -226,7 +226,7 @@ def select(
         p1, p2: penalties in the unit of the cost.
         shift: smallest disparity [px].
         fit: sub-pixel fit; "equal_slopes_of_sums" fits a V to the summed path costs of the left
-            view, and a parabola to the support cost of the right view.
+            view. The right view then has a parabola.
     """
     h, w, search = shape
     winners = Winners(
