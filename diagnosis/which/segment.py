@@ -144,14 +144,14 @@ def screen_effects(
     if table.segment is Segment.DEPTH and not always and _no_feature_off(table, base):
         candidates = ()
     candidates = add_measured_values(candidates, table)
-    for candidate in candidates:
-        nodes = first_nodes(candidate)
-        for node in nodes[-1:] if candidate.is_further else nodes:
-            table.prefetch({candidate.name: node})
+    nodes = _select_nodes(candidates, table, track)
+    for name, values in nodes.items():
+        for value in values:
+            table.prefetch({name: value})
     signatures = tuple(
         signature
         for candidate in track(candidates, f"effects on the {table.segment.value}")
-        if (signature := _simulate_first_nodes(candidate, table)) is not None
+        if (signature := simulate_signature(candidate, table, nodes[candidate.name])) is not None
     )
     weight = feature_weights(signatures, base.deviation)
     folds = room_folds([scene.room for scene in table.scene_models])
@@ -165,17 +165,22 @@ def screen_effects(
     )
 
 
-def _simulate_first_nodes(candidate: Candidate, table: FeatureTable) -> Signature | None:
-    """Simulate a candidate at its first nodes.
+def _select_nodes(
+    candidates: Sequence[Candidate], table: FeatureTable, track: progress.Progress
+) -> dict[str, list[Value]]:
+    """Select the first nodes of each candidate, by name.
 
-    A further parameter of an effect that is off does nothing, so the last node suffices.
+    A further parameter of an effect that is off does nothing, so its last node suffices.
     """
-    nodes = first_nodes(candidate)
-    if candidate.is_further and nodes:
-        change = table.change({candidate.name: nodes[-1]})
+    nodes = {candidate.name: first_nodes(candidate) for candidate in candidates}
+    further = [each.name for each in candidates if each.is_further and nodes[each.name]]
+    for name in further:
+        table.prefetch({name: nodes[name][-1]})
+    for name in track(further, f"further parameters on the {table.segment.value}"):
+        change = table.change({name: nodes[name][-1]})
         if change is not None and not change.any():
-            nodes = nodes[-1:]
-    return simulate_signature(candidate, table, nodes)
+            nodes[name] = nodes[name][-1:]
+    return nodes
 
 
 def add_measured_values(candidates: Sequence[Candidate], table: FeatureTable) -> list[Candidate]:
