@@ -224,6 +224,7 @@ def main() -> None:
         for name, _, folder in (text.partition("=") for text in options.sets)
     }
     preset = next(iter(simulated.values()))
+    show = partial(report, seeds=options.seeds)
     print(
         "| depth | seen | AUC | other rooms | single | CPU [s] |\n" + "|---" * 6 + "|", flush=True
     )
@@ -231,8 +232,7 @@ def main() -> None:
         for kind in options.kinds:
             if options.null:
                 second = capture.open_set(options.null)
-                row = "two seeds", kind, preset, cells_of(kind, preset), second
-                report(*row, options.seeds)
+                show("two seeds", kind, preset, cells_of(kind, preset), second)
                 continue
             known = cells_of(kind, real)
             rows = nuisances(kind) if options.nuisances else models(real)
@@ -241,15 +241,15 @@ def main() -> None:
                     continue
                 out = Path(temporary) / f"{kind if options.nuisances else 'model'}-{number}"
                 second = capture.open_set(out) if out.exists() else write(row, real, preset, out)
-                report(name, kind, real, known, second, options.seeds)
+                show(name, kind, real, known, second)
             for name, captures in ({} if options.nuisances else simulated).items():
                 if name not in (options.rows or simulated):
                     continue
-                report(name, kind, real, known, captures, options.seeds)
+                show(name, kind, real, known, captures)
 
 
 def report(
-    name: str, kind: str, first: CaptureSet, known: Cells, second: CaptureSet, seeds: int
+    name: str, kind: str, first: CaptureSet, known: Cells, second: CaptureSet, *, seeds: int
 ) -> None:
     """Print one row."""
     print(f"| {name} | {kind} | {cell(kind, first, known, second, seeds)} |", flush=True)

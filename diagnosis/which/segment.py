@@ -173,7 +173,7 @@ def _select_nodes(
     A further parameter of an effect that is off does nothing, so its last node suffices.
     """
     nodes = {candidate.name: first_nodes(candidate) for candidate in candidates}
-    further = [each.name for each in candidates if each.is_further and nodes[each.name]]
+    further = [each.name for each in candidates if each.is_further]
     for name in further:
         table.prefetch({name: nodes[name][-1]})
     for name in track(further, f"further parameters on the {table.segment.value}"):

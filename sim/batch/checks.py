@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from starling.sim.batch import handoff
+from starling.sim.batch.refinement import rounded
 from starling.sim.reason import Reason
 from starling.sim.stereo.checks import LEAST_DARK, SUPPORT_PX, TEXTURE_PX
 from starling.sim.stereo.matching import CONSISTENT_PX, LEAST_WEIGHT
@@ -325,14 +326,6 @@ def reject_outside(
             reason[e, y, x] = _OUTSIDE
 
 
-@wp.func
-def _rounded(value: float, quantum: float) -> float:  # pragma: no cover - compiled
-    """Round to multiples of a quantum; 0 leaves the value."""
-    if quantum > 0.0:
-        return wp.rint(value / quantum) * quantum
-    return value
-
-
 @wp.kernel
 def settle(
     limits: Limits, accepted: wp.array3d(dtype=float), island: wp.array(dtype=int)
@@ -352,5 +345,5 @@ def settle(
         return
     if limits.locking != 0.0:
         value -= limits.locking * wp.sin(2.0 * wp.PI * (value - wp.rint(value)))
-    accepted[e, y, x] = _rounded(value, limits.quantum)
+    accepted[e, y, x] = rounded(value, limits.quantum)
     island[i] = i

@@ -78,6 +78,14 @@ def median(side: int) -> Any:
     return take_median
 
 
+@wp.func
+def rounded(value: float, quantum: float) -> float:  # pragma: no cover - compiled
+    """Round to multiples of a quantum; 0 leaves the value."""
+    if quantum > 0.0:
+        return wp.rint(value / quantum) * quantum
+    return value
+
+
 @wp.kernel
 def average(
     disparity: wp.array3d(dtype=float),
@@ -120,9 +128,6 @@ def average(
                 total += off * counts
                 count += counts
     if count > 0.0:
-        shift = total / count
-        if quantum > 0.0:
-            shift = wp.rint(shift / quantum) * quantum
-        centre += shift
+        centre += rounded(total / count, quantum)
     out[e, y, x] = centre
     gathered[e, y, x] = count

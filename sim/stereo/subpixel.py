@@ -81,7 +81,7 @@ def smooth(
     columns_px: int,
     rows_px: int,
     step_px: float,
-    quantum_px: float = 0.0,
+    quantum_px: float,
 ) -> NDArray[np.float32]:
     """Return the weighted mean over a window, of neighbours within `step_px` of the centre.
 
