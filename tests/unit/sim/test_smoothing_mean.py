@@ -13,7 +13,8 @@ def test_smoothing_keeps_jumps_planes_and_holes():
     plane = np.tile(np.arange(60, dtype=np.float32) * 0.1, (40, 1))
     plane[:, 30:] += 20
     plane[10, 10] = np.nan
-    out = subpixel.smooth(plane, np.ones_like(plane), columns_px=9, rows_px=9, step_px=2.0)
+    window = {"columns_px": 9, "rows_px": 9, "step_px": 2.0, "quantum_px": 0.0}
+    out = subpixel.smooth(plane, np.ones_like(plane), **window)
     assert np.isnan(out[10, 10])
     np.testing.assert_allclose(out[:, 36:54], plane[:, 36:54], atol=1e-4)
     assert np.nanmax(np.abs(out - plane)) < 0.3
@@ -24,7 +25,7 @@ def test_smoothing_counts_by_weight():
     uneven[10, 10] = 8
     sure = np.ones_like(uneven)
     sure[10, 10] = 0
-    window = {"columns_px": 5, "rows_px": 5, "step_px": 2.0}
+    window = {"columns_px": 5, "rows_px": 5, "step_px": 2.0, "quantum_px": 0.0}
     assert subpixel.smooth(uneven, sure, **window)[10, 10] == 7
     nobody = np.zeros_like(uneven)
     remaining = subpixel.smooth(uneven, nobody, **window)
