@@ -124,14 +124,16 @@ def _remainders(diagnosis: Diagnosis) -> Iterator[Item]:
             ends = f" (95 %: {100 * left.interval[0]:.0f} to {100 * left.interval[1]:.0f})"
         where = sentences.SEGMENTS[name]
         place = diagnosis.places.get(name)
-        size = f"Unexplained in {where}: {100 * left.share:.0f} %{ends} of the gap."
+        size = [f"Unexplained in {where}: {100 * left.share:.0f} %{ends} of the gap."]
         if not diagnosis.settings.keys() & segment.settings.keys():
-            size = f"No effect is reported in {where}, so all of its gap counts as unexplained."
+            size = [f"No effect is reported in {where}, so all of its gap counts as unexplained."]
+        elif segment.unexplained:
+            size.append("An unknown cause may therefore imitate the reported effects.")
         if not left.notable:
-            yield [size]
+            yield size
             continue
         yield [
-            size,
+            *size,
             *_shows_in("", segment.lead),
             *_shows_in(" differently in each scene", segment.varying),
             *(_place(place) if place is not None else ()),

@@ -35,6 +35,8 @@ _LABELS = {
     "unknown_recall_family": "unknown effect: recall, left out with its family alone",
     "unknown_false": "none to two effects: reported as unknown",
     "unknown_false_effects": "one or two effects: reported as unknown",
+    "remainder_recall": "unknown effect: a gap is reported that no known effect explains",
+    "remainder_false": "none to two effects: a gap is reported that no known effect explains",
     "closed_pct": "one or two effects: closable gap closed in held-out scenes, median [%]",
     "closed_not_identifiable": "one or two effects: named, gap reduction not identifiable",
 }

@@ -87,18 +87,10 @@ class Verdict:
         top = self.top_effect
         return None if top is None else self.closed_pct.get(_HEADLINE + top.segment)
 
-    def by_remainder(self) -> Verdict:
-        """Return the verdict by the earlier rule.
-
-        There, all effects are surrogates if any segment has an unexplained residual, else none.
-        """
-        if self.kind == "cannot tell":
-            return self
-        effects = tuple(dataclasses.replace(effect, surrogate=False) for effect in self.effects)
-        kind: Kind = "effects" if effects else "no gap"
-        if any(self.unexplained.values()):
-            kind = "none of the known"
-        return dataclasses.replace(self, kind=kind, effects=effects)
+    @property
+    def leaves_gap(self) -> bool:
+        """Whether it reports a gap that no known effect explains, with or without named effects."""
+        return self.kind == "none of the known" or any(self.unexplained.values())
 
     def restricted_to(self, segment: SegmentName) -> Verdict:
         """Return the verdict on one pipeline segment alone.

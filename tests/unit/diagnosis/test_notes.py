@@ -324,6 +324,15 @@ def test_an_effect_is_reported_with_a_remainder():
     assert result["which"]["depth"]["remainder"] is None
 
 
+@pytest.mark.parametrize(("size", "warns"), [(0.0, False), (3.0, True)])
+def test_a_gap_beyond_the_explained_size_may_have_an_unknown_cause(size: float, warns: bool):
+    search = dataclasses.replace(NAMED, unexplained=np.full_like(NAMED.unexplained, size))
+    left = {"image": Remainder(share=0.35, interval=None)}
+    each = diagnosis(segments=(segment_result(search),), remainders=left)
+    (item,) = notes.note_lists(each)["Unexplained remainder"]
+    assert ("An unknown cause may therefore imitate the reported effects." in item) is warns
+
+
 def test_each_list_of_the_page_has_its_title():
     surrogates = surrogate("rival", remainders={"image": Remainder(share=1.0, interval=None)})
     text = Reader(page(dataclasses.replace(surrogates, limits=("One frame.",)))).text

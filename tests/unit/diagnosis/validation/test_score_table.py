@@ -66,6 +66,8 @@ def test_every_score_has_its_own_line(camera: Nominal) -> None:
         ("unknown_recall_family", "unknown effect: recall, left out with its family alone"),
         ("unknown_false", "none to two effects: reported as unknown"),
         ("unknown_false_effects", "one or two effects: reported as unknown"),
+        ("remainder_recall", "unknown effect: a gap is reported that no known effect explains"),
+        ("remainder_false", "none to two effects: a gap is reported that no known effect explains"),
         ("closed_not_identifiable", "one or two effects: named, gap reduction not identifiable"),
     ):
         assert labels[name].startswith(start), name

@@ -50,17 +50,18 @@ def test_surrogate_effects_are_not_named() -> None:
     assert [effect.name for effect in verdict.from_table(both).named] == ["roll"]
 
 
-def test_by_the_earlier_rule_a_remainder_makes_all_effects_surrogates() -> None:
-    read = verdict.from_table(
-        make_verdict("effects", make_effect("veil", surrogate=True), make_effect("roll"))
-    )
-    assert [effect.name for effect in read.by_remainder().named] == ["veil", "roll"]
+@pytest.mark.parametrize(("beyond", "leaves"), [(0.99, False), (1.01, True)])
+def test_a_verdict_with_a_named_effect_may_leave_a_gap(beyond: float, leaves: bool) -> None:
     table = make_verdict("effects", make_effect("roll"))
-    table["left"]["depth"]["beyond"] = 1.2
+    table["left"]["depth"] = {"beyond": beyond, "below": 1.0}
     read = verdict.from_table(table)
-    assert read.answer == "roll" and read.by_remainder().answer == "none of the known"
-    untold = verdict.from_table(make_verdict("cannot tell"))
-    assert untold.by_remainder() is untold
+    assert read.answer == "roll" and read.leaves_gap is leaves
+
+
+def test_only_a_verdict_of_an_unknown_effect_leaves_a_gap_by_its_kind() -> None:
+    kinds = ("none of the known", "no gap", "cannot tell")
+    leaving = [verdict.from_table(make_verdict(kind)).leaves_gap for kind in kinds]
+    assert leaving == [True, False, False]
 
 
 def test_headline_is_that_of_the_segment_of_the_top_effect() -> None:
