@@ -3,8 +3,8 @@ r"""Judge common noise models, SAPIEN's matcher, our matcher and the preset agai
 Rows: noise on the scanner's surface, SAPIEN's matcher on simulated images, our matcher on the real
 images, and simulated captures. Parameters of noise were fitted in five rooms (`noise_models.py`).
 With `--nuisances`, known changes of the real depth instead: they state what the judge notices.
-With `--seeds`, several judges learn, each by other groups of rooms; the area is that of their mean
-score. *Single* is the mean area of one judge, with its deviation over seeds.
+With `--judges`, several judges learn, each by other groups of rooms; the area is that of their mean
+score. *Single* is the mean area of one judge, with its deviation over judges.
 Captures: `d415-faro` in the folder $STARLING_CAPTURES.
 
 Usage:
@@ -28,7 +28,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import torch
 from noise_models import FITTED_ROOMS
 from noise_rules import QUANTUM_PX, Image, Surface, edges, edges_and_shadow, gaussian, handa, nguyen
 from numpy.typing import NDArray
@@ -158,7 +157,7 @@ def write(row: Row, real: CaptureSet, sim: CaptureSet, out: Path) -> CaptureSet:
     return capture.open_set(out)
 
 
-def cell(kind: str, first: CaptureSet, known: Cells, second: CaptureSet, seeds: int) -> str:
+def cell(kind: str, first: CaptureSet, known: Cells, second: CaptureSet, judges: int) -> str:
     """Judge two sets and format the area, its interval, that of other rooms, and of one judge."""
     start_s = time.process_time()
     scenes = {scene.name: scene for scene in second.scenes}
@@ -166,17 +165,12 @@ def cell(kind: str, first: CaptureSet, known: Cells, second: CaptureSet, seeds: 
         pair(scene, known[scene.name], scenes[scene.name], read(kind, scenes[scene.name]))
         for scene in first.scenes
     ]
-    judged = [judge(pairs, seed=seed) for seed in range(seeds)]
-    single = [pooled_auc(room_scores(scenes)) for scenes in judged]
-    mean = [
-        replace(same[0], scores=torch.stack([each.scores for each in same]).mean(0))
-        for same in zip(*judged, strict=True)
-    ]
-    rooms = room_scores(mean)
+    judged = judge(pairs, judges=judges)
+    rooms = room_scores(judged.scenes)
     low, high = interval(rooms, 0)
     others = [room for room in rooms if room.room not in FITTED_ROOMS]
     text = f"{pooled_auc(rooms):.3f} [{low:.3f}, {high:.3f}] | {pooled_auc(others):.3f}"
-    text += f" | {np.mean(single):.3f} +- {np.std(single, ddof=seeds > 1):.3f}"
+    text += f" | {np.mean(judged.areas):.3f} +- {np.std(judged.areas, ddof=judges > 1):.3f}"
     return f"{text} | {time.process_time() - start_s:.0f}"
 
 
@@ -213,7 +207,7 @@ def main() -> None:
     parser.add_argument("--null", type=Path, help="the preset with another seed")
     parser.add_argument("--kinds", nargs="+", default=["holes", "depth"])
     parser.add_argument("--rows", nargs="*", help="all if none")
-    parser.add_argument("--seeds", type=int, default=1, help="number of judges")
+    parser.add_argument("--judges", type=int, default=1)
     options = parser.parse_args()
     path = Path(os.environ.get("STARLING_CAPTURES", "")) / "d415-faro"
     if not path.is_dir():
@@ -224,7 +218,7 @@ def main() -> None:
         for name, _, folder in (text.partition("=") for text in options.sets)
     }
     preset = next(iter(simulated.values()))
-    show = partial(report, seeds=options.seeds)
+    show = partial(report, judges=options.judges)
     print(
         "| depth | seen | AUC | other rooms | single | CPU [s] |\n" + "|---" * 6 + "|", flush=True
     )
@@ -249,10 +243,10 @@ def main() -> None:
 
 
 def report(
-    name: str, kind: str, first: CaptureSet, known: Cells, second: CaptureSet, *, seeds: int
+    name: str, kind: str, first: CaptureSet, known: Cells, second: CaptureSet, *, judges: int
 ) -> None:
     """Print one row."""
-    print(f"| {name} | {kind} | {cell(kind, first, known, second, seeds)} |", flush=True)
+    print(f"| {name} | {kind} | {cell(kind, first, known, second, judges)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -76,6 +76,7 @@ class EvaluationPlan:
     start: tuple[Path, ...] = ()  # Trained models as initial weights of the same methods.
     icp: int = 0  # Trials per object of the case study (`starling.learning.icp`); 0 omits it.
     judge: bool = False  # Judge drawn holes against the device's.
+    judges: int = 1  # Number of judges, whose mean scores count.
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -168,7 +169,9 @@ def evaluate_captures(
         scores = {name: evaluate.scores(scenes) for name, scenes in predictions.items()}
         figures = evaluate.figures(scores, seed=plan.seed)
         if plan.judge:
-            judged = judge_methods(predictions, tested, held_out, seed=plan.seed, track=track)
+            judged = judge_methods(
+                predictions, tested, held_out, judges=plan.judges, seed=plan.seed, track=track
+            )
             for name, score in judged.items():
                 figures["methods"][name]["judge"] = score
         figures["icp"] = {}

@@ -12,7 +12,7 @@ import numpy as np
 from starling.learning.evaluation.evaluate import HolePrediction
 from starling.learning.judge import pictures, samples
 from starling.learning.judge.figures import summary
-from starling.learning.judge.judge import JudgedScene, judge, room_scores
+from starling.learning.judge.judge import JudgedScene, Judgement, judge, room_scores
 from starling.learning.judge.samples import pairs
 from starling.learning.sampling import sampling
 from starling.sim.captures.capture import CaptureSet, Frame
@@ -28,6 +28,7 @@ def compare_and_judge(
     kinds: Sequence[str],
     out: Path | None = None,
     *,
+    judges: int = 1,
     seed: int = 0,
     force: bool = False,
     track: progress.Progress = progress.silent,
@@ -39,6 +40,7 @@ def compare_and_judge(
         sim: simulated captures of the same scenes.
         kinds: see `judge_captures`.
         out: folder for record and pictures; None writes nothing.
+        judges: see `judge_captures`.
         seed: see `judge_captures`.
         force: replace an earlier folder.
         track: wraps the long loops.
@@ -52,14 +54,23 @@ def compare_and_judge(
     """
     if out is None:
         figures = compare(real, sim, track=track)
-        return figures | {"judge": judge_captures(real, sim, kinds, seed=seed, track=track)}
+        judged = judge_captures(real, sim, kinds, judges=judges, seed=seed, track=track)
+        return figures | {"judge": judged}
     for source in (real, sim):
         output.refuse_own_input(out, source.path)
     with OutputFolder(out, force=force) as folder:
         figures = compare(real, sim, track=track)
-        judged = judge_captures(real, sim, kinds, seed=seed, track=track, folder=folder)
+        judged = judge_captures(
+            real, sim, kinds, judges=judges, seed=seed, track=track, folder=folder
+        )
         result = figures | {"judge": judged}
-        arguments = {"real": real.path, "sim": sim.path, "kinds": list(kinds), "seed": seed}
+        arguments = {
+            "real": real.path,
+            "sim": sim.path,
+            "kinds": list(kinds),
+            "judges": judges,
+            "seed": seed,
+        }
         folder.write(output.RECORD, record.of_run("compare", arguments, result))
     return result | {"out": str(out)}
 
@@ -69,6 +80,7 @@ def judge_captures(
     sim: CaptureSet,
     kinds: Sequence[str],
     *,
+    judges: int = 1,
     seed: int = 0,
     track: progress.Progress = progress.silent,
     folder: Folder | None = None,
@@ -79,25 +91,35 @@ def judge_captures(
         real: captures of a device.
         sim: simulated captures of the same scenes.
         kinds: `depth`, `holes`, `infrared`.
+        judges: number of judges, whose mean scores count.
         seed: seed of folds, weights and draws.
         track: wraps the long loops.
         folder: gets the pictures of each kind.
 
     Returns:
-        By kind: `{"auc", "interval", "p_value", "rooms": {ROOM: auc}, "windows", "seconds"}`.
+        By kind: `{"auc", "interval", "p_value", "rooms": {ROOM: auc}, "windows", "single",
+        "seconds"}`. `single` is `{"mean", "deviation"}` of the areas of single judges.
 
     Raises:
-        InputError: if there are fewer than three rooms, sizes differ, or images are missing.
+        InputError: if there are fewer than three rooms, no judge, sizes differ, or images are
+            missing.
     """
     result: dict[str, dict[str, Any]] = {}
     for kind in kinds:
         start_s = time.perf_counter()
-        judged = judge(pairs(kind, real, sim, track=track), seed=seed, track=track)
-        result[kind] = summary(room_scores(judged), seed)
+        matched = pairs(kind, real, sim, track=track)
+        judged = judge(matched, judges=judges, seed=seed, track=track)
+        result[kind] = _figures(judged, seed)
         if folder is not None:
-            _draw(kind, judged, real, sim, folder)
+            _draw(kind, judged.scenes, real, sim, folder)
         result[kind]["seconds"] = time.perf_counter() - start_s
     return result
+
+
+def _figures(judged: Judgement, seed: int) -> dict[str, Any]:
+    deviation = float(np.std(judged.areas, ddof=1)) if len(judged.areas) > 1 else None
+    single = {"mean": float(np.mean(judged.areas)), "deviation": deviation}
+    return {**summary(room_scores(judged.scenes), seed), "single": single}
 
 
 def judge_methods(
@@ -105,6 +127,7 @@ def judge_methods(
     captures: CaptureSet,
     rooms: Sequence[str],
     *,
+    judges: int = 1,
     seed: int = 0,
     track: progress.Progress = progress.silent,
 ) -> dict[str, dict[str, Any]]:
@@ -114,6 +137,7 @@ def judge_methods(
         predictions: probabilities of the same held-out scenes, by method.
         captures: set of these scenes.
         rooms: held-out rooms.
+        judges: as in `judge_captures`.
         seed: seed of the holes, and as in `judge_captures`.
         track: wraps the long loops.
 
@@ -133,7 +157,7 @@ def judge_methods(
             real = scenes[each.example.scene]
             cells = samples.statistics("holes", _drawn(method, each, seed), real.info)
             drawn.append(samples.pair(real, known[real.name], real, cells))
-        figures = summary(room_scores(judge(drawn, seed=seed, track=track)), seed)
+        figures = _figures(judge(drawn, judges=judges, seed=seed, track=track), seed)
         result[method] = {"holes": {**figures, "seconds": time.perf_counter() - start_s}}
     return result
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from starling.learning.judge.figures import RoomScores
+from starling.learning.judge.figures import RoomScores, pooled_auc
 from starling.learning.judge.samples import ScenePair, counted_windows
 from starling.learning.judge.training import JudgeSettings, scores, trained
 from starling.patterns import errors
@@ -66,20 +66,49 @@ class JudgedScene:
     scores: Tensor  # (2 sides, rows, columns)
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Judgement:
+    """Scores of several judges, which differ by the groups of rooms and by the initial weights."""
+
+    scenes: list[JudgedScene]  # Mean scores.
+    areas: tuple[float, ...]  # Area under the ROC curve of each judge.
+
+
 def judge(
     pairs: Sequence[ScenePair],
     *,
+    judges: int = 1,
     settings: JudgeSettings | None = None,
     seed: int = 0,
     track: progress.Progress = progress.silent,
-) -> list[JudgedScene]:
-    """Score every scene by a network that learned from other rooms.
+) -> Judgement:
+    """Score every scene by networks that learned from other rooms.
+
+    Args:
+        pairs: scenes of at least three rooms.
+        judges: number of judges. A single one varies with its seed.
+        settings: settings of the training.
+        seed: seed of the first judge; the others have the following ones.
+        track: wraps the long loops.
 
     Raises:
-        InputError: if there are fewer than three rooms.
+        InputError: if there are fewer than three rooms, or no judge.
     """
-    result: dict[str, JudgedScene] = {}
+    errors.whole_number("judges", judges, 1, 100, "Five show how much a single one varies.")
     settings = settings or JudgeSettings()
+    verdicts = [_judge_once(pairs, settings, seed + number, track) for number in range(judges)]
+    mean = [
+        replace(same[0], scores=torch.stack([each.scores for each in same]).mean(dim=0))
+        for same in zip(*verdicts, strict=True)
+    ]
+    areas = tuple(pooled_auc(room_scores(scenes)) for scenes in verdicts)
+    return Judgement(scenes=mean, areas=areas)
+
+
+def _judge_once(
+    pairs: Sequence[ScenePair], settings: JudgeSettings, seed: int, track: progress.Progress
+) -> list[JudgedScene]:
+    result: dict[str, JudgedScene] = {}
     with _one_thread():
         for fold in track(folds([pair.room for pair in pairs], seed), "judge"):
             parts = [

@@ -47,14 +47,14 @@ def _rooms(excess: float, count: int = 8, windows: int = 30) -> list[RoomScores]
 
 
 def test_a_difference_is_found_in_every_unseen_room():
-    figures = summary(room_scores(judge(_pairs(0.1), settings=SETTINGS)), seed=0)
+    figures = summary(room_scores(judge(_pairs(0.1), settings=SETTINGS).scenes), seed=0)
     assert figures["auc"] > 0.99
     assert all(area > 0.95 for area in figures["rooms"].values())
     assert figures["windows"] == 6 * len(ROOMS)
 
 
 def test_equal_distributions_cannot_be_told_apart():
-    rooms = room_scores(judge(_pairs(0.0), settings=SETTINGS))
+    rooms = room_scores(judge(_pairs(0.0), settings=SETTINGS).scenes)
     low, high = interval(rooms, 0)
     assert low < 0.5 < high
     assert p_value(rooms, 0) > 0.05
@@ -62,17 +62,26 @@ def test_equal_distributions_cannot_be_told_apart():
 
 def test_a_set_has_no_difference_from_itself():
     pairs = [replace(pair, cells=pair.cells[[0, 0]]) for pair in _pairs(0.0)]
-    figures = summary(room_scores(judge(pairs, settings=SETTINGS)), seed=0)
+    figures = summary(room_scores(judge(pairs, settings=SETTINGS).scenes), seed=0)
     assert figures["auc"] == 0.5
     assert figures["p_value"] == 1
 
 
 def test_results_depend_on_the_seed_alone():
     first, again, changed = (
-        judge(_pairs(0.0), settings=SETTINGS, seed=seed)[0].scores for seed in (1, 1, 2)
+        judge(_pairs(0.0), settings=SETTINGS, seed=seed).scenes[0].scores for seed in (1, 1, 2)
     )
     assert torch.equal(first, again)
     assert not torch.equal(first, changed)
+
+
+def test_several_judges_give_their_mean_score_and_each_area():
+    first, second = (judge(_pairs(0.1), settings=SETTINGS, seed=seed) for seed in (1, 2))
+    both = judge(_pairs(0.1), settings=SETTINGS, seed=1, judges=2)
+    assert both.areas == (*first.areas, *second.areas)
+    for mean, one, other in zip(both.scenes, first.scenes, second.scenes, strict=True):
+        expected = (one.scores + other.scores) / 2
+        torch.testing.assert_close(mean.scores, expected, equal_nan=True)
 
 
 def test_torch_keeps_its_threads_and_random_numbers():
@@ -129,7 +138,7 @@ def test_hidden_cells_do_not_count():
     shown = torch.ones(2, 1, *SHAPE)
     shown[..., 6:] = 0  # Two of three columns of windows.
     hidden = [replace(pair, cells=pair.cells * shown, shown=shown) for pair in pairs]
-    judged = judge(hidden, settings=SETTINGS)
+    judged = judge(hidden, settings=SETTINGS).scenes
     assert all(torch.isnan(scene.scores[..., 1:]).all() for scene in judged)
     figures = summary(room_scores(judged), seed=0)
     assert figures["windows"] == 2 * len(ROOMS)

@@ -69,8 +69,9 @@ def test_the_judge_reports_each_kind_and_draws_it(real, sim, tmp_path, capsys):
     assert result["metrics"]["ndp_rate"]["gap"] > 0.05
     assert list(result["judge"]) == ["depth", "holes", "infrared"]
     for figures in result["judge"].values():
-        keys = {"auc", "interval", "p_value", "rooms", "windows", "seconds"}
+        keys = {"auc", "interval", "p_value", "rooms", "windows", "single", "seconds"}
         assert set(figures) == keys
+        assert figures["single"] == {"mean": figures["auc"], "deviation": None}
         assert set(figures["rooms"]) == set(ROOMS) and figures["windows"] == 2 * len(ROOMS)
     assert result["judge"]["holes"]["auc"] > 0.9
     for kind in result["judge"]:
@@ -82,17 +83,20 @@ def test_the_judge_reports_each_kind_and_draws_it(real, sim, tmp_path, capsys):
     assert "--force" in _refused(*arguments, capsys=capsys)
 
 
-def test_one_kind_without_pictures(real, sim, capsys):
-    arguments = ("compare", real, sim, "--judge", "--judge-kinds", "holes", "--json")
-    code, message, _ = _run(*arguments, capsys=capsys)
+def test_one_kind_by_two_judges_without_pictures(real, sim, capsys):
+    arguments = ("compare", real, sim, "--judge", "--judge-kinds", "holes", "--judges", "2")
+    code, message, _ = _run(*arguments, "--json", capsys=capsys)
     result = json.loads(message)
     assert code == 0 and list(result["judge"]) == ["holes"] and "out" not in result
+    single = result["judge"]["holes"]["single"]
+    assert single["mean"] > 0.9 and single["deviation"] >= 0
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("--methods", "physics", "--judge"), "judge must come with simulated captures"),
+        (("sim", "--judge", "--judges", "0"), "judges must be an integer in [1, 100]; got 0"),
         (("sim", "--out", "out"), "out must come with methods or judge"),
         (("sim", "--judge", "--out", "real"), "out must lie outside its input"),
     ],
