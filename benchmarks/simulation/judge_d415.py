@@ -10,6 +10,7 @@ Captures: `d415-faro` in the folder $STARLING_CAPTURES.
 Usage:
     starling simulate $STARLING_CAPTURES/d415-faro --sensor d415 --out OUT/preset
     python benchmarks/simulation/judge_d415.py preset=OUT/preset [NAME=FOLDER ...]
+    python benchmarks/simulation/judge_d415.py preset=OUT/preset --rows preset --judges 5
     python benchmarks/simulation/judge_d415.py preset=OUT/preset --nuisances
     python benchmarks/simulation/judge_d415.py preset=OUT/preset --null OUT/seed-1
 """
@@ -170,7 +171,8 @@ def cell(kind: str, first: CaptureSet, known: Cells, second: CaptureSet, judges:
     low, high = interval(rooms, 0)
     others = [room for room in rooms if room.room not in FITTED_ROOMS]
     text = f"{pooled_auc(rooms):.3f} [{low:.3f}, {high:.3f}] | {pooled_auc(others):.3f}"
-    text += f" | {np.mean(judged.areas):.3f} +- {np.std(judged.areas, ddof=judges > 1):.3f}"
+    text += f" | {np.mean(judged.areas):.3f}"
+    text += f" +- {np.std(judged.areas, ddof=1):.3f}" if judges > 1 else ""
     return f"{text} | {time.process_time() - start_s:.0f}"
 
 

@@ -20,6 +20,7 @@ from starling.learning.evaluation import evaluate, pictures
 from starling.learning.evaluation.evaluate import HolePrediction
 from starling.learning.evaluation.metrics import probability_code, probability_of_code
 from starling.learning.icp import case_study
+from starling.learning.judge.judge import refuse_judges
 from starling.learning.method import Method, Predictor
 from starling.patterns import errors
 from starling.patterns.errors import refuse, whole_number
@@ -64,7 +65,8 @@ class EvaluationPlan:
     """Settings of an evaluation.
 
     Raises:
-        InputError: if `icp` is 1 or negative: a variance needs two trials.
+        InputError: if `icp` is 1 or negative: a variance needs two trials. Also if `judges` is not
+            1 to 100.
     """
 
     methods: tuple[str, ...]  # Trained for each held-out room on other rooms.
@@ -82,6 +84,7 @@ class EvaluationPlan:
     def __post_init__(self) -> None:
         if self.icp:
             whole_number("icp", self.icp, 2, 10**6, "Give a number of trials, or 0.")
+        refuse_judges(self.judges)
 
 
 def evaluate_captures(

@@ -219,7 +219,7 @@ def compare(
             that they did not learn from is reported; 0.5 = indistinguishable.
         judge_kinds: what the networks see: depth with holes, holes alone, infrared pairs.
         judges: number of judges, whose mean scores count. The AUC of one varies with its seed by
-            0.01 to 0.05; that of five is larger and steadier.
+            0.01 to 0.05; that of five was larger.
         seed: seed of the drawn holes, and of the judge.
         force: replace earlier results.
     """

@@ -66,6 +66,11 @@ class JudgedScene:
     scores: Tensor  # (2 sides, rows, columns)
 
 
+def refuse_judges(judges: int) -> None:
+    """Refuse a number of judges outside 1 to 100."""
+    errors.whole_number("judges", judges, 1, 100, "Give 1, or 5 for a steadier figure.")
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Judgement:
     """Scores of several judges, which differ by the groups of rooms and by the initial weights."""
@@ -86,15 +91,16 @@ def judge(
 
     Args:
         pairs: scenes of at least three rooms.
-        judges: number of judges. A single one varies with its seed.
+        judges: number of judges, 1 to 100. A single one varies with its seed.
         settings: settings of the training.
-        seed: seed of the first judge; the others have the following ones.
+        seed: seed of the first judge; the others have the following ones. Independent runs need
+            seeds that are at least `judges` apart.
         track: wraps the long loops.
 
     Raises:
         InputError: if there are fewer than three rooms, or no judge.
     """
-    errors.whole_number("judges", judges, 1, 100, "Five show how much a single one varies.")
+    refuse_judges(judges)
     settings = settings or JudgeSettings()
     verdicts = [_judge_once(pairs, settings, seed + number, track) for number in range(judges)]
     mean = [

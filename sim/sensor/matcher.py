@@ -85,7 +85,8 @@ class CensusSemiGlobal:
     Brightness is in DN of an 8-bit image at any bit depth.
 
     The sub-pixel fit is a parabola or a V of equal slopes through the averaged cost, or a V through
-    the sums of the scanlines. A parabola pulls a cost whose sides are straight to whole pixels.
+    the sums of the scanlines. Where costs rise linearly, the vertex of a parabola is too near a
+    whole pixel.
 
     Source: Mei et al. 2011, AD-Census; Hirschmueller 2008, SGM; Shimizu and Okutomi 2005, fits.
     """
@@ -143,7 +144,7 @@ class Refinement:
     smooth_px: int = 0  # Width of the jump-preserving mean, odd or 0.
     smooth_rows_px: int = 31  # Largest height of that window; at most its width.
     smooth_step_px: float = 2.0  # Neighbours with a larger difference are excluded [px].
-    mean_quantum_px: float = 0.0  # Step of a pixel's shift by the mean [px]; 0 = no rounding.
+    mean_quantum_px: float = 0.0  # Step of the mean's shift along columns [px]; 0 = no rounding.
     locking_px: float = 0.0  # Amplitude of pixel locking, which has a period of 1 px [px].
     quantum_px: float = 0.0  # Disparity step of the output [px]; 0 = no rounding.
 

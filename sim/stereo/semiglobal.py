@@ -44,8 +44,8 @@ class Winners(NamedTuple):
     """Result of the selection, each (h, w)."""
 
     best: NDArray[np.int16]  # Index of the best disparity in the search, 0 ... search - 1.
-    offset: NDArray[np.float32]  # Sub-pixel part from the support cost, in [-1, 1] px.
-    bend: NDArray[np.float32]  # Curvature of the support cost at the winner.
+    offset: NDArray[np.float32]  # Sub-pixel part from the fitted cost, in [-1, 1] px.
+    bend: NDArray[np.float32]  # Curvature of the fitted cost at the winner.
     right_best: NDArray[np.int16]  # Best index of the right view, -1 without a match.
     right_offset: NDArray[np.float32]  # Sub-pixel part of the right view, along the diagonal.
     margin_pct: NDArray[np.float32]  # Excess cost of the second best [percent of the best].

@@ -93,7 +93,7 @@ def smooth(
         columns_px: width of the window, odd [px].
         rows_px: its height [px]; an even one has one row more above the centre than below.
         step_px: neighbours with a larger difference are left out [px].
-        quantum_px: step of the quotient along columns, a pixel's shift by its mean [px]; 0 is none.
+        quantum_px: step of the shift by the mean along columns [px]; 0 is none.
     """
     h, w = disparity_px.shape
     out = np.empty((h, w), np.float32)

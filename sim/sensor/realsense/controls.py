@@ -97,8 +97,8 @@ WITHOUT_COUNTERPART = {  # Controls without effect on the sensor, with the reaso
         ("param-scanlinep1onediscon", "param-scanlinep1twodiscon", "param-scanlinep2onediscon",
          "param-scanlinep2twodiscon"), _MODS,
     ),
-    "param-amplitude-factor": "it corrects a pull to whole pixels that is not in the preset; what "
-    "remains of yours goes into the effect pixel_locking",
+    "param-amplitude-factor": "it corrects a pull to whole pixels; what remains of yours goes into "
+    "the effect pixel_locking",
     "param-disparitymode": "our output is depth",
     "aux-param-disparitymultiplier": "librealsense ignores it too",
     "result": "librealsense ignores it too",

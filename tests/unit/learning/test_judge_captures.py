@@ -88,8 +88,14 @@ def test_one_kind_by_two_judges_without_pictures(real, sim, capsys):
     code, message, _ = _run(*arguments, "--json", capsys=capsys)
     result = json.loads(message)
     assert code == 0 and list(result["judge"]) == ["holes"] and "out" not in result
+    sets = capture.open_set(real), capture.open_set(sim)
+    first, second = (
+        judge_captures.judge_captures(*sets, ["holes"], seed=seed)["holes"]["auc"]
+        for seed in (0, 1)
+    )
     single = result["judge"]["holes"]["single"]
-    assert single["mean"] > 0.9 and single["deviation"] >= 0
+    assert single["mean"] == pytest.approx((first + second) / 2)
+    assert single["deviation"] == pytest.approx(abs(first - second) / 2**0.5)
 
 
 @pytest.mark.parametrize(
@@ -156,12 +162,13 @@ def test_evaluate_judges_the_holes_of_each_method(real, tmp_path, capsys):
         cv2.imwrite(str(real / room / "truth.png"), np.full(SHAPE, 1000, np.uint16))
     out = tmp_path / "out"
     arguments = ("evaluate", real, "--methods", "perfect", "simple", "--out", out, "--json")
-    code, message, _ = _run(*arguments, "--judge", capsys=capsys)
+    code, message, _ = _run(*arguments, "--judge", "--judges", "2", capsys=capsys)
     assert code == 0
     methods = json.loads(message)["methods"]
     for figures in methods.values():
         assert list(figures["judge"]) == ["holes"]
         assert figures["judge"]["holes"]["windows"] == 2 * len(ROOMS)
+        assert figures["judge"]["holes"]["single"]["deviation"] is not None
     assert methods["perfect"]["judge"]["holes"]["auc"] == 1
     assert (
         "judge"

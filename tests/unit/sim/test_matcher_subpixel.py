@@ -106,13 +106,15 @@ def test_disparities_come_in_steps_and_move_by_half_a_step_at_most(slanted, quan
     assert len(np.unique(steps)) >= 3 / quantum
 
 
-def test_the_mean_shifts_pixels_by_whole_steps():
-    """Along columns, a pixel moves by the rounded mean of the differences to its neighbours."""
-    column = np.array([5.0, 5.3, 4.9, 5.2, 5.7], np.float32)[:, None]
+def test_the_mean_along_columns_shifts_by_whole_steps():
+    """The mean along rows is not rounded."""
+    disparity = np.random.default_rng(0).uniform(5, 5.9, (5, 5)).astype(np.float32)
     setting = Refinement(smooth_px=3, smooth_rows_px=3, mean_quantum_px=1 / 8)
-    shift = np.array([0.15, -0.7 / 3, 0.7 / 3, 0.2 / 3, -0.25])
-    shifted = column[:, 0] + np.rint(shift * 8) / 8
-    np.testing.assert_allclose(subpixel.refine(column, setting)[:, 0], shifted, atol=1e-6)
+    near = [slice(max(place - 1, 0), place + 2) for place in range(5)]
+    across = np.stack([disparity[:, part].mean(axis=1) for part in near], axis=1)
+    shift = np.stack([across[part].mean(axis=0) for part in near]) - across
+    expected = across + np.rint(8 * shift) / 8
+    np.testing.assert_allclose(subpixel.refine(disparity, setting), expected, atol=1e-6)
 
 
 @given(offset=st.floats(-0.5, 0.5), rise=st.integers(50, 1000))
