@@ -12,6 +12,7 @@ Figures are means over scenes, right of column 128 and after rounding to the dev
 - `small`, `pins`: holes of less than 30 px, of at most 3 px. `isles`: pieces of depth below 30 px.
 - `ragged`: pixels that a median of 5x5 px of the holes changes, per pixel of their outline.
 - `holes`: pixels without depth [%]. `away`: the same, at least 2 px from the scanner's edges.
+  `away_t`: the same where 8-bit codes hold texture.
 - `band`: pieces of depth in the first 128 columns that do not reach column 128.
 - `steps`, `jumps`: pairs of neighbours that differ by 0.5 to 2 px, by more.
 - `bad1`: pixels off by more than 1 px from the scanner, away from its edges [%]. `textured`: the
@@ -106,6 +107,7 @@ def error_figures(scene: Scene, disparity_px: NDArray) -> dict[str, float]:
     shared = (ours & wide[1]).sum() + (theirs & wide[0]).sum()
     return {
         "away": 100 * np.isnan(disparity_px[scored]).mean(),
+        "away_t": 100 * np.isnan(disparity_px[scored & textured]).mean(),
         "bad1": 100 * (np.abs(error[valid]) > 1).mean(),
         "textured": 100 * (np.abs(error[valid & textured]) > 1).mean(),
         "nmad": spread(error[valid]),
