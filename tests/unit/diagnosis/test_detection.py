@@ -110,9 +110,12 @@ def test_half_of_the_devices_must_detect_the_effect(
     assert not ask(EFFECTS["veil"], 0.5, image, screening())
 
 
-def test_limits_despite_gaps_need_captured_gaps(monkeypatch: pytest.MonkeyPatch):
+def test_limits_despite_gaps_are_not_those_against_itself():
     with pytest.raises(InputError, match="against-itself must be omitted with --despite-gaps"):
         detection.detection((Path("a"),), sensor="d435", against_itself=True, despite_gaps=True)
+
+
+def test_limits_despite_gaps_need_infrared_of_two_rooms(monkeypatch: pytest.MonkeyPatch):
     nothing = SimpleNamespace(scenes=[])
     monkeypatch.setattr(detection.capture, "open_set", lambda _: nothing)
     monkeypatch.setattr(detection, "split_test_rooms", lambda _: ([], []))
