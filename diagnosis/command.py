@@ -10,6 +10,7 @@ from typing import Any
 from starling.diagnosis.diagnosis import Diagnosis, diagnose
 from starling.diagnosis.report import figures as numbers
 from starling.diagnosis.report.page import page
+from starling.diagnosis.report.sentences import FIX
 from starling.diagnosis.validation.adapters import families as table
 from starling.patterns.errors import refuse
 from starling.sim.captures import capture
@@ -151,7 +152,10 @@ def _scene_effects(diagnosis: Diagnosis) -> list[str]:
 
 def as_text(result: Mapping[str, Any]) -> str:
     """Write the result of `diagnose_captures` as text: the answer, and the paths."""
-    lines = [*result["says"], *result["notes"], f"Next: {result['next']}"]
+    step = result["next"]
+    if result["fixed"] is not None and step == FIX:
+        step = "Run this diagnosis again with the sensor file below."
+    lines = [*result["says"], *result["notes"], f"Next: {step}"]
     lines.append(f"Report: {result['report']}")
     if result["fixed"] is not None:
         lines.append(f"Sensor: {result['fixed']}")

@@ -49,6 +49,7 @@ class Diagnosis:
     held_out: tuple[str, ...]  # Scenes that only measure how far the gap closes.
     fitted: dict[str, dict[str, float]]  # By scene: nuisance parameters fitted to it, by effect.
     limits: tuple[str, ...]  # Limits of these captures, one sentence each.
+    restricted: bool  # Whether only some families of effects were tried.
     where: GapLocation
     segments: tuple[SegmentResult, ...]
     evidence: dict[str, EffectEvidence]  # By accepted effect, in all segments.
@@ -134,6 +135,7 @@ def diagnose(
         held_out=tuple(scene.name for scene in scenes.held_out),
         fitted={scene.name: fitted_values(scene.nuisances) for scene in scenes.complete},
         limits=(*limits, *failures),
+        restricted=families is not None,
         where=location,
         segments=attribution.segments,
         evidence=attribution.evidence,

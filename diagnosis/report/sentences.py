@@ -83,6 +83,9 @@ FRAMES: dict[frames.FixedFrame, str] = {
 }
 
 
+FIX = "Run this diagnosis with --fix, then again with the sensor.toml that it writes."
+
+
 def answer(diagnosis: Diagnosis) -> list[str]:
     """Return one sentence of at most 25 words for each of the three questions."""
     return [_where(diagnosis), _which(diagnosis), _howfar(diagnosis)]
@@ -123,15 +126,20 @@ def _which(diagnosis: Diagnosis) -> str:
     if accepted:
         name = accepted[0][1].fit.name
         reason = REASONS[diagnosis.evidence[name].reasons[0]]
-        return f"No known effect explains the gap; {name} comes closest, but {reason}."
+        what = f"No {_tried(diagnosis)} effect"
+        return f"{what} explains the gap; {name} comes closest, but {reason}."
     weak = [(segment, fit) for segment in diagnosis.segments for fit in segment.weak]
     if weak:
         segment, best = max(weak, key=lambda item: item[1].total)
         return (
-            f"There is a gap, but each known effect is too weak to name; {best.name} comes first, "
-            f"with a gain of {best.total:.0f} of {segment.search.threshold:.0f}."
+            f"There is a gap, but each {_tried(diagnosis)} effect is too weak to name; {best.name} "
+            f"comes first, with a gain of {best.total:.0f} of {segment.search.threshold:.0f}."
         )
-    return "There is a gap, but no known effect reduces it."
+    return f"There is a gap, but no {_tried(diagnosis)} effect reduces it."
+
+
+def _tried(diagnosis: Diagnosis) -> str:
+    return "tried" if diagnosis.restricted else "known"
 
 
 def _howfar(diagnosis: Diagnosis) -> str:
@@ -177,17 +185,19 @@ def next_step(diagnosis: Diagnosis) -> str:
     if diagnosis.kind == "cannot tell":
         return "Capture at least two rooms."
     if diagnosis.kind == "no gap":
-        return "Nothing has to be changed; weaker effects may still be present."
+        return "Nothing has to be changed; the report lists how strong an effect must be to show."
     separating = [pair for pair in diagnosis.discriminations if pair.enough]
-    if separating:
+    if separating and diagnosis.settings:
         first, second = separating[0].rivals
         return f"Capture {separating[0].capture}, to separate {first} from {second}."
     if diagnosis.settings and diagnosis.compatible:
         if all(map(setting.acts_on_scene_only, diagnosis.settings)):
             return f"Set {shortened(list(diagnosis.settings))} in scene.toml, and diagnose again."
-        return "Run this diagnosis with --fix, then again with the sensor.toml that it writes."
+        return FIX
     if exposure_ratio(diagnosis) is not None:
         return "Check the exposure of the captures and of the sensor file, and diagnose again."
+    if diagnosis.restricted:
+        return "Run this diagnosis with all families of effects; others were not tried."
     weak = [fit for segment in diagnosis.segments for fit in segment.weak]
     if weak:
         best = max(weak, key=lambda fit: fit.total)

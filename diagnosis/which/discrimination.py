@@ -211,7 +211,7 @@ def discriminate(
         The captures with the largest separation for their cost first. Captures in which a candidate
         cannot be simulated are left out.
     """
-    names = (", ".join(first), ", ".join(second))
+    names = (" with ".join(first), " with ".join(second))
     ranked = []
     for proposal in menu:
         if segment not in proposal.segments:

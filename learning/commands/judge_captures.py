@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from starling.sim.commands.compare import compare, pair_scenes
 from starling.sim.console import output, progress, record
 from starling.sim.console.names import file_name
 from starling.sim.console.output import Folder, OutputFolder
+
+_FEW_WINDOWS = 30  # Fewer give areas such as 0 or 1 by chance.
 
 
 def compare_and_judge(
@@ -117,9 +120,14 @@ def judge_captures(
 
 
 def _figures(judged: Judgement, seed: int) -> dict[str, Any]:
+    rooms = room_scores(judged.scenes)
+    windows = sum(len(room.real) for room in rooms)
+    if windows < _FEW_WINDOWS:
+        text = f"judge: {windows} windows of each side are too few for a reliable AUC."
+        warnings.warn(f"{text} Give larger images or more scenes.", stacklevel=3)
     deviation = float(np.std(judged.areas, ddof=1)) if len(judged.areas) > 1 else None
     single = {"mean": float(np.mean(judged.areas)), "deviation": deviation}
-    return {**summary(room_scores(judged.scenes), seed), "single": single}
+    return {**summary(rooms, seed), "single": single}
 
 
 def judge_methods(

@@ -144,6 +144,8 @@ def evaluate(
     from starling.learning.commands import evaluate_captures
     from starling.sim.console import progress
 
+    _refuse_judges_alone(judges, judge=judge)
+
     def simulate_as(held: str, seen: str) -> Simulation:
         assert sensor is not None  # Called only with a sensor.
         camera = sensor.replace(ROOM, held)
@@ -230,6 +232,7 @@ def compare(
         got = "both" if sim else "neither"
         rule = "must be one of the two"
         raise refuse("sim and methods", rule, got, "Give simulated captures, or --methods.")
+    _refuse_judges_alone(judges, judge=judge)
     if methods and judge:
         raise refuse("judge", "must come with simulated captures", "methods", "Give one of them.")
     if sim and out is not None and not judge:
@@ -261,6 +264,11 @@ def compare(
     if out is not None:
         output.write_file(out, picture, force=force)
     shell.say(result, json=common.json)
+
+
+def _refuse_judges_alone(judges: int, *, judge: bool) -> None:
+    if judges != 1 and not judge:
+        raise refuse("judges", "must come with judge", judges, "Add --judge.")
 
 
 def _compare_sets(

@@ -44,7 +44,19 @@ def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
         message = f"{', '.join(unused)} not used: both imagers take the left one's."
         warnings.warn(message, stacklevel=2)
     overlaps.warn_of_edits([path for path, _ in values])
+    _warn_of_centre(sensor, dict(values))
     return with_values(sensor, values)
+
+
+def _warn_of_centre(sensor: Sensor, values: Mapping[str, Any]) -> None:
+    """Warn of an image size that leaves the principal point where it was."""
+    for side, centre in (("width", "cx_px"), ("height", "cy_px")):
+        pixels = values.get(side)
+        if not isinstance(pixels, int) or centre in values or pixels == getattr(sensor, side):
+            continue
+        text = f"set: {side} is {pixels}, but {centre} stays {getattr(sensor, centre):g}."
+        message = f"{text} A centred camera has {(pixels - 1) / 2:g}."
+        warnings.warn(message, stacklevel=3)
 
 
 def path_of(edit: str) -> str:

@@ -343,7 +343,7 @@ def test_unusable_captures_are_refused(place, tmp_path, capsys):
     assert "have a scene.toml or reference depth" in refused(place, blank, out, capsys)
     line = refused(place, place / "null", out, capsys, "--sensor", "kinect-v1")
     assert "sensor must be a stereo camera's; got structured_light" in line
-    line = refused(place, place / "null", out, capsys, "--set", "width=64")
+    line = refused(place, place / "null", out, capsys, "--set", "width=64", "--set", "cx_px=31.5")
     assert "must be of the sensor's size, " in line
 
 

@@ -245,7 +245,7 @@ def test_a_flag_given_twice_is_reported(flags: tuple[str, ...], count: int, caps
 
 def test_new_sensors_can_be_read(tmp_path: Path, capsys: Capsys) -> None:
     """Another size than the mode's is a camera of its own: the file names no mode."""
-    flags = ("--from", "d555", "--mode", "640x360", "--set", "height=400")
+    flags = ("--from", "d555", "--mode", "640x360", "--set", "height=400", "--set", "cy_px=199.5")
     code, text, _ = _run("sensors", "new", "mine", *flags, capsys=capsys)
     assert code == 0 and "mode" not in tomllib.loads(text)
     (tmp_path / "mine.toml").write_text(text)

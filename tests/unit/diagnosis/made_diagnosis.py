@@ -144,6 +144,7 @@ def diagnosis(captured: list[SceneObservation] | None = None, **others: Any) -> 
         "held_out": names[1:2],
         "fitted": {},
         "limits": (),
+        "restricted": False,
         "where": where(captured),
         "segments": (segment_result(NAMED),),
         "evidence": {name: evidence() for name in NAMED.settings},

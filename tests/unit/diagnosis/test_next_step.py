@@ -48,11 +48,17 @@ def separated(deviations: float) -> tuple[Discrimination, ...]:
         (diagnosis(kind="cannot tell"), "Capture at least two rooms."),
         (
             surrogate(kind="no gap", segments=(segment_result(NOTHING),), evidence={}),
-            "Nothing has to be changed; weaker effects may still be present.",
+            "Nothing has to be changed; the report lists how strong an effect must be to show.",
         ),
         (
             diagnosis(discriminations=separated(SEPARATED)),
             "Capture a lens cap on, to separate pitch from roll.",
+        ),
+        (
+            dataclasses.replace(
+                NONE, where=levels(1.0), discriminations=separated(SEPARATED), restricted=True
+            ),
+            "Run this diagnosis with all families of effects; others were not tried.",
         ),
         (
             diagnosis(discriminations=separated(SEPARATED - 0.01)),
@@ -75,6 +81,16 @@ def separated(deviations: float) -> tuple[Discrimination, ...]:
 def test_the_next_step_follows_from_the_result(each: Diagnosis, text: str):
     assert sentences.next_step(each) == text
     assert json.loads(record.dumps(figures.figures(each)))["next"] == text
+
+
+@pytest.mark.parametrize(("restricted", "word"), [(True, "tried"), (False, "known")])
+def test_an_answer_without_effects_says_which_were_tried(restricted: bool, word: str):
+    weak = surrogate(segments=(segment_result(WEAK),), evidence={}, restricted=restricted)
+    assert f"each {word} effect is too weak to name" in sentences.answer(weak)[1]
+    nothing = dataclasses.replace(NONE, restricted=restricted)
+    assert sentences.answer(nothing)[1] == f"There is a gap, but no {word} effect reduces it."
+    closest = surrogate("misfit", restricted=restricted)
+    assert sentences.answer(closest)[1].startswith(f"No {word} effect explains the gap; ")
 
 
 def test_effects_of_the_scene_belong_to_its_file():

@@ -361,6 +361,8 @@ def test_printed_text_ends_with_paths():
     assert command.as_text(result).splitlines() == lines
     result["fixed"] = "out/sensor.toml"
     assert command.as_text(result).splitlines() == [*lines, "Sensor: out/sensor.toml"]
+    result["next"] = sentences.FIX
+    assert "Next: Run this diagnosis again with the sensor file below." in command.as_text(result)
     result["not_in_sensor"] = ["ambient", "motion"]
     assert "Effects of the scene, not written to a sensor file: ambient, motion" in (
         command.as_text(result)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -26,6 +27,9 @@ from tests.unit.learning import seen
 
 SHAPE = (112, 336)  # Two windows right of the left band.
 ROOMS = ("attic", "barn", "cellar", "den")
+
+
+pytestmark = pytest.mark.filterwarnings("ignore:judge. 8 windows")
 
 
 @pytest.fixture(autouse=True)
@@ -103,6 +107,7 @@ def test_one_kind_by_two_judges_without_pictures(real, sim, capsys):
     [
         (("--methods", "physics", "--judge"), "judge must come with simulated captures"),
         (("sim", "--judge", "--judges", "0"), "judges must be an integer in [1, 100]; got 0"),
+        (("sim", "--judges", "2"), "judges must come with judge; got 2"),
         (("sim", "--out", "out"), "out must come with methods or judge"),
         (("sim", "--judge", "--out", "real"), "out must lie outside its input"),
     ],
@@ -111,6 +116,17 @@ def test_flags_that_do_not_fit_are_refused(arguments, words, real, sim, tmp_path
     paths = {"sim": sim, "out": tmp_path / "out", "real": real}
     words_given = [paths.get(word, word) for word in arguments]
     assert words in _refused("compare", real, *words_given, capsys=capsys)
+
+
+@pytest.mark.parametrize(("few", "warns"), [(9, True), (8, False)])
+def test_few_windows_give_a_warning(few, warns, real, sim, monkeypatch):
+    monkeypatch.setattr(judge_captures, "_FEW_WINDOWS", few)
+    sets = capture.open_set(real), capture.open_set(sim)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        judge_captures.judge_captures(*sets, ["holes"])
+    text = "judge: 8 windows of each side are too few for a reliable AUC"
+    assert any(text in str(each.message) for each in caught) is warns
 
 
 def test_a_missing_package_is_named(real, sim, monkeypatch, capsys):

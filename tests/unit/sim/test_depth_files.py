@@ -373,7 +373,10 @@ def test_names_that_are_not_utf8_are_refused(tmp_path: Path) -> None:
         (("--sensor", "d435", "--camera-matrix", "120", "120", "1e9", "47.5"), "cx must be in"),
         (("--sensor", "d435", "--camera-matrix", "1e300", "120", "63.5", "47.5"), "fx must be in"),
         ((*FLAGS, "--quality", "draft"), "samples, quality must not be given with depth"),
-        ((*FLAGS, "--own-camera", "--set", "width=640"), "set must not change the camera"),
+        (
+            (*FLAGS, "--own-camera", "--set", "width=640", "--set", "cx_px=319.5"),
+            "set must not change the camera",
+        ),
     ],
 )
 def test_refused_flags(

@@ -159,7 +159,7 @@ def test_structured_light_is_refused_for_an_infrared_pair(small_set: Path) -> No
 
 
 def test_a_sensor_of_another_camera_than_the_captures_is_refused(small_set: Path) -> None:
-    wide = resolve.load("d435", captures=str(small_set), edits=["width=80"])
+    wide = resolve.load("d435", captures=str(small_set), edits=["width=80", "cx_px=39.5"])
     with pytest.raises(InputError, match=r"sensor must have images of 160x48; got 80x48\. Scene a"):
         match_captures(str(small_set), wide)
     (scene,) = capture.open_set(small_set / "a").scenes

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import pytest
 
 from starling.sim.effects import setting
@@ -46,3 +48,22 @@ def test_an_edit_of_a_field_of_an_effect_is_reported() -> None:
     message = r"^effect lens_blur sets left\.lens\.blur_px as well, and wins over the edit"
     with pytest.warns(UserWarning, match=message):
         setting.warn_of_edits({"lens_blur": 1.0}, ["left.lens.blur_px", "projector.power_w"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "centres"),
+    [
+        (["width=640"], {"cx_px": 319.5}),
+        (["height=360", "width=640"], {"cx_px": 319.5, "cy_px": 179.5}),
+        (["width=640", "cx_px=319.5"], {}),
+        (["width=848"], {}),  # As before.
+    ],
+)
+def test_an_image_size_without_its_centre_gives_a_warning(changes, centres):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        apply(D435, changes)
+    messages = [str(each.message) for each in caught]
+    assert len(messages) == len(centres)
+    for message, (name, centre) in zip(messages, sorted(centres.items()), strict=True):
+        assert f"but {name} stays" in message and message.endswith(f"has {centre:g}.")
