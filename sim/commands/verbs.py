@@ -50,8 +50,8 @@ def effects(
     Args:
         action: `list` all effects, or `show` one.
         name: Effect to show.
-        sensor: Preset or sensor file (.toml).
-            It supplies the neutral value of parameters that have no ideal value.
+        sensor: Preset or sensor file (.toml), whose values are listed.
+            They are also the neutral values of parameters that have no ideal value.
     """
     from starling.sim.effects import listing
     from starling.sim.sensor import presets

@@ -19,12 +19,13 @@ def rows(sensor: Sensor, name: str = "") -> list[dict[str, Any]]:
     """Return the whole table, or one row of it, as plain values.
 
     Args:
-        sensor: supplies the neutral value of parameters without an ideal value.
+        sensor: supplies the current value of each parameter. It is also the neutral value of
+            parameters without an ideal value.
         name: name of the row; empty returns all rows.
 
     Returns:
-        `[{"name", "family", "stage", "rerender", "parameters": [{"name", "neutral", "low",
-        "high", "unit", "choices", "paths"}], "imitates", "law", "shows", "confused_with",
+        `[{"name", "family", "stage", "rerender", "parameters": [{"name", "neutral", "value",
+        "low", "high", "unit", "choices", "paths"}], "imitates", "law", "shows", "confused_with",
         "source"}]`.
 
     Raises:
@@ -44,6 +45,7 @@ def text(table: Sequence[Mapping[str, Any]]) -> str:
                 "family": row["family"],
                 "stage": row["stage"],
                 "neutral": parameter["neutral"],
+                "sensor": parameter["value"],
                 "range": _range(parameter),
                 "unit": parameter["unit"],
                 "new render": "yes" if row["rerender"] else "",
@@ -71,6 +73,7 @@ def _parameter(parameter: Parameter, sensor: Sensor) -> dict[str, Any]:
     return {
         "name": parameter.name,
         "neutral": setting.neutral(parameter, sensor),
+        "value": setting.value(parameter, sensor),  # None: not of this sensor.
         "low": parameter.low,
         "high": parameter.high,
         "unit": parameter.unit,
@@ -88,11 +91,13 @@ def _range(parameter: Mapping[str, Any]) -> str:
 def _page(row: Mapping[str, Any]) -> str:
     lines = [f"{row['name']}  ({row['stage']}, family {row['family']})"]
     for parameter in row["parameters"]:
-        base = parameter["neutral"]
+        base, value = (
+            "-" if parameter[key] is None else written(parameter[key])
+            for key in ("neutral", "value")
+        )
         lines.append(
             f"  {parameter['name']}: {_range(parameter)} {parameter['unit']}, "
-            f"neutral {'-' if base is None else written(base)}, "
-            f"sets {', '.join(parameter['paths'])}"
+            f"neutral {base}, in the sensor {value}, sets {', '.join(parameter['paths'])}"
         )
     for name in _PROSE:
         entry = row[name] if isinstance(row[name], str) else ", ".join(row[name])

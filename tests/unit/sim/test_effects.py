@@ -164,7 +164,7 @@ def test_another_matcher_lacks_the_field() -> None:
         setting.apply(quick, scenes.wall(), {"presmooth": 1.0})
     (row,) = listing.rows(quick, "presmooth")
     assert row["parameters"][0]["neutral"] is None
-    assert "neutral -, sets" in listing.page([row])
+    assert "neutral -, in the sensor -, sets" in listing.page([row])
 
 
 @pytest.mark.parametrize("text", ["lens_blur", "=3", "lens_blur="])
@@ -192,6 +192,9 @@ def test_listing_has_the_documented_keys() -> None:
             assert parameter["neutral"] is not None
     lines = listing.text(rows).splitlines()
     assert all(any(line.startswith(f"{row.name} ") for line in lines) for row in ROWS)
-    page = listing.page(listing.rows(presets.load("d435"), "lens_blur"))
+    (blur,) = listing.rows(presets.load("d435"), "lens_blur")
+    assert blur["parameters"][0]["value"] == 0.6
+    page = listing.page([blur])
+    assert "neutral 0, in the sensor 0.6, sets imager.lens.blur_px" in page
     assert page.startswith("lens_blur  (optics, family ") and "source: " in page
     assert np.all([len(line) <= 101 for line in page.splitlines()])
