@@ -55,6 +55,7 @@ def simulate_captures(
     sensor: Sensor,
     out: Path,
     *,
+    further: Sequence[str] = (),
     frames: int = 1,
     seed: int = 0,
     samples: int = 0,
@@ -67,7 +68,7 @@ def simulate_captures(
     options: Mapping[str, Any] | None = None,
     track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Simulate one scene or every scene of a capture set, and write a capture set.
+    """Simulate scenes, or every scene of a capture set, and write a capture set.
 
     If the sensor has the geometry of captured scenes (see `starling.sim.sensor.resolve`), the
     simulated and the real images can be compared pixel by pixel.
@@ -81,6 +82,7 @@ def simulate_captures(
         scene: a capture set, one scene in it, a builtin name, a mesh or a Mitsuba XML.
         sensor: camera to simulate.
         out: folder to create.
+        further: more builtin scenes or files of the set, each a room of its own.
         frames: frames per scene, each with independent noise.
         seed: seed of the whole set; each scene's seed is derived from it (see `scene_seed`).
         samples: paths per coarse pixel for indirect light; a value above 0 switches interreflection
@@ -111,11 +113,14 @@ def simulate_captures(
     camera = setting.on_sensor(sensor, effects)
     _refuse_samples_of_nothing(samples, effects)
     refuse_impossible(camera, frames)
-    tasks, licence, notes = _tasks(scene, views, frame)
-    _refuse_own_input(out, scene)
-    info = writer.info_of(camera, source=f"starling simulate {scene}", licence=licence, notes=notes)
+    texts = (scene, *further)
+    tasks, licence, notes = _tasks(texts, views, frame)
+    for text in texts:
+        _refuse_own_input(out, text)
+    source = f"starling simulate {' '.join(texts)}"
+    info = writer.info_of(camera, source=source, licence=licence, notes=notes)
     arguments = {
-        "scene": scene,
+        "scene": list(texts) if further else scene,
         "frames": frames,
         "seed": seed,
         "samples": samples,
@@ -178,34 +183,38 @@ def _refuse_own_input(out: Path, scene: str) -> None:
         refuse_own_input(out, scene)
 
 
-def _tasks(scene: str, views: Sequence[Viewpoint], frame: Placing) -> tuple[list[_Task], str, str]:
+def _tasks(
+    texts: Sequence[str], views: Sequence[Viewpoint], frame: Placing
+) -> tuple[list[_Task], str, str]:
     """List the scenes to simulate; return them with the licence and notes of the output."""
-    if capture.is_capture(scene):
-        if any(view.is_given for view in views) or frame != AS_IN_FILE:
-            rule = "must not be given with captures"
-            got, advice = repr(scene), "Captures have their own pose and metres."
-            raise errors.refuse("pose, look-at, up, unit", rule, got, advice)
-        real = capture.open_set(scene)
-        tasks = [
-            _Task(text=str(s.path), name=s.name, room=s.room, captured=True) for s in real.scenes
-        ]
-        notes = "simulated; geometry and reflectance come from the captures named in source"
-        return tasks, f"derived from captures under: {real.info.licence}", notes
-    path = Path(scene)
+    scene = next(filter(capture.is_capture, texts), "")
+    if not scene:
+        tasks = [task for text in texts for task in _viewed(text, views)]
+        if len({task.name for task in tasks}) < len(tasks):
+            raise errors.refuse("scenes", "must differ in their names", ", ".join(texts), "Rename one.")
+        return tasks, "as the scene's", "simulated"
+    if len(texts) > 1:
+        rule, advice = "must not be one of several scenes", "Simulate it on its own."
+        raise errors.refuse("a capture set", rule, scene, advice)
+    if any(view.is_given for view in views) or frame != AS_IN_FILE:
+        rule = "must not be given with captures"
+        got, advice = repr(scene), "Captures have their own pose and metres."
+        raise errors.refuse("pose, look-at, up, unit", rule, got, advice)
+    real = capture.open_set(scene)
+    tasks = [_Task(text=str(s.path), name=s.name, room=s.room, captured=True) for s in real.scenes]
+    notes = "simulated; geometry and reflectance come from the captures named in source"
+    return tasks, f"derived from captures under: {real.info.licence}", notes
+
+
+def _viewed(text: str, views: Sequence[Viewpoint]) -> Iterator[_Task]:
+    """List the views of a scene, which is one room."""
+    path = Path(text)
     # A builtin name such as wall:2 becomes the folder name wall-2.
-    name = names.scene_folder(path.stem) if path.exists() else scene.replace(":", "-")
+    room = names.scene_folder(path.stem) if path.exists() else text.replace(":", "-")
     digits = len(str(len(views) - 1))
-    tasks = [
-        _Task(
-            text=scene,
-            name=name if len(views) == 1 else f"{name}-{number:0{digits}}",
-            room=name,
-            captured=False,
-            view=view,
-        )
-        for number, view in enumerate(views)
-    ]
-    return tasks, "as the scene's", "simulated"
+    for number, view in enumerate(views):
+        name = room if len(views) == 1 else f"{room}-{number:0{digits}}"
+        yield _Task(text=text, name=name, room=room, captured=False, view=view)
 
 
 def _write_scenes(

@@ -64,6 +64,7 @@ def effects(
 
 def simulate(
     scene: Positional[str],
+    further: Positional[tuple[str, ...]] = (),
     *,
     sensor: str,
     mode: ModeName = "",
@@ -85,17 +86,21 @@ def simulate(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Simulate infrared images and depth of a scene, and write them as a capture set.
+    """Simulate infrared images and depth of scenes, and write them as a capture set.
 
     With --camera-matrix the scene is a clean depth image, or a folder of them.
 
     Example: starling simulate clutter --sensor d435 --out out/clutter --set projector.power_w=0.2
 
+    Example: starling simulate clutter:1 clutter:2 clutter:3 --sensor d435 --out out/rooms
+
     Args:
-        scene: Builtin scene (wall, staircase, tabletop, clutter, room), or a path.
+        scene: Builtin scene (wall, staircase, tabletop, clutter, room), or a path. A number after
+            a colon is the distance of wall, and else draws another scene: wall:2, clutter:3.
             Files: mesh (GLB, OBJ, PLY, STL, DAE, USD), Mitsuba XML, model of MuJoCo, URDF, TOML of
             a scene. Folders: capture set, or one scene of a capture set.
             With --camera-matrix: a depth image (.npy, .png, .exr) or a folder of them.
+        further: More builtin scenes or files of the set. Each is a room of its own.
         sensor: Preset (see `starling sensors`) or sensor file (.toml).
         out: Folder to create.
         frames: Frames per scene. Each frame has independent noise.
@@ -145,6 +150,9 @@ def simulate(
     if device_file is not None:
         options["camera_matrix"] = str(device_file)
     if camera_matrix is not None:
+        if further:
+            rule = "must be one file or folder of depth images"
+            raise refuse("scene", rule, f"{1 + len(further)}", "Put the images into one folder.")
         if view.given():
             rule = "must not be given with depth images"
             raise refuse(", ".join(view.given()), rule, view.given(), "They are for scenes.")
@@ -193,6 +201,7 @@ def simulate(
             scene,
             camera,
             out,
+            further=further,
             frames=frames,
             seed=seed,
             samples=samples,
