@@ -96,7 +96,7 @@ def simulate(
 
     Args:
         scene: Builtin scene (wall, staircase, tabletop, clutter, room), or a path. A number after
-            a colon is the distance of wall, and else draws another scene: wall:2, clutter:3.
+            a colon is the distance of wall and staircase; others draw another scene: clutter:3.
             Files: mesh (GLB, OBJ, PLY, STL, DAE, USD), Mitsuba XML, model of MuJoCo, URDF, TOML of
             a scene. Folders: capture set, or one scene of a capture set.
             With --camera-matrix: a depth image (.npy, .png, .exr) or a folder of them.
