@@ -191,9 +191,7 @@ def _tasks(
     if not scene:
         tasks = [task for text in texts for task in _viewed(text, views)]
         if len({task.name for task in tasks}) < len(tasks):
-            raise errors.refuse(
-                "scenes", "must differ in their names", ", ".join(texts), "Rename one."
-            )
+            raise errors.refuse("scenes", "must differ in name", ", ".join(texts), "Rename one.")
         return tasks, "as the scene's", "simulated"
     if len(texts) > 1:
         rule, advice = "must not be one of several scenes", "Simulate it on its own."

@@ -40,7 +40,7 @@ def test_several_scenes_are_no_captures_and_have_names_of_their_own(
 ) -> None:
     out = ("--out", tmp_path / "out")
     message = refused("simulate", "wall", "wall", *SMALL, *out, capsys=capsys)
-    assert "scenes must differ in their names; got wall, wall" in message
+    assert "scenes must differ in name; got wall, wall" in message
     for scenes in (("wall", small_set), (small_set, "wall")):
         message = refused("simulate", *scenes, "--sensor", "d435", *out, capsys=capsys)
         assert "a capture set must not be one of several scenes" in message
