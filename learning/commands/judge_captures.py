@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -55,18 +56,13 @@ def compare_and_judge(
     Raises:
         InputError: as `compare` and `judge_captures`, or if the folder is taken.
     """
+    judged = partial(judge_captures, real, sim, kinds, judges=judges, seed=seed, track=track)
     if out is None:
-        figures = compare(real, sim, track=track)
-        judged = judge_captures(real, sim, kinds, judges=judges, seed=seed, track=track)
-        return figures | {"judge": judged}
+        return compare(real, sim, track=track) | {"judge": judged()}
     for source in (real, sim):
         output.refuse_own_input(out, source.path)
     with OutputFolder(out, force=force) as folder:
-        figures = compare(real, sim, track=track)
-        judged = judge_captures(
-            real, sim, kinds, judges=judges, seed=seed, track=track, folder=folder
-        )
-        result = figures | {"judge": judged}
+        result = compare(real, sim, track=track) | {"judge": judged(folder=folder)}
         arguments = {
             "real": real.path,
             "sim": sim.path,
@@ -120,14 +116,13 @@ def judge_captures(
 
 
 def _figures(judged: Judgement, seed: int) -> dict[str, Any]:
-    rooms = room_scores(judged.scenes)
-    windows = sum(len(room.real) for room in rooms)
-    if windows < _FEW_WINDOWS:
-        text = f"judge: {windows} windows of each side are too few for a reliable AUC."
+    figures = summary(room_scores(judged.scenes), seed)
+    if figures["windows"] < _FEW_WINDOWS:
+        text = f"judge: {figures['windows']} windows of each side are too few for a reliable AUC."
         warnings.warn(f"{text} Give larger images or more scenes.", stacklevel=3)
     deviation = float(np.std(judged.areas, ddof=1)) if len(judged.areas) > 1 else None
     single = {"mean": float(np.mean(judged.areas)), "deviation": deviation}
-    return {**summary(rooms, seed), "single": single}
+    return {**figures, "single": single}
 
 
 def judge_methods(

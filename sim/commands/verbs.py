@@ -152,7 +152,7 @@ def simulate(
     if camera_matrix is not None:
         if further:
             rule = "must be one file or folder of depth images"
-            raise refuse("scene", rule, f"{1 + len(further)}", "Put the images into one folder.")
+            raise refuse("scene", rule, 1 + len(further), "Put the images into one folder.")
         if view.given():
             rule = "must not be given with depth images"
             raise refuse(", ".join(view.given()), rule, view.given(), "They are for scenes.")
