@@ -76,7 +76,7 @@ def simulate_captures(
     `scene.toml` holds the nominal geometry: the builtin name, or the path to the mesh or Mitsuba
     XML, and the left imager's pose (see `starling.sim.scene.captured.known_geometry.describe`).
     Effects on the scene (model errors, motion, other surfaces) change `truth.png` and the images,
-    not `scene.toml`. Scenes from captures have no `scene.toml`.
+    not `scene.toml`. Captures with a `scene.toml` are simulated from it, and it is copied.
 
     Args:
         scene: a capture set, one scene in it, a builtin name, a mesh or a Mitsuba XML.
@@ -202,7 +202,7 @@ def _tasks(
         raise errors.refuse("pose, look-at, up, unit", rule, got, advice)
     real = capture.open_set(scene)
     tasks = [_Task(text=str(s.path), name=s.name, room=s.room, captured=True) for s in real.scenes]
-    notes = "simulated; geometry and reflectance come from the captures named in source"
+    notes = "simulated; surfaces come from the captures named in source"
     return tasks, f"derived from captures under: {real.info.licence}", notes
 
 
@@ -365,10 +365,10 @@ def _readings(
 
 
 def _known(task: _Task, file_from_left: Pose, folder: Path, frame: Placing) -> SceneFile | None:
-    if task.captured:
-        return None
     from starling.sim.scene.captured import known_geometry
 
+    if task.captured:
+        return known_geometry.for_folder(capture.open_set(task.text).scenes[0], folder)
     return known_geometry.describe(task.text, file_from_left, folder, frame)
 
 

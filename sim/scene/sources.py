@@ -10,6 +10,7 @@ import numpy as np
 import trimesh
 
 from starling.patterns import errors
+from starling.sim.captures import capture
 from starling.sim.geometry import frames
 from starling.sim.scene import mitsuba_xml
 from starling.sim.scene.meshes import appearance, mesh_file
@@ -59,7 +60,7 @@ def load(
         specifier: One of the following. A builtin name: `wall`, `staircase`, `tabletop`, `clutter`
             or `room`, also as NAME:NUMBER with a distance in metres or a seed. A mesh file: one of
             `MESH_SUFFIXES`. A Mitsuba `.xml`. A model of MuJoCo, or a URDF. A `scene.toml`. The
-            folder of a scene in a capture set.
+            folder of a scene in a capture set, whose own `scene.toml` precedes its reference depth.
         sensor: Sensor whose field of view a mesh's default pose fits.
         frame: Unit and up axis of a mesh file, where its own do not hold; camera and state of a
             model.
@@ -93,7 +94,9 @@ def _load(specifier: str, sensor: Sensor, frame: Placing, posed: bool) -> Scene:
     if suffix == ".xml":
         return mitsuba_xml.load(path)
     if os.path.isdir(path):  # Unlike `is_dir`, it bears names that are too long.
-        return captured_scene.load(path, sensor)
+        captured = capture.open_set(path).scenes
+        known = known_geometry.load(captured[0], sensor) if len(captured) == 1 else None
+        return captured_scene.load(path, sensor) if known is None else known
     if suffix in _CONVERTIBLE:
         advice = "Convert it to GLB, for example with Blender or trimesh."
         rule = f"must be one of {', '.join(MESH_SUFFIXES)}, .xml, .mjcf, .urdf or .toml"

@@ -18,7 +18,7 @@ from starling.sim.commands import match_captures, simulate_captures
 from starling.sim.geometry import frames
 from starling.sim.geometry.frames import Pose
 from starling.sim.render import direct, mitsuba_scene
-from starling.sim.scene import scene_file
+from starling.sim.scene import scene_file, sources
 from starling.sim.scene.builtin import scenes
 from starling.sim.scene.captured import known_geometry
 from starling.sim.sensor import edits, presets
@@ -144,6 +144,16 @@ def test_captures_are_not_a_known_geometry(small_set: Path, tmp_path: Path) -> N
     simulate_captures.simulate_captures(str(small_set / "a"), sensor, tmp_path / "out")
     (scene,) = capture.open_set(tmp_path / "out").scenes
     assert scene.known() is None and known_geometry.load(scene, sensor) is None
+
+
+def test_captures_are_simulated_from_their_known_geometry(tmp_path: Path) -> None:
+    """The file precedes the reference depth, whose steps and noise would become surfaces."""
+    first = _simulated("tabletop:3", tmp_path / "first")
+    again = _simulated(first.path, tmp_path / "again")
+    np.testing.assert_array_equal(again.truth_m(), first.truth_m())
+    assert again.known() == first.known()
+    seen = sources.load(str(first.path), SMALL)
+    assert {body.name for body in seen.bodies} == {body.name for body in scenes.tabletop(3).bodies}
 
 
 def test_paths_are_absolute_without_a_common_folder(
