@@ -117,12 +117,14 @@ def _which(diagnosis: Diagnosis) -> str:
     if reported:
         segment, effect = reported[0]
         name = segment.table.segment.value
-        text = f"{_SHORT[name].capitalize()} are consistent with {strength(effect)}"
-        text += f" and {len(reported) - 1} more" if len(reported) > 1 else ""
+        start = f"{_SHORT[name].capitalize()} are consistent with {strength(effect)}"
         share = diagnosis.remainders[name].share
-        text += "" if share is None else f", {100 * share:.0f} % unexplained"
+        end = "" if share is None else f", {100 * share:.0f} % unexplained"
         nothing = [_SHORT[name] for name in without_effect(diagnosis)]
-        return f"{text}; {nothing[0]} with no known effect." if nothing else f"{text}."
+        end += f"; {nothing[0]} with no known effect." if nothing else "."
+        fits = [each.fit for _, each in reported[1:]]
+        others = [f"{fit.name} {with_unit(fit.name, fit.value)}" for fit in fits]
+        return _as_listed(start, others, end)
     if accepted:
         name = accepted[0][1].fit.name
         reason = REASONS[diagnosis.evidence[name].reasons[0]]
@@ -136,6 +138,16 @@ def _which(diagnosis: Diagnosis) -> str:
             f"comes first, with a gain of {best.total:.0f} of {segment.search.threshold:.0f}."
         )
     return f"There is a gap, but no {_tried(diagnosis)} effect reduces it."
+
+
+def _as_listed(start: str, names: Sequence[str], end: str) -> str:
+    """Return a sentence with as many names as it has room for, and the number of the others."""
+    for shown in range(len(names), -1, -1):
+        rest = len(names) - shown
+        listed = ", ".join([start, *names[:shown]]) + (f" and {rest} more" if rest else "")
+        if len(f"{listed}{end}".split()) <= _LONGEST:
+            break
+    return f"{listed}{end}"
 
 
 def _tried(diagnosis: Diagnosis) -> str:

@@ -162,6 +162,19 @@ def test_many_rivals_are_cut_in_the_notes():
     assert f"These captures cannot separate lens_blur from {first} and 5 more." in text
 
 
+def test_a_sentence_counts_the_effects_that_it_has_no_room_for():
+    names = ("gamma", "veil", "yaw", "shot_noise", "roll", "dsnu", "prnu")
+    effects = (*(accepted(name, 20.0, []) for name in names), accepted("pitch", 108.0, []))
+    each = diagnosis(
+        segments=(segment_result(dataclasses.replace(NAMED, accepted=effects)),),
+        evidence={effect.fit.name: evidence() for effect in effects},
+        settings={effect.fit.name: 1.0 for effect in effects},
+    )
+    which = sentences.answer(each)[1]
+    assert "pitch" in which and ", gamma " in which and which.endswith(" more.")
+    assert 20 < len(which.split()) <= 25
+
+
 def test_the_answer_names_the_largest_effect_and_the_largest_closed_figure():
     weaker, stronger = accepted("gamma", 20.0, []), accepted("pitch", 108.0, [])
     search = dataclasses.replace(NAMED, accepted=(weaker, stronger))
@@ -178,7 +191,8 @@ def test_the_answer_names_the_largest_effect_and_the_largest_closed_figure():
         howfar=dataclasses.replace(HOWFAR, figures=figures),
     )
     _, which, howfar = sentences.answer(each)
-    assert "consistent with pitch " in which and which.endswith(" and 1 more.")
+    assert "consistent with pitch " in which
+    assert which.endswith(f", gamma {sentences.with_unit('gamma', stronger.fit.value)}.")
     assert howfar.endswith("the reported effects close 81 % of the gap in disparity noise.")
     titles = [item[0].split()[0] for item in notes.note_lists(each)["Effects"]]
     assert titles == ["pitch", "gamma"]
