@@ -66,13 +66,13 @@ def test_high_accuracy_by_hand():
     assert moved.matcher.checks.left_right_px == 10 / 32
     assert engine.difference_weight == pytest.approx(0.125 * (6 / 751) / (26 / 800))
     assert engine.small_penalty == pytest.approx(12 * 155 / 60)
-    assert engine.large_penalty == pytest.approx(12 * 155 / 60 + 36 * 190 / 342)
-    assert engine.second_peak == pytest.approx(10 + (647 - 325) * 48 / (60 + 342))
+    assert engine.large_penalty == pytest.approx(12 * 155 / 60 + 44 * 190 / 342)
+    assert engine.second_peak == pytest.approx(10 + (647 - 325) * 56 / (60 + 342))
     assert moved.matcher.checks.support_share == pytest.approx(
-        0.525 + 0.475 * (136 - 63) / (168 - 63), abs=1e-6
+        0.54 + 0.46 * (136 - 63) / (168 - 63), abs=1e-6
     )
     assert moved.matcher.checks.support_step_px == 1.65625
-    assert engine.neighbour_peak == pytest.approx((108 - 7) * 48 / (60 + 342))
+    assert engine.neighbour_peak == pytest.approx((108 - 7) * 56 / (60 + 342))
     assert engine.census_px == 9
     assert moved.matcher.checks.texture_dn == D415.matcher.checks.texture_dn  # Its count is 0.
     assert (moved.projector, moved.left, moved.post) == (D415.projector, D415.left, D415.post)
