@@ -19,6 +19,8 @@ Figures are means over scenes, right of column 128 and after rounding to the dev
   same where the 15x15 window's deviation is at least 0.5 DN, so that 8-bit codes hold texture.
 - `nmad`, `agree`: spread of the error against the scanner, and against the device [px].
 - `iou`: overlap with the device's holes. `near`: share of both's holes within 2 px of the other's.
+- `rows 1` to `rows 6`: gaps of this width along rows, with a nearer surface on the left. `columns`:
+  along columns, with a nearer surface below. The surfaces differ by more than 1.5 px.
 - `noise`: deviation on walls over the device's. `x8`, `y8`: power over the device's on walls at
   periods of 8 to 20 px along rows, columns. `fine`: below 7 px along columns.
 """
@@ -45,6 +47,7 @@ SMALL_PX = 30  # Smaller holes and islands are counted.
 PIN_PX = 3
 TEXTURED_DN = 0.5
 FOCAL_BASELINE_PX_UNIT = 49470.45  # f b of the captures [px mm]; depth has a unit of 1 mm.
+GAP_STEP_PX, WIDEST_GAP_PX = 1.5, 6
 LONG, SHORT = slice(3, 7), slice(7, None)  # Waves in 48 px: periods of 7 to 20 px, and below.
 _TOUCHING = np.ones((3, 3))
 
@@ -76,6 +79,17 @@ def stray_pieces(valid: NDArray[np.bool_]) -> int:
     return count - len(np.setdiff1d(pieces[:, -1], [0]))
 
 
+def gap_counts(lines: NDArray) -> NDArray[np.intp]:
+    """Count gaps of each width (widest,) along rows, where the disparity rises behind the gap."""
+    counts = np.zeros(WIDEST_GAP_PX + 1, np.intp)
+    for line in lines:
+        place = np.flatnonzero(np.isfinite(line))
+        widths = np.diff(place) - 1
+        counted = (np.diff(line[place]) > GAP_STEP_PX) & (widths <= WIDEST_GAP_PX)
+        counts += np.bincount(widths[counted], minlength=len(counts))
+    return counts[1:]
+
+
 def shape_figures(disparity_px: NDArray) -> dict[str, float]:
     """Return the figures of a map (h, w) alone."""
     right = disparity_px[:, LEFT_BAND_PX:]
@@ -83,6 +97,7 @@ def shape_figures(disparity_px: NDArray) -> dict[str, float]:
     hole_px = sizes(holes)
     outline = holes & (cv2.erode(holes.astype(np.uint8), _TOUCHING) == 0)
     changed = cv2.medianBlur(holes.astype(np.uint8), 5).astype(bool) != holes
+    gaps = {"rows": gap_counts(right[:, ::-1]), "columns": gap_counts(right.T)}
     steps = np.concatenate([np.abs(np.diff(right, axis=axis)).ravel() for axis in (0, 1)])
     return {
         "small": float((hole_px < SMALL_PX).sum()),
@@ -93,6 +108,11 @@ def shape_figures(disparity_px: NDArray) -> dict[str, float]:
         "band": float(stray_pieces(np.isfinite(disparity_px[:, : LEFT_BAND_PX + 1]))),
         "steps": float(((steps > 0.5) & (steps <= 2)).sum()),
         "jumps": float((steps > 2).sum()),
+        **{
+            f"{name} {width + 1}": float(count)
+            for name, counts in gaps.items()
+            for width, count in enumerate(counts)
+        },
     }
 
 
