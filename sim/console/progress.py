@@ -13,7 +13,7 @@ Progress = Callable[[Sequence[Any], str], Iterable[Any]]
 
 Note = Callable[[str], None]  # Takes one line of text for the user.
 
-_QUIET_S = 1.0  # Shorter work prints nothing [s].
+_QUIET_S = 10.0  # Least time between two lines; shorter work prints nothing [s].
 
 
 def silent(items: Sequence[Any], label: str) -> Iterable[Any]:
@@ -34,7 +34,7 @@ def note_on_stderr(line: str) -> None:
 
 @contextmanager
 def on_stderr() -> Iterator[Progress]:
-    """Report on standard error: a transient bar on a terminal, otherwise one line per item."""
+    """Report on standard error: a transient bar on a terminal, otherwise lines now and then."""
     if not sys.stderr.isatty():
         yield _lines
         return
@@ -54,8 +54,11 @@ def on_stderr() -> Iterator[Progress]:
 
 
 def _lines(items: Sequence[Any], label: str) -> Iterable[Any]:
-    started = time.monotonic()
+    started = last = time.monotonic()
     for number, item in enumerate(items, 1):
         yield item
-        if time.monotonic() - started > _QUIET_S:
+        now = time.monotonic()
+        closing = number == len(items) and last > started
+        if closing or now - last > _QUIET_S:
             print(f"{label} {number}/{len(items)}", file=sys.stderr, flush=True)
+            last = now
