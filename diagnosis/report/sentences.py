@@ -142,12 +142,13 @@ def _which(diagnosis: Diagnosis) -> str:
 
 def _as_listed(start: str, names: Sequence[str], end: str) -> str:
     """Return a sentence with as many names as it has room for, and the number of the others."""
+    sentences = []
     for shown in range(len(names), -1, -1):
         rest = len(names) - shown
-        listed = ", ".join([start, *names[:shown]]) + (f" and {rest} more" if rest else "")
-        if len(f"{listed}{end}".split()) <= _LONGEST:
-            break
-    return f"{listed}{end}"
+        more = f" and {rest} more" if rest else ""
+        sentences.append(f"{', '.join([start, *names[:shown]])}{more}{end}")
+    fitting = [each for each in sentences if len(each.split()) <= _LONGEST]
+    return fitting[0] if fitting else sentences[-1]
 
 
 def _tried(diagnosis: Diagnosis) -> str:
