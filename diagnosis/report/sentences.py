@@ -142,11 +142,8 @@ def _which(diagnosis: Diagnosis) -> str:
 
 def _as_listed(start: str, names: Sequence[str], end: str) -> str:
     """Return a sentence with as many names as it has room for, and the number of the others."""
-    sentences = []
-    for shown in range(len(names), -1, -1):
-        rest = len(names) - shown
-        more = f" and {rest} more" if rest else ""
-        sentences.append(f"{', '.join([start, *names[:shown]])}{more}{end}")
+    listed = (start, *names)
+    sentences = [f"{_first(listed, count)}{end}" for count in range(len(listed), 0, -1)]
     fitting = [each for each in sentences if len(each.split()) <= _LONGEST]
     return fitting[0] if fitting else sentences[-1]
 
@@ -271,8 +268,13 @@ def shortened(names: Sequence[str]) -> str:
     shown = list(names[:_MOST_NAMES])
     while len(shown) > 1 and len(" ".join(shown).split()) > _MOST_WORDS:
         shown.pop()
-    rest = len(names) - len(shown)
-    return ", ".join(shown) + (f" and {rest} more" if rest else "")
+    return _first(names, len(shown))
+
+
+def _first(names: Sequence[str], count: int) -> str:
+    """List the first names, and count the others."""
+    rest = len(names) - count
+    return ", ".join(names[:count]) + (f" and {rest} more" if rest else "")
 
 
 def lead(segment: SegmentResult) -> str:

@@ -77,7 +77,7 @@ TIERS = {
         number=1,
         source="starling",
         matcher="starling",
-        # Scenes 2000 to 2059, 6000 to 6059, 7000 to 7059, 7200 to 7259 and 7300 to 7469 were used
+        # Scenes 2000 to 2059, 6000 to 6059, 7000 to 7059, 7200 to 7259 and 7300 to 7479 were used
         # in earlier checks. Scenes 7100 to 7129 are for development.
         first_scene=7480,
         counts={"single": 96, "null": 80, "pair": 48, "unknown": 36},
