@@ -124,6 +124,7 @@ def test_presets_of_the_d4_family_have_its_matcher() -> None:
             ("matcher.checks.left_right_rows_px", 3),
             ("matcher.checks.jump_px", 1024.0),
             ("matcher.checks.speckle_count", 0),
+            ("matcher.checks.border_px", 7.0),
         ],
     )
     assert presets.load("d415").matcher == of_pairs.matcher
