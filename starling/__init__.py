@@ -300,6 +300,7 @@ def corrupt(
     seed: int = 0,
     frame: int = 0,
     past: History | None = None,
+    effects: Mapping[str, Value] | None = None,
     residual: Path | str | None = None,
 ) -> Reading:
     """Turn a clean depth image of any simulator into a reading of a depth camera.
@@ -322,13 +323,15 @@ def corrupt(
         seed: seed of all noise; equal seeds give equal bits on one machine.
         frame: number of the frame; each frame has noise of its own.
         past: `history` of the frame before, for a temporal filter; None at first.
+        effects: strengths as for `apply_effects`; none if None.
         residual: model as for `load_residual`; none if None.
 
     Returns:
         Images in the sensor's own camera; load it with `camera_matrix` for that of the input.
 
     Raises:
-        InputError: depth that is not in metres, no camera matrix, or images of different size.
+        InputError: depth that is not in metres, no camera matrix, images of different size, or an
+            effect that needs surfaces behind or beside the depth image.
 
     Examples:
         >>> camera_matrix = np.array([[600.0, 0, 319.5], [0, 600.0, 239.5], [0, 0, 1]])
@@ -344,7 +347,7 @@ def corrupt(
     advice = "Give its name or its folder."
     name = None if residual is None else arguments.text("residual", residual, advice)
     model = None if name is None else load_residual(name)
-    return Corruptor(sensor, camera_matrix, residual=model)(
+    return Corruptor(sensor, camera_matrix, effects=effects, residual=model)(
         depth_m,
         reflectance=reflectance,
         ambient_lux=ambient_lux,

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import starling
 from starling.patterns.errors import InputError
 from starling.sim import corrupt
 from starling.sim.corrupt import Corruptor
@@ -271,6 +272,15 @@ def test_implausible_cameras_are_refused(row: int, column: int, value: float, me
         Corruptor(SENSOR, matrix)(WALL)
     with pytest.raises(InputError, match=message):
         conversions.depth_from_range(WALL, matrix)
+
+
+def test_the_function_sets_the_effects_of_a_corruptor() -> None:
+    effects = {"lens_blur": 2.0}
+    changed = starling.corrupt(step(), MATRIX, SENSOR, effects=effects)
+    np.testing.assert_array_equal(
+        changed.ir_left, Corruptor(SENSOR, MATRIX, effects=effects)(step()).ir_left
+    )
+    assert (changed.ir_left != starling.corrupt(step(), MATRIX, SENSOR).ir_left).any()
 
 
 def test_effects_on_surfaces_are_refused_by_name() -> None:
