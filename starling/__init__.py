@@ -331,7 +331,7 @@ def corrupt(
 
     Raises:
         InputError: depth that is not in metres, no camera matrix, images of different size, or an
-            effect that needs surfaces behind or beside the depth image.
+            effect that needs hidden surfaces.
 
     Examples:
         >>> camera_matrix = np.array([[600.0, 0, 319.5], [0, 600.0, 239.5], [0, 0, 1]])
