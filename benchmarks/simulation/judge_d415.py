@@ -36,7 +36,7 @@ from torch import Tensor
 
 from starling.diagnosis.which.makes import SAPIEN
 from starling.learning.judge.figures import interval, pooled_auc
-from starling.learning.judge.judge import judge, room_scores
+from starling.learning.judge.judge import Judgement, judge, room_scores
 from starling.learning.judge.samples import pair, read
 from starling.sim.captures import capture, png, writer
 from starling.sim.captures import info as capture_info
@@ -166,14 +166,32 @@ def cell(kind: str, first: CaptureSet, known: Cells, second: CaptureSet, judges:
         pair(scene, known[scene.name], scenes[scene.name], read(kind, scenes[scene.name]))
         for scene in first.scenes
     ]
-    judged = judge(pairs, judges=judges)
+    text = areas(judge(pairs, judges=judges))
+    return f"{text} | {time.process_time() - start_s:.0f}"
+
+
+def areas(judged: Judgement) -> str:
+    """Format the area, its interval, that of other rooms, and of one judge."""
     rooms = room_scores(judged.scenes)
     low, high = interval(rooms, 0)
     others = [room for room in rooms if room.room not in FITTED_ROOMS]
     text = f"{pooled_auc(rooms):.3f} [{low:.3f}, {high:.3f}] | {pooled_auc(others):.3f}"
     text += f" | {np.mean(judged.areas):.3f}"
-    text += f" +- {np.std(judged.areas, ddof=1):.3f}" if judges > 1 else ""
-    return f"{text} | {time.process_time() - start_s:.0f}"
+    return text + (f" +- {np.std(judged.areas, ddof=1):.3f}" if len(judged.areas) > 1 else "")
+
+
+def open_real() -> CaptureSet:
+    """Open the captures of the real D415."""
+    path = Path(os.environ.get("STARLING_CAPTURES", "")) / "d415-faro"
+    if not path.is_dir():
+        raise SystemExit(f"no captures at {path}; set STARLING_CAPTURES to their folder")
+    return capture.open_set(path)
+
+
+def open_named(texts: list[str]) -> dict[str, CaptureSet]:
+    """Open the sets that are given as NAME=FOLDER, by name."""
+    parts = (text.partition("=") for text in texts)
+    return {name: capture.open_set(folder) for name, _, folder in parts}
 
 
 def nuisances(kind: str) -> dict[str, Row]:
@@ -211,14 +229,7 @@ def main() -> None:
     parser.add_argument("--rows", nargs="*", help="all if none")
     parser.add_argument("--judges", type=int, default=1)
     options = parser.parse_args()
-    path = Path(os.environ.get("STARLING_CAPTURES", "")) / "d415-faro"
-    if not path.is_dir():
-        raise SystemExit(f"no captures at {path}; set STARLING_CAPTURES to their folder")
-    real = capture.open_set(path)
-    simulated = {
-        name: capture.open_set(folder)
-        for name, _, folder in (text.partition("=") for text in options.sets)
-    }
+    real, simulated = open_real(), open_named(options.sets)
     preset = next(iter(simulated.values()))
     show = partial(report, judges=options.judges)
     print(

@@ -13,21 +13,17 @@ Usage:
 from __future__ import annotations
 
 import argparse
-import os
 import tempfile
 from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
-from judge_d415 import depth_of, matched, write
-from noise_models import FITTED_ROOMS
+from judge_d415 import areas, depth_of, matched, open_named, open_real, write
 
-from starling.learning.judge.figures import interval, pooled_auc
-from starling.learning.judge.judge import judge, room_scores
+from starling.learning.judge.judge import judge
 from starling.learning.judge.samples import ScenePair, pair, statistics
 from starling.sim.arrays import Image, Mask
-from starling.sim.captures import capture
 from starling.sim.captures.capture import CapturedScene, CaptureSet, Frame
 from starling.sim.captures.info import CaptureInfo
 from starling.sim.sensor import resolve
@@ -70,13 +66,8 @@ def report(name: str, place: str, real: CaptureSet, sim: CaptureSet, judges: int
     simulated = {scene.name: scene for scene in sim.scenes}
     masked = [masked_pair(place, scene, simulated[scene.name]) for scene in real.scenes]
     judged = judge([each for each, _ in masked], judges=judges)
-    rooms = room_scores(judged.scenes)
-    low, high = interval(rooms, 0)
-    others = pooled_auc([room for room in rooms if room.room not in FITTED_ROOMS])
-    single = f"{np.mean(judged.areas):.3f} +- {np.std(judged.areas):.3f}"
     share = np.mean([part for _, part in masked])
-    text = f"{pooled_auc(rooms):.3f} [{low:.3f}, {high:.3f}] | {others:.3f} | {single}"
-    print(f"| {name} | {place} | {share:.2f} | {text} |", flush=True)
+    print(f"| {name} | {place} | {share:.2f} | {areas(judged)} |", flush=True)
 
 
 def main() -> None:
@@ -85,19 +76,14 @@ def main() -> None:
     parser.add_argument("sets", nargs="*", metavar="NAME=FOLDER", help="simulated captures")
     parser.add_argument("--judges", type=int, default=3)
     options = parser.parse_args()
-    path = Path(os.environ.get("STARLING_CAPTURES", "")) / "d415-faro"
-    if not path.is_dir():
-        raise SystemExit(f"no captures at {path}; set STARLING_CAPTURES to their folder")
-    real = capture.open_set(path)
+    real = open_real()
     print("| depth | place | share | AUC | other rooms | single |\n" + "|---" * 6 + "|", flush=True)
     with tempfile.TemporaryDirectory() as temporary:
-        sensor = resolve.load("d415", captures=str(path))
+        sensor = resolve.load("d415", captures=str(real.path))
         row = partial(matched, sensor=sensor, simulated=False)
         out = Path(temporary) / "matched"
         sets = {"our matcher on the real images": write(row, real, real, out)}
-        for text in options.sets:
-            name, _, folder = text.partition("=")
-            sets[name] = capture.open_set(folder)
+        sets |= open_named(options.sets)
         for name, captures in sets.items():
             for place in PLACES:
                 report(name, place, real, captures, options.judges)
