@@ -123,7 +123,8 @@ get_libusb() {
 
 pip_install() {
     say "installing $* (minutes the first time)"
-    .venv/bin/python -m pip install --quiet --disable-pip-version-check "$@"
+    # Modules are compiled when they are first imported: compiling all takes longer than a minute.
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile "$@"
 }
 
 # A stamp holds what the installation was made from: it is stale when that changes or moves.

@@ -121,7 +121,7 @@ def _which(diagnosis: Diagnosis) -> str:
         share = diagnosis.remainders[name].share
         end = "" if share is None else f", {100 * share:.0f} % unexplained"
         nothing = [_SHORT[name] for name in without_effect(diagnosis)]
-        end += f"; {nothing[0]} with no known effect." if nothing else "."
+        end += f"; {nothing[0]}: no known effect." if nothing else "."
         fits = [each.fit for _, each in reported[1:]]
         others = [f"{fit.name} {with_unit(fit.name, fit.value)}" for fit in fits]
         return _as_listed(start, others, end)

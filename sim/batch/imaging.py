@@ -38,7 +38,7 @@ class PixelChain:
     veil: float  # Share of the mean light that is spread over the image.
     crosstalk: float  # Share of a pixel's charge that ends in its four neighbours.
     prnu: float
-    dark: float  # Dark current [electrons / s].
+    dark: float  # Dark current [electrons/s].
     shot: float  # Share of the Poisson deviation.
     read: float  # Read noise [electrons].
     dsnu: float  # [electrons]

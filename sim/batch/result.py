@@ -42,7 +42,7 @@ class Triangulation:
     farthest: float  # [m]
     power: float  # Of the projector [W].
     electrons: float  # Per radiance and exposure time.
-    dark: float  # Dark current [electrons / s].
+    dark: float  # Dark current [electrons/s].
     shot: float  # Variance of shot noise per electron.
     steady: float  # Variance of other noise [electrons^2].
     step: float  # Variance of the converter's step at the sensor's own gain [electrons^2].

@@ -146,7 +146,7 @@ class Imager:
     pattern_contrast: float = 0.0  # Standard deviation / mean of a smooth sensitivity; fixed.
     pattern_px: float = 8.0  # Its length: the correlation falls to 1/e [px].
     noise_correlation: float = 0.0  # Of the temporal noise of adjacent pixels.
-    dark_current_e_s: float = 0.0  # Mean dark current [electrons / s].
+    dark_current_e_s: float = 0.0  # Mean dark current [electrons/s].
     dsnu_e: float = 0.0  # Standard deviation of the pixels' offsets [electrons]; fixed.
     column_noise_e: float = 0.0  # Standard deviation of the columns' offsets [electrons]; fixed.
     row_noise_e: float = 0.0  # Standard deviation of the rows' offsets [electrons]; new per frame.

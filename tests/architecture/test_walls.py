@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -78,8 +79,13 @@ def _tracked() -> list[Path]:
     return [ROOT / name for name in listed.split("\0") if name and (ROOT / name).is_file()]
 
 
-def _imports(path: Path, top_level_only: bool = False) -> Iterator[tuple[int, str]]:
-    """Yield (line, absolute module) of every import, `import_module("x")` included."""
+@cache
+def _imports(path: Path, top_level_only: bool = False) -> tuple[tuple[int, str], ...]:
+    """Return (line, absolute module) of every import, `import_module("x")` included."""
+    return tuple(_find_imports(path, top_level_only))
+
+
+def _find_imports(path: Path, top_level_only: bool) -> Iterator[tuple[int, str]]:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     package = list(path.relative_to(ROOT).parent.parts)
     for node in _at_import(tree) if top_level_only else ast.walk(tree):

@@ -52,6 +52,7 @@ def fitted_scale(scene: CapturedScene, sensor: Sensor) -> float | None:
     return nuisances[SCALE].value if nuisances else None
 
 
+@pytest.mark.slow
 def test_the_scale_of_the_captured_pattern_is_recovered(warm):
     assert fitted_scale(warm, SENSOR) == pytest.approx(WARM, abs=1.5e-4)
     scaled = with_values(SENSOR, [("projector.pattern_scale", 1.001)])

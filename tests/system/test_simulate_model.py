@@ -49,6 +49,7 @@ def test_a_model_is_seen_by_its_camera_in_its_state(model: Path, tmp_path: Path)
     np.testing.assert_array_equal(up, placed)
 
 
+@pytest.mark.slow
 def test_a_set_describes_the_model_and_its_state(model: Path, tmp_path: Path):
     """So that captures of it can be calibrated and diagnosed."""
     np.save(tmp_path / "q.npy", np.array([-0.35, 0.3, 0.4, 1, 0, 0, 0]))
@@ -65,6 +66,7 @@ def test_a_set_describes_the_model_and_its_state(model: Path, tmp_path: Path):
         np.testing.assert_allclose(loaded.world_from_left[:3, 3], [0.1, -0.6, 1.2], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_toml_gives_camera_and_state(model: Path, tmp_path: Path):
     text = 'scene = "bench.xml"\ncamera = "top"\nkeyframe = "lifted"\n'
     (tmp_path / "lifted.toml").write_text(text)

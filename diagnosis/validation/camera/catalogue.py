@@ -132,7 +132,7 @@ _TABLE = (
     _image("crosstalk", "1", 0, 0.01, 0.3, most=1),
     _image("prnu", "1", 0, 0.003, 0.1, most=0.5),
     _image("fixed_pattern", "1", 0, 0.005, 0.1, most=0.5),
-    _image("dark_current", "electrons / s", 0, 1, 100000),
+    _image("dark_current", "electrons/s", 0, 1, 100000),
     _image("shot_noise", "1", "shot_noise", 0.1, 0.7, signs=_BOTH, least=0.3, most=1),
     _image("read_noise", "electrons", "read_noise_e", 1, 150, signs=_BOTH, least=0, most=150),
     _image("noise_colour", "1", 0, 0.1, 0.8, most=0.9),

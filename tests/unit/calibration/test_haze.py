@@ -41,6 +41,7 @@ def misfit(sensor: Sensor, *, on: bool = True) -> float:
     return share
 
 
+@pytest.mark.slow
 def test_displaced_dots_increase_the_misfit() -> None:
     """The misfit grows with the displacement, and is 0 with the projector off."""
     near, far = (

@@ -139,6 +139,25 @@ def test_sentences_have_at_most_25_words(each: Diagnosis):
         assert sentence[-1] in ".!?" and "  " not in sentence and "nan" not in sentence.split()
 
 
+def test_answers_with_the_longest_units_have_at_most_25_words():
+    """Three effects on the images, each with its interval, and none on the device's depth."""
+    left = {name: Remainder(share=1.0, interval=None) for name in ("image", "depth")}
+    for name in PARAMETERS:
+        names = [name, *(each for each in ("gamma", "lens_blur", "veil") if each != name)][:3]
+        search = dataclasses.replace(
+            NOTHING, accepted=tuple(accepted(each, 99.0, []) for each in names)
+        )
+        each = diagnosis(
+            segments=(segment_result(search), segment_result(NOTHING, segment=Segment.DEPTH)),
+            evidence={name: evidence() for name in names},
+            settings=dict.fromkeys(names, 0.3),
+            remainders=left,
+        )
+        sentence = sentences.answer(each)[1]
+        assert sentence.endswith(", 100 % unexplained; matcher and filters: no known effect.")
+        assert word_count(sentence) <= MOST_WORDS, sentence
+
+
 @given(count=st.integers(0, 40))
 def test_long_lists_are_cut(count: int):
     names = [f"name{number}" for number in range(count)]
@@ -311,7 +330,7 @@ def test_an_effect_is_reported_with_a_remainder():
     name = NAMED.accepted[0].fit.name
     assert where.startswith("The gap lies in images and in matcher and filters; ")
     assert which.startswith(f"Images are consistent with {name} ")
-    assert which.endswith(", 35 % unexplained; matcher and filters with no known effect.")
+    assert which.endswith(", 35 % unexplained; matcher and filters: no known effect.")
     assert "Partly consistent with known effects" in page(each)
     assert notes.note_lists(each)["Unexplained remainder"] == [
         [

@@ -172,6 +172,7 @@ def test_the_flip_of_a_scene_is_its_image_upside_down(real):
     assert not torch.equal(upright, flipped)
 
 
+@pytest.mark.slow
 def test_evaluate_judges_the_holes_of_each_method(real, tmp_path, capsys):
     """Holes of one pixel on a plane: no method without them is taken for the device."""
     for room in ROOMS:

@@ -45,6 +45,7 @@ def test_the_number_of_departures_and_the_seed():
     assert not {"motion", "model_shift", "baseline_error", "decimation"} & names
 
 
+@pytest.mark.slow
 def test_departures_are_at_most_half_of_the_range():
     """On the scale of the range: a strength from zero, a factor, and a length."""
     result: dict[str, list[float]] = {}

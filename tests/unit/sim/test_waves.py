@@ -47,6 +47,7 @@ def test_disparity_errors_of_all_units_are_equally_large(unit: int) -> None:
     assert (left - right).std() == pytest.approx(np.sqrt(2) * SIZE_PX, rel=0.05)
 
 
+@pytest.mark.slow
 def test_lengths_are_those_asked_for() -> None:
     """Rationale: normal noise of known covariance.
 

@@ -167,6 +167,7 @@ def test_additional_value_changes_no_other_value():
     assert first.effects.keys() == {"lens_blur", "motion.y"} and second.effects.keys() == {"veil"}
 
 
+@pytest.mark.slow
 def test_views_of_one_scene_share_it_and_nothing_else():
     views = [view(plan(), number) for number in range(120)]
     for scene in range(40):
