@@ -1,7 +1,8 @@
 """Evidence for each accepted effect, and the reasons for which an effect is a surrogate.
 
-A surrogate reduces the gap in the place of another cause. That something else remains is no reason:
-a correct effect with an unknown one also leaves a remainder.
+A surrogate reduces the gap in the place of another cause. That something else remains is a reason
+only where the scenes cannot account for it: a correct effect on an imperfect base also leaves a
+remainder.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from starling.diagnosis.which.segment import SegmentResult
 from starling.diagnosis.which.table import FeatureTable, Row, Rows
 from starling.sim.arrays import mean_known
 
-SurrogateReason = Literal["rival", "range", "held out", "misfit", "another make"]
+SurrogateReason = Literal["rival", "range", "held out", "misfit", "another make", "remainder"]
 
 _LEAST_EXPLAINED = 0.45  # Least share of the gap that an effect explains in its own features.
 _TINY = 1e-9  # Least denominator.
@@ -86,6 +87,8 @@ def _weigh(
         reasons.append("misfit")
     if effect.fit.name in segment.like_another_make:
         reasons.append("another make")
+    if segment.beyond_scenes:
+        reasons.append("remainder")
     return EffectEvidence(
         gain=gain,
         explained=explained,

@@ -29,6 +29,7 @@ REASONS: dict[SurrogateReason, str] = {
     "held out": "it does not help on held-out rooms",
     "misfit": "its best value leaves much of the gap that it should close",
     "another make": "a matcher of another make would explain as much",
+    "remainder": "a gap remains that the scenes cannot explain",
 }
 SCALES: dict[Scale, str] = {
     "pixels": "from pixel to pixel",

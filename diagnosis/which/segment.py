@@ -26,6 +26,7 @@ from starling.diagnosis.which.likelihood import (
 from starling.diagnosis.which.model import SearchContext
 from starling.diagnosis.which.null import BaseSamples
 from starling.diagnosis.which.response import Signature, simulate_signature
+from starling.diagnosis.which.scene_mixture import remains_beyond_scenes
 from starling.diagnosis.which.search import SearchResult, search_effects
 from starling.diagnosis.which.strengths import first_nodes, worth_refining
 from starling.diagnosis.which.table import FeatureTable, Rows
@@ -40,6 +41,7 @@ NOISE_LIMIT = 0.65  # Upper limit of noise size plus allowance, unless noise alo
 SHARE_OF_INITIAL = {Segment.IMAGE: 0.04, Segment.DEPTH: 0.1, Segment.WHOLE: 0.04}
 _MOST_WEAK = 3  # Largest number of candidates that are reported as too weak to name.
 _QUANTISED = "subpixel_steps"  # Effect that leaves terraces in device depth.
+_TEXTURE = "texture"  # Effect that shows that the surfaces of a scene file are incomplete.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -67,6 +69,8 @@ class SegmentResult:
     varying: tuple[str, ...]  # Groups that stay unexplained in most scenes, differently in each.
     # Accepted effects that explain no more than a matcher of another make would.
     like_another_make: frozenset[str] = frozenset()
+    # Whether the accepted effects leave a gap on the images that no effect on the scene explains.
+    beyond_scenes: bool = False
 
     @property
     def settings(self) -> dict[str, Value]:
@@ -272,7 +276,11 @@ def diagnose_segment(table: FeatureTable, screening: Screening) -> SegmentResult
         lead=lead,
         varying=varying,
     )
-    return dataclasses.replace(result, like_another_make=_like_another_make(result))
+    return dataclasses.replace(
+        result,
+        like_another_make=_like_another_make(result),
+        beyond_scenes=_is_beyond_scenes(result),
+    )
 
 
 def _like_another_make(result: SegmentResult) -> frozenset[str]:
@@ -293,3 +301,18 @@ def _like_another_make(result: SegmentResult) -> frozenset[str]:
         screening.signatures,
     )
     return frozenset(name for name, gain in gains.items() if gain < threshold)
+
+
+def _is_beyond_scenes(result: SegmentResult) -> bool:
+    """Whether a gap remains on the images that the scenes do not account for.
+
+    Estimated scenes are incomplete. So are described ones on which the search finds texture.
+    """
+    table, search = result.table, result.search
+    if table.segment is not Segment.IMAGE or not search.accepted or _TEXTURE in result.settings:
+        return False
+    if not table.compared and any(scene.estimates for scene in table.scene_models):
+        return False
+    return remains_beyond_scenes(
+        result.screening.signatures, result.screening.base, result.likelihood, search.unexplained
+    )

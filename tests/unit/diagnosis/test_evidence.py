@@ -52,6 +52,7 @@ def weigh(
     effect: AcceptedEffect = EFFECT,
     *,
     like_another_make: Sequence[str] = (),
+    beyond_scenes: bool = False,
     residual: np.ndarray = ALIKE,
 ) -> EffectEvidence:
     table: Any = NamedTable()
@@ -59,6 +60,7 @@ def weigh(
         search=SimpleNamespace(accepted=(effect,), residual=residual),
         settings={effect.fit.name: effect.fit.value},
         like_another_make=frozenset(like_another_make),
+        beyond_scenes=beyond_scenes,
     )
     return evidence.weigh_effects(segment, table, likelihood)[effect.fit.name]
 
