@@ -59,9 +59,7 @@ BASE = BaseSamples(
 class FakeTable:
     """A feature table that adds signatures; `together` is the interaction of several effects."""
 
-    scene_models: Any = tuple(
-        SimpleNamespace(name=room, room=room, estimates=()) for room in ROOMS
-    )
+    scene_models: Any = tuple(SimpleNamespace(name=room, room=room, estimates=()) for room in ROOMS)
     compared = False
 
     def __init__(self, signatures: dict[str, Signature] = EFFECTS, together: float = 0.0) -> None:

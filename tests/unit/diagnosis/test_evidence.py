@@ -115,6 +115,10 @@ def test_another_make_of_matcher_is_a_reason(name: str, reasons: tuple[str, ...]
     assert weigh(plain(CHANGE), like_another_make=[name]).reasons == reasons
 
 
+def test_a_gap_beyond_the_scenes_is_a_reason():
+    assert weigh(plain(CHANGE), beyond_scenes=True).reasons == ("remainder",)
+
+
 @pytest.mark.parametrize("step, misfit", [(0.01, False), (-0.01, True)])
 def test_a_gap_that_stays_in_its_own_features_is_a_reason(step: float, misfit: bool):
     """An effect of a share `a` of the gap explains 1 - (1 - a)^2 of it."""
