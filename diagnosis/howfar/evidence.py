@@ -1,7 +1,7 @@
 """Evidence for each accepted effect, and the reasons for which an effect is a surrogate.
 
-A surrogate reduces the gap in the place of another cause. That something else remains is a reason
-only where the scenes cannot account for it: a correct effect on an imperfect base also leaves a
+A surrogate reduces the gap in the place of another cause. A remaining gap is a reason only
+where the scenes cannot account for it. A correct effect on an imperfect base also leaves a
 remainder.
 """
 

@@ -21,7 +21,7 @@ from starling.sim.effects.effect import Stage
 # A gap remains beyond the scenes if it exceeds noise size + allowance + a share of the initial gap.
 ALLOWANCE = 0.1
 SHARE_OF_INITIAL = 0.005
-_ALSO = ("exposure", "spot_shape")  # No base has the exact spot; cameras expose each scene anew.
+_ALSO = ("exposure", "spot_shape")  # No base has the exact spot; each scene has its exposure.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
